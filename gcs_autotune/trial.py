@@ -10,19 +10,20 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.notebook import pandas_module
 from gcs_autotune.sname import column_unit, parse_header
 
-__all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial"]
+__all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial", "trial_of_columns"]
 
 SCHEMA = 1
 
@@ -163,6 +164,21 @@ class Trial:
             forces[name] = replace(share, unit=unit, values=size * share.values)
         return replace(self, channels={**self.channels, **forces})
 
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame: one row per stamp [s], a column ``name[unit]`` per channel, NaN between samples.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        pandas = pandas_module()
+        columns = [pandas.Series(c.values, index=c.t, name=f"{c.name}[{c.unit}]") for c in self.channels.values()]
+        single = [column[~column.index.duplicated(keep="last")] for column in columns]
+        table = pandas.concat(single, axis=1).sort_index() if single else pandas.DataFrame()
+        table.index.name = "t[s]"
+        return table
+
     def between(self, start: float, end: float) -> Trial:
         """Return the part of the trial with ``start <= t <= end``."""
         return replace(
@@ -173,7 +189,17 @@ class Trial:
 
 
 def save_trial(trial: Trial, path: Path) -> None:
-    """Write ``path`` (CSV, ``name[unit]`` heads) and beside it ``path`` with suffix ``.json`` (marks, meta)."""
+    """Write ``path`` (CSV, ``name[unit]`` heads) and beside it ``path`` with suffix ``.json`` (marks, meta).
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.array([0.0, 0.5])
+    >>> with TemporaryDirectory() as folder:
+    ...     save_trial(Trial("run", {"r": Channel("r", "rad/s", t, 2.0 * t)}), Path(folder) / "run.csv")
+    ...     (Path(folder) / "run.csv").read_text().split()
+    ['t[s],r[rad/s]', '0.000000,0', '0.500000,1']
+    """
     channels = [replace(c, t=np.round(c.t, 6)) for c in trial.channels.values()]
     stamps = np.unique(np.concatenate([c.t for c in channels])) if channels else np.empty(0)
     columns = [_column(c, stamps) for c in channels]
@@ -232,19 +258,50 @@ def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     units = [column_unit(name, unit) for name, unit in heads]
     time_column = _time_column(path, heads, units)
     table, dropped = _table(path, rows, len(heads))
-    t = table[:, time_column] * units[time_column][1]
-    known_t = np.isfinite(t)
-    channels: dict[str, Channel] = {}
-    for i, (name, _) in enumerate(heads):
-        if i == time_column:
-            continue
-        unit, factor = units[i]
-        keep = known_t & np.isfinite(table[:, i])
-        channels[name] = Channel(name, unit, t[keep], table[keep, i] * factor)
+    channels = _channels([name for name, _ in heads], units, table, time_column)
     meta: dict[str, Any] = {"source": path.name, "empty_cells": int(np.isnan(table).sum())}
     if dropped:
         meta["dropped_rows"] = dropped
     return _with_side_file(Trial(visible(path.stem), channels, meta=meta), path.with_suffix(".json"))
+
+
+def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping[str, str] | None = None) -> Trial:
+    """Return a run of arrays (n,) by ``name[unit]`` heads, one of them the time; NaN is a missing sample.
+
+    columns : as :func:`load_trial`.
+
+    Raises
+    ------
+    BadFile
+        No time column, unknown unit, arrays of different length, not numbers, or none. UsageError: as `load_trial`.
+    """
+    source = Path(name)
+    heads = _heads(source, list(table), columns or {})
+    units = [column_unit(called, unit) for called, unit in heads]
+    time_column = _time_column(source, heads, units)
+    try:
+        values = np.column_stack([np.asarray(column, dtype=np.float64) for column in table.values()])
+    except (TypeError, ValueError) as error:
+        raise BadFile(f"{name}: columns must be numbers, all of one length: {error}") from error
+    if len(values) == 0:
+        raise BadFile(f"{name} holds no samples")
+    channels = _channels([called for called, _ in heads], units, values, time_column)
+    return Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())})
+
+
+def _channels(
+    names: Sequence[str], units: Sequence[tuple[str, float]], table: NDArray[np.float64], time_column: int
+) -> dict[str, Channel]:
+    """Return the columns of *table* (n, k) but the time as channels in SI units."""
+    t = table[:, time_column] * units[time_column][1]
+    known_t = np.isfinite(t)
+    channels: dict[str, Channel] = {}
+    for i, name in enumerate(names):
+        if i != time_column:
+            unit, factor = units[i]
+            keep = known_t & np.isfinite(table[:, i])
+            channels[name] = Channel(name, unit, t[keep], table[keep, i] * factor)
+    return channels
 
 
 def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple[str, str]]:

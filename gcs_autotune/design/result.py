@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.rounding import format_number
+
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.effect_reduction import Remark
     from gcs_autotune.design.hunting import Hunting
@@ -124,6 +130,50 @@ class Proposal:
     def old(self) -> Mapping[str, float]:
         """Parameter -> old value."""
         return {c.parameter: c.old for c in self.changes}
+
+    @overload
+    def plot(self, ax: None = None) -> Figure: ...
+
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
+
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """Draw the step as predicted with the old gains and with the new, in SI units, on *ax* (returned) or in a new
+        figure."""
+        from gcs_autotune.design.pictures import plot_step
+
+        return plot_step(self, ax)
+
+    def to_pandas(self) -> Any:
+        """Return the gains as a pandas DataFrame, a row per parameter: ``old``, ``new``, ``low``, ``high``, ``reason``.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        names = ("parameter", "old", "new", "low", "high", "reason")
+        rows = [{n: getattr(c, n) for n in names} for c in self.changes]
+        return pandas_module().DataFrame(rows, columns=list(names)).set_index("parameter")
+
+    def _repr_html_(self) -> str:
+        changes = [(c.parameter, format_number(c.old), format_number(c.new), c.reason) for c in self.changes]
+        metrics = [
+            (words, *(format_number(scale * getattr(p.metrics, name), 3) for p in (self.before, self.after)))
+            for words, name, scale in (
+                ("error over time, ITAE [s^2]", "itae", 1.0),
+                ("overshoot [%]", "overshoot", 100.0),
+                ("rise [s]", "rise", 1.0),
+                ("settling [s]", "settling", 1.0),
+            )
+        ]
+        tables = [html_table(("predicted step", "old gains", "new gains"), metrics)]
+        if changes:
+            tables.insert(0, html_table(("gain", "old", "new", "why"), changes))
+        title = f"{self.axis} ({self.law}): " + (
+            "new gains, written nowhere yet" if changes else "the present gains stay"
+        )
+        return html_block(title, tables, self.notes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form (without the prediction's time series)."""

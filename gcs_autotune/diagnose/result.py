@@ -6,13 +6,19 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectCurve, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Trace, plain_data
+from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.rounding import format_number, format_value
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = [
     "Cause",
@@ -251,6 +257,67 @@ class Diagnosis:
             }
         )
         return plain
+
+    @overload
+    def plot(self, ax: None = None, *, run: str = "", signal: str = "") -> Figure: ...
+
+    @overload
+    def plot(self, ax: Axes, *, run: str = "", signal: str = "") -> Axes: ...
+
+    def plot(self, ax: Axes | None = None, *, run: str = "", signal: str = "") -> Figure | Axes:
+        """Draw what the simulation leaves of a run, before and with the causes found, in SI units, on *ax* (returned)
+        or in a new figure: of the first run and signal, or of those named.
+
+        Raises
+        ------
+        UsageError
+            There is no such trace.
+        """
+        from gcs_autotune.diagnose.pictures import plot_residuals
+
+        return plot_residuals(self, ax, run, signal)
+
+    def to_pandas(self) -> Any:
+        """Return the ranking as a pandas DataFrame, one row per candidate tried to the end.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        names = ("step", "cause", "place", "gain", "p_value", "evidence")
+        return pandas_module().DataFrame([{n: getattr(r, n) for n in names} for r in self.ranking], columns=list(names))
+
+    def _repr_html_(self) -> str:
+        causes = [
+            (
+                f"{c.effect.slug} at {c.effect.place}",
+                c.meaning if i == 0 else "",
+                name,
+                format_value(v.value, v.std),
+                v.unit,
+            )
+            for c in self.causes
+            for i, (name, v) in enumerate(c.parameters.items())
+        ]
+        tables = (
+            [html_table(("cause", "meaning", "parameter", "value ± standard error", "unit"), causes)] if causes else []
+        )
+        wrong = [
+            (n.name, n.meaning, format_value(n.given, n.given_std), format_value(n.value, n.std), n.unit)
+            for n in self.wrong_numbers
+        ]
+        if wrong:
+            tables.append(html_table(("wrong number", "meaning", "given", "the runs say", "unit"), wrong))
+        gains = [
+            f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
+            for g in self.gains
+        ]
+        return html_block(
+            f"{self.verdict}: {', '.join(self.used)}",
+            tables,
+            (*gains, *(f"{d.cause}: {d.cure}" for d in self.doubts)),
+        )
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null."""

@@ -6,6 +6,7 @@ all of them share:
 ================  =============================================================================================
 preparation       runs made into segments; ``intake``, ``cleaning``, ``along_axis`` before it
 segment           one uninterrupted stretch: signals, inputs, what is known of its stamps
+simulation        what a fitted model makes of inputs on its own
 simulators        what a likelihood asks of a model: one axis, coupled forms, forms with effects
 noise             Gaussian, robust, rounded by a coarse sensor
 likelihood        of parameters, effects, initial states and the shift of stamps
@@ -99,6 +100,7 @@ from gcs_autotune.identify.result import (
 )
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
+from gcs_autotune.identify.simulation import extended_of
 from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
 from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlation_time
 
@@ -166,6 +168,7 @@ __all__ = [
     "draw_trace",
     "drives_of",
     "experiments_needed",
+    "extended_of",
     "find_cycles",
     "find_executes",
     "find_holds",

@@ -52,7 +52,17 @@ class ModelFile:
 
 
 def save_model(fit: Fit, path: Path) -> None:
-    """Write the model of *fit* to *path*, with what its numbers rest on."""
+    """Write the model of *fit* to *path*, with what its numbers rest on.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from gcs_autotune.api import example_run, fit
+    >>> with TemporaryDirectory() as folder:
+    ...     save_model(fit(example_run(), "linear", dof="yaw"), Path(folder) / "craft.json")
+    ...     load_model(Path(folder) / "craft.json").name
+    'craft'
+    """
     path.write_text(json.dumps(model_document(fit), indent=1) + "\n", encoding="utf-8")
 
 
@@ -80,6 +90,15 @@ def load_model(path: Path) -> ModelFile:
     ------
     BadFile
         Not readable, or no model in it. UnknownName: an effect that there is not.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from gcs_autotune.api import example_run, fit
+    >>> with TemporaryDirectory() as folder:
+    ...     save_model(fit(example_run(), "linear", dof="yaw"), Path(folder) / "craft.json")
+    ...     load_model(Path(folder) / "craft.json").inputs
+    {'N': '1'}
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -6,10 +6,13 @@ Matplotlib is imported when the first one is drawn.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.sname import SIGNALS
 
@@ -19,7 +22,9 @@ if TYPE_CHECKING:
 
     from gcs_autotune.identify.result import Fit
 
-__all__ = ["as_headings", "draw_trace", "fit_picture"]
+__all__ = ["as_headings", "draw_trace", "fit_picture", "plot_trace"]
+
+Array = NDArray[np.float64]
 
 MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
 """The colour-blind-safe set of Okabe2008."""
@@ -30,6 +35,14 @@ MOST_POINTS = 900
 
 def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
     """Draw measured and fitted motion on *top*, what is left over on *bottom*, from the trace's own start on."""
+    t, band, left, unit = _draw_motion(top, trace, label)
+    bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
+    bottom.plot(t, left, color=INK, lw=0.8)
+    bottom.set_ylabel(f"residual [{unit}]")
+
+
+def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Array, str]:
+    """Draw measured and fitted motion; return time, band, measured minus fitted, and the unit shown."""
     degrees = "rad" in trace.unit or not trace.unit
     scale, unit = (math.degrees(1.0), (trace.unit or "rad").replace("rad", "°")) if degrees else (1.0, trace.unit)
     name = label or SIGNALS.get(trace.signal, ("", trace.signal))[1].split(",")[0]
@@ -42,9 +55,7 @@ def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
     top.set_ylabel(f"{name} [{unit}]")
     if trace.signal == "psi":
         as_headings(top)
-    bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
-    bottom.plot(t, measured - fitted, color=INK, lw=0.8)
-    bottom.set_ylabel(f"residual [{unit}]")
+    return t, band, measured - fitted, unit
 
 
 def as_headings(axes: Axes) -> None:
@@ -53,6 +64,24 @@ def as_headings(axes: Axes) -> None:
 
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 9, 10]))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda degrees, _: f"{round(degrees, 2) % 360.0:g}"))
+
+
+def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "") -> Axes:
+    """Draw the first of *traces* (that of *run* and *signal* where named) on *ax* and return it.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
+    found = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
+    if found is None:
+        have = ", ".join(f"{t.signal} of {t.run}" for t in traces) or "none"
+        raise UsageError(f"there is no trace of {signal or 'any signal'} of {run or 'any run'}; there is: {have}")
+    _draw_motion(ax, found, "")
+    ax.set_xlabel("time [s]")
+    ax.legend(fontsize="small")
+    return ax
 
 
 def fit_picture(fit: Fit) -> Figure:

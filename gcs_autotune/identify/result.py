@@ -6,17 +6,20 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from gcs_autotune.identify.free_run import Validation
@@ -219,11 +222,71 @@ class Fit:
 
         return validate(self.model, runs)
 
-    def plot(self) -> Figure:
-        """Return a figure: fit against measurement and what is left, per run and signal."""
-        from gcs_autotune.identify.pictures import fit_picture
+    def simulate(
+        self,
+        inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]],
+        *,
+        stamps: ArrayLike | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> Trial:
+        """Return what the model makes of *inputs*; see :func:`gcs_autotune.identify.simulation.simulated`."""
+        from gcs_autotune.identify.simulation import simulated
 
-        return fit_picture(self)
+        return simulated(self, inputs, stamps=stamps, start=start)
+
+    @overload
+    def plot(self, ax: None = None, *, run: str = "", signal: str = "") -> Figure: ...
+
+    @overload
+    def plot(self, ax: Axes, *, run: str = "", signal: str = "") -> Axes: ...
+
+    def plot(self, ax: Axes | None = None, *, run: str = "", signal: str = "") -> Figure | Axes:
+        """Return a figure: fit against measurement and what is left, per run and signal.
+
+        With *ax*, one trace is drawn there (the first, or that of *run* and *signal*) and *ax* returned.
+
+        Raises
+        ------
+        UsageError
+            The fit has no such trace.
+        """
+        from gcs_autotune.identify.pictures import fit_picture, plot_trace
+
+        return fit_picture(self) if ax is None else plot_trace(ax, self.traces, run, signal)
+
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame, one row per parameter: ``value``, ``std``, ``low`` and ``high`` of the 95 %
+        interval, ``bound`` (Cramér-Rao), ``unit``, ``status``; SI units.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        rows = [
+            {
+                "value": p.value,
+                "std": p.std,
+                "low": p.value - 1.96 * p.std,
+                "high": p.value + 1.96 * p.std,
+                "bound": p.bound,
+                "unit": p.unit,
+                "status": p.status,
+            }
+            for p in self.parameters.values()
+        ]
+        table = pandas_module().DataFrame(rows, index=list(self.parameters))
+        table.index.name = "parameter"
+        return table
+
+    def _repr_html_(self) -> str:
+        rows = [(p.name, format_value(p.value, p.std), p.unit, p.status) for p in self.parameters.values()]
+        title = f"{self.dof}, {self.structure} ({self.method}), fit {self.fit_percent:.1f} %: {', '.join(self.used)}"
+        return html_block(
+            title,
+            [html_table(("parameter", "value ± standard error", "unit", "status"), rows)],
+            (f"{d.cause}: {d.cure}" for d in self.doubts),
+        )
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null."""

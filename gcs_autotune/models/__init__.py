@@ -30,7 +30,7 @@ from gcs_autotune.models.coupled.kernel import (
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.models.coupled.regressors import Balance, balance_of, force_columns, inertia_columns
 from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
-from gcs_autotune.models.simulation import explicit_parameters, simulate_explicit
+from gcs_autotune.models.simulation import explicit_parameters, simulate, simulate_explicit
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.models.transfer_function import TransferFunction
 
@@ -71,6 +71,7 @@ __all__ = [
     "load_form",
     "program_of",
     "scratch",
+    "simulate",
     "simulate_explicit",
     "states_of",
     "term_of",

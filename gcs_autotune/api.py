@@ -1,0 +1,294 @@
+"""What a notebook needs, and nothing deeper: records to models, causes and gains.
+
+::
+
+    from gcs_autotune.api import load_runs, fit, diagnose, design
+
+    found = fit(load_runs("zigzag.csv"), dof="yaw")   # shown as a table
+    found.plot()                                      # or found.plot(ax)
+
+SI units and radians throughout, but for columns whose heads name another unit (``psi[deg]``). Nothing here touches a
+vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gcs_autotune.design import Proposal, Spec, design_from
+from gcs_autotune.design import design as design_plain
+from gcs_autotune.diagnose import Diagnosis
+from gcs_autotune.diagnose import diagnose as diagnose_runs
+from gcs_autotune.effects import ExtendedModel
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.identify import AxisFit, Fit, ModelFile, extended_of, load_model, save_model
+from gcs_autotune.identify import fit as fit_runs
+from gcs_autotune.logs import load_runs as load_files
+from gcs_autotune.mavlink import load_params
+from gcs_autotune.models import Form, SingleDof, simulate
+from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Channel, Trial, save_trial, trial_of_columns
+
+__all__ = [
+    "Diagnosis",
+    "Fit",
+    "ModelFile",
+    "Proposal",
+    "Trial",
+    "design",
+    "diagnose",
+    "example_run",
+    "fit",
+    "load_model",
+    "load_runs",
+    "save_model",
+    "save_trial",
+]
+
+Runs = Trial | Sequence[Trial]
+
+
+def load_runs(
+    source: Any,
+    *,
+    columns: Mapping[str, str] | None = None,
+    name: str = "run",
+    pick: Sequence[int] = (),
+    system: int | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> list[Trial]:
+    """Return the runs in *source*.
+
+    Parameters
+    ----------
+    source : the path of a run directory, a log or a CSV file; or a table in memory whose columns are called
+        ``name[unit]``, one of them (or its index, or coordinate) the time: a pandas DataFrame, an xarray Dataset
+        (units also by ``attrs["units"]``), a mapping of arrays, a structured numpy array; or a list of any of these.
+    columns : name in the source -> ``channel[unit]``, e.g. ``{"heading": "psi[deg]"}``.
+    name : of a run that comes from memory.
+    pick, system, parameters : of a log: numbers of stretches, the vehicle's system id, its parameters.
+
+    Raises
+    ------
+    BadFile, NotInformative
+        It cannot be read, or nothing in it tells. UsageError: a name in *columns* that is not there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(3.0)
+    >>> (run,) = load_runs({"t[s]": t, "psi[deg]": 90.0 * t, "N": t})
+    >>> run["psi"].unit, run["psi"].values.round(3)
+    ('rad', array([0.   , 1.571, 3.142]))
+    """
+    if isinstance(source, (str, Path)):
+        return load_files(source, pick=pick, system=system, columns=columns, parameters=parameters)
+    if isinstance(source, Trial):
+        return [source]
+    if isinstance(source, (list, tuple)):
+        names = [name if len(source) == 1 else f"{name}-{i}" for i in range(1, len(source) + 1)]
+        return [
+            run
+            for each, own in zip(source, names, strict=True)
+            for run in load_runs(each, columns=columns, name=own, pick=pick, system=system, parameters=parameters)
+        ]
+    return [trial_of_columns(_table(source), name, columns)]
+
+
+def fit(
+    runs: Runs,
+    structure: str | Form | Path | None = None,
+    method: str = "output-error",
+    *,
+    dof: str | None = None,
+    delay: Literal["auto"] | float = "auto",
+    use: Sequence[str] | None = None,
+    loss: Literal["linear", "soft_l1"] = "linear",
+    effects: Sequence[str] = (),
+    start: ExtendedModel | Mapping[str, float] | None = None,
+    **options: Any,
+) -> Fit:
+    """Identify a model from runs: :func:`gcs_autotune.identify.fit`, whose parameters and errors these are.
+
+    The answer shows itself as a table; it can ``simulate(inputs)``, ``validate(runs)``, ``plot(ax)`` and
+    ``to_pandas()``, and knows its ``doubts``.
+
+    Examples
+    --------
+    >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
+    >>> p = found.parameters["beta_r"]
+    >>> abs(p.value - 0.5) < 3 * p.std, p.unit
+    (True, 's/rad')
+    >>> motion = found.simulate({"N": ([0.0, 30.0], [0.1, 0.0])})
+    >>> bool(abs(motion["r"].values[-1] - 0.1 / p.value) < 1e-3)
+    True
+    """
+    return fit_runs(
+        runs, structure, method, dof=dof, delay=delay, use=use, loss=loss, effects=effects, start=start, **options
+    )
+
+
+def diagnose(
+    runs: Runs,
+    *,
+    unseen: Sequence[Trial] = (),
+    dof: str | None = None,
+    use: Sequence[str] | None = None,
+    model: ExtendedModel | ModelFile | Fit | None = None,
+    simulations: Sequence[Trial] = (),
+    effects: Sequence[str] | None = None,
+    horizon: float | None = None,
+    jobs: int = 1,
+) -> Diagnosis:
+    """Say what a simulation gets wrong, and why: :func:`gcs_autotune.diagnose.diagnose`.
+
+    model : the simulation in question, also as a :class:`Fit` of other runs; without it the plain model fitted to the
+    runs is. The other parameters and errors are those of that function.
+
+    Examples
+    --------
+    >>> told = diagnose(example_run(), dof="yaw", effects=["quadratic-drag"])
+    >>> told.verdict, told.causes
+    ('no-effect', ())
+    """
+    question = extended_of(model) if isinstance(model, Fit) else model
+    return diagnose_runs(
+        runs,
+        unseen=unseen,
+        dof=dof,
+        use=use,
+        model=question,
+        simulations=simulations,
+        effects=effects,
+        horizon=horizon,
+        jobs=jobs,
+    )
+
+
+def design(
+    source: Fit | ModelFile,
+    axis: str,
+    present: Mapping[str, float] | Path | str,
+    *,
+    firmware: str = "ardurover",
+    **spec: Any,
+) -> Proposal:
+    """Return gains for one loop of an autopilot from a model of the craft. Nothing is written to any vehicle.
+
+    Parameters
+    ----------
+    source : a fit, or a model file that was read.
+    axis : ``heading``, ``yaw``, ``depth`` or ``speed``, as far as *firmware* (``ardurover``, ``ardusub``) has them.
+    present : the vehicle's parameters, or a file of NAME,VALUE lines: the gains of the loop, and what else is known of
+        it (limits, filters; the firmware's defaults stand in for the rest).
+    spec : the wish, see :class:`gcs_autotune.design.Spec`: ``speed`` [m/s] for a craft with a rudder, ``full_scale``
+        for a model whose input is not a share of full output, ``settling_time`` [s] ...
+
+    Raises
+    ------
+    NoGainsMeetSpec
+        No gains inside the documented ranges are acceptable.
+    UsageError, UnknownName, ParameterMissing
+        The model is of another motion than the axis; full scale or speed is needed; there is no such axis; a gain of it
+        is not in *present*.
+
+    Examples
+    --------
+    >>> gains = dict.fromkeys(("ATC_STR_RAT_FF", "ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_D"), 0.1)
+    >>> gains["ATC_STR_ANG_P"] = 2.0
+    >>> proposal = design(fit(example_run(), "linear", dof="yaw"), "heading", gains, speed=1.5)
+    >>> proposal.after.metrics.itae <= proposal.before.metrics.itae, proposal.margins.stable
+    (True, True)
+    """
+    loop = lookup(lookup(FIRMWARE, firmware, "firmware").axes, axis, f"axis of {firmware}")
+    given = load_params(Path(present)) if isinstance(present, (str, Path)) else present
+    values = dict(given)
+    wish = Spec(**spec)
+    if isinstance(source, AxisFit) and not source.effects:
+        return design_plain(source.model, source.craft_covariance, loop, values, wish)
+    if isinstance(source, Fit):
+        covariance, names = source.covariance, tuple(source.parameters)
+        return design_from(extended_of(source), loop, values, wish, names=names, covariance=covariance)
+    return design_from(
+        source.model, loop, values, wish, inputs=source.inputs, names=source.names, covariance=source.covariance
+    )
+
+
+def example_run(seed: int = 1, duration: float = 60.0) -> Trial:
+    """Return a made-up record to try things on: a craft swinging in heading under a relay, *duration* [s] at 10 Hz.
+
+    Its truth: ``r_dot = N - 0.5 r``, the input a share of full output; noise of 0.1 deg and 0.1 deg/s by *seed*.
+
+    Examples
+    --------
+    >>> run = example_run()
+    >>> sorted(run.channels), round(run.duration, 1)
+    (['N', 'psi', 'r'], 59.9)
+    """
+    step = 0.1
+    t: NDArray[np.float64] = step * np.arange(round(duration / step), dtype=np.float64)
+    switches = np.sign(np.sin(2.0 * math.pi * t / 7.0) + 1e-9)
+    force = 0.1 * switches
+    truth = simulate(SingleDof("yaw", "1", 1.0, 0.5), t, force, t)
+    noise = np.random.default_rng(seed).normal(0.0, math.radians(0.1), (2, len(t)))
+    channels = {
+        "N": Channel("N", "1", t, force),
+        "psi": Channel("psi", "rad", t, truth.eta + noise[0]),
+        "r": Channel("r", "rad/s", t, truth.nu + noise[1]),
+    }
+    return Trial("example", channels, meta={"source": "made up"})
+
+
+def _table(source: Any) -> dict[str, ArrayLike]:
+    """Return a table in memory as head -> array (n,)."""
+    if hasattr(source, "data_vars"):
+        return _of_xarray(source)
+    if hasattr(source, "columns") and hasattr(source, "index"):
+        found = {str(head): source[head].to_numpy() for head in source.columns}
+        return _with_time(found, str(source.index.name or ""), source.index.to_numpy())
+    if isinstance(source, np.ndarray) and source.dtype.names:
+        return {head: _seconds(source[head]) for head in source.dtype.names}
+    if isinstance(source, Mapping):
+        return {str(head): _seconds(np.asarray(values)) for head, values in source.items()}
+    raise UsageError(
+        f"a {type(source).__name__} holds no runs: give a path, a pandas DataFrame, an xarray Dataset, a mapping of "
+        "arrays by name[unit], or a structured array"
+    )
+
+
+def _of_xarray(source: Any) -> dict[str, ArrayLike]:
+    """Return the variables of an xarray Dataset along its one dimension."""
+    if len(source.sizes) != 1:
+        raise BadFile(f"a Dataset along one dimension (time) is needed; this has {', '.join(map(str, source.sizes))}")
+    (along,) = source.sizes
+    found: dict[str, ArrayLike] = {_head(n, v): v.to_numpy() for n, v in source.data_vars.items()}
+    time = source.coords.get(along, None)
+    return found if time is None else _with_time(found, _head(along, time), time.to_numpy())
+
+
+def _head(name: object, variable: Any) -> str:
+    unit = str(variable.attrs.get("units", ""))
+    return f"{name}[{unit}]" if unit and "[" not in str(name) else str(name)
+
+
+def _with_time(found: Mapping[str, ArrayLike], head: str, index: NDArray[Any]) -> dict[str, ArrayLike]:
+    """Return the columns with the index among them where it is the time."""
+    columns: dict[str, ArrayLike] = {name: _seconds(np.asarray(values)) for name, values in found.items()}
+    dated = index.dtype.kind in "mM"
+    if dated or head.partition("[")[0] in ("t", "time"):
+        return {"t[s]" if dated else head: _seconds(index), **columns}
+    return columns
+
+
+def _seconds(values: NDArray[Any]) -> NDArray[Any]:
+    """Return dates and time differences as seconds since the first, anything else as it is."""
+    if values.dtype.kind == "M":
+        values = values - values[0]
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values

@@ -1,0 +1,195 @@
+"""The notebook's door: records in, models, causes and gains out, each shown as a table, drawn on any axes."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from gcs_autotune import api
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative, UsageError
+from gcs_autotune.trial import Channel, Trial
+
+RUN = api.example_run()
+FUNCTIONS = [n for n in api.__all__ if inspect.isfunction(getattr(api, n))]
+
+
+@pytest.fixture(scope="module")
+def found() -> api.Fit:
+    return api.fit(RUN, "linear", dof="yaw")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_public_function_has_an_example_that_is_true(name):
+    function = getattr(api, name)
+    known = {**vars(api), **vars(sys.modules[function.__module__])}
+    tests = doctest.DocTestFinder(recurse=False).find(function, name, globs=known)
+    assert sum(len(t.examples) for t in tests) > 0
+    for test in tests:
+        assert doctest.DocTestRunner().run(test).failed == 0
+
+
+def table() -> dict[str, np.ndarray]:
+    t = np.arange(0.0, 2.0, 0.1)
+    return {"t[s]": t, "psi[deg]": 10.0 * t, "N[N m]": np.sign(t - 1.0)}
+
+
+def same_run(run: Trial) -> bool:
+    (wanted,) = api.load_runs(table())
+    return list(run.channels) == list(wanted.channels) and all(
+        np.allclose(run[n].t, c.t) and np.allclose(run[n].values, c.values) and run[n].unit == c.unit
+        for n, c in wanted.channels.items()
+    )
+
+
+def test_a_structured_array_and_a_list_of_mappings_are_runs():
+    columns = table()
+    array = np.rec.fromarrays(list(columns.values()), names=[*columns])
+    assert same_run(api.load_runs(np.array(array))[0])
+    runs = api.load_runs([table(), table()], name="lake")
+    assert [run.name for run in runs] == ["lake-1", "lake-2"]
+    assert same_run(runs[1])
+
+
+def test_a_data_frame_is_a_run_by_column_by_index_and_by_date():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(table())
+    assert same_run(api.load_runs(frame)[0])
+    assert same_run(api.load_runs(frame.set_index("t[s]"))[0])
+    dated = frame.set_index(pandas.Timestamp("2026-06-01 12:00") + pandas.to_timedelta(frame.pop("t[s]"), unit="s"))
+    assert same_run(api.load_runs(dated)[0])
+
+
+def test_a_dataset_is_a_run_with_units_by_attribute():
+    xarray = pytest.importorskip("xarray")
+    columns = table()
+    data = xarray.Dataset(
+        {"psi": ("time", columns["psi[deg]"], {"units": "deg"}), "N": ("time", columns["N[N m]"], {"units": "N m"})},
+        coords={"time": ("time", columns["t[s]"], {"units": "s"})},
+    )
+    assert same_run(api.load_runs(data)[0])
+    with pytest.raises(BadFile, match="one dimension"):
+        api.load_runs(data.expand_dims("boat"))
+
+
+@pytest.mark.parametrize(
+    ("source", "error", "words"),
+    [
+        ({"psi": [1.0]}, BadFile, "no time column"),
+        ({"t[s]": [0.0, 1.0], "psi": [1.0]}, BadFile, "all of one length"),
+        ({"t[s]": ["a"], "psi": ["b"]}, BadFile, "columns must be numbers"),
+        ({"t[s]": [0.0], "psi[furlong]": [1.0]}, BadFile, "furlong"),
+        ({"t[s]": [], "psi": []}, BadFile, "no samples"),
+        (7, UsageError, "a int holds no runs"),
+        ("/nowhere/at.csv", BadFile, "no such file"),
+    ],
+)
+def test_what_is_no_run_is_refused_in_words(source, error, words):
+    with pytest.raises(error, match=words):
+        api.load_runs(source)
+
+
+def test_a_simulation_of_the_runs_own_inputs_is_what_was_measured(found):
+    motion = found.simulate(RUN, stamps=RUN["psi"].t)
+    assert np.std(motion["psi"].values - RUN["psi"].values) < 0.02 * np.std(RUN["psi"].values)
+    again = found.simulate({"N": (RUN["N"].t, RUN["N"].values)}, stamps=RUN["psi"].t, start={"psi": 0.5})
+    assert again["psi"].values[0] == pytest.approx(0.5)
+
+
+def test_inputs_that_do_not_fit_the_model_are_refused(found):
+    newtons = Trial("other", {"N": Channel("N", "N m", np.array([0.0]), np.array([1.0]))})
+    with pytest.raises(UsageError, match="is in N m, the model's is in 1"):
+        found.simulate(newtons)
+    with pytest.raises(MissingChannel, match="no channel 'N'"):
+        found.simulate(Trial("empty", {}))
+    with pytest.raises(UsageError, match="driven by N"):
+        found.simulate({"X": ([0.0], [1.0])})
+    with pytest.raises(UsageError, match="as many ascending stamps"):
+        found.simulate({"N": ([0.0, 1.0], [1.0])})
+    with pytest.raises(UsageError, match="no state depth"):
+        found.simulate(RUN, start={"depth": 1.0})
+
+
+def test_a_model_that_runs_away_says_so(found):
+    from dataclasses import replace
+
+    wild = replace(found, model=replace(found.model, beta=-5.0))
+    with pytest.raises(NotInformative, match="runs away"):
+        wild.simulate({"N": ([0.0, 300.0], [1.0, 1.0])})
+
+
+def test_a_fit_shows_itself_as_a_table_in_which_nothing_of_a_file_is_executed(found):
+    from dataclasses import replace
+
+    shown = replace(found, used=("<script>alert(1)</script>",))._repr_html_()
+    assert "<script>" not in shown
+    assert "&lt;script&gt;" in shown
+    assert all(name in shown for name in found.parameters)
+
+
+def test_tables_for_pandas_have_the_numbers_of_the_fit(found):
+    pytest.importorskip("pandas")
+    frame = found.to_pandas()
+    p = found.parameters["beta_r"]
+    assert frame.loc["beta_r", "value"] == p.value
+    assert frame.loc["beta_r", "high"] - frame.loc["beta_r", "low"] == pytest.approx(2 * 1.96 * p.std)
+    records = RUN.to_pandas()
+    assert records["psi[rad]"].to_numpy() == pytest.approx(RUN["psi"].values)
+    assert same_run(api.load_runs(api.load_runs(table())[0].to_pandas())[0])
+
+
+def test_without_pandas_one_sentence_says_what_to_install(found, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match="pip install pandas"):
+        found.to_pandas()
+
+
+def test_a_fit_draws_on_axes_it_is_given(found):
+    ax = Figure().subplots()
+    assert found.plot(ax, signal="psi") is ax
+    assert "heading" in ax.get_ylabel()
+    assert isinstance(found.plot(), Figure)
+    with pytest.raises(UsageError, match="there is: psi of example"):
+        found.plot(ax, signal="z")
+
+
+@pytest.mark.slow
+def test_gains_show_themselves_and_are_drawn(found, tmp_path: Path):
+    gains = {f"ATC_STR_RAT_{n}": 0.05 for n in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 1.0}
+    proposal = api.design(found, "heading", gains, speed=1.5)
+    assert proposal.changes
+    shown = proposal._repr_html_()
+    assert all(c.parameter in shown for c in proposal.changes)
+    ax = Figure().subplots()
+    assert proposal.plot(ax) is ax
+    assert {line.get_label() for line in ax.lines} == {"set point", "wanted", "old gains", "new gains"}
+    (tmp_path / "boat.param").write_text("".join(f"{n},{v}\n" for n, v in gains.items()))
+    api.save_model(found, tmp_path / "model.json")
+    again = api.design(api.load_model(tmp_path / "model.json"), "heading", tmp_path / "boat.param", speed=1.5)
+    assert set(again.new) == set(proposal.new)
+    if "pandas" in sys.modules:
+        assert list(proposal.to_pandas()["new"]) == list(proposal.new.values())
+
+
+@pytest.mark.slow
+def test_a_diagnosis_shows_its_cause_and_takes_a_fit_for_the_model_in_question(found):
+    swing = found.simulate({"N": (RUN["N"].t, 3.0 * RUN["N"].values)})
+    noise = np.random.default_rng(2).normal(0.0, 2e-3, len(swing["r"]))
+    bitten = Trial(
+        "bitten",
+        {**swing.channels, "r": Channel("r", "rad/s", swing["r"].t, swing["r"].values + noise)},
+    )
+    told = api.diagnose(bitten, dof="yaw", model=found, effects=["quadratic-drag"])
+    shown = told._repr_html_()
+    assert shown.startswith(f"<div><b>{told.verdict}: bitten")
+    ax = Figure().subplots()
+    assert told.plot(ax) is ax
+    assert "measured minus simulated" in ax.get_ylabel()
+    with pytest.raises(UsageError, match="there is no residual of w"):
+        told.plot(ax, signal="w")
