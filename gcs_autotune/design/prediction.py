@@ -36,8 +36,7 @@ def predict(
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 
-    The arrays are those of the step; the metrics are those of both, joined as the flown ones are, and read through as
-    much noise.
+    The arrays are those of the step; the metrics are those of both, joined as the flown ones are.
     """
     pair = _there_and_back(problem, model, settings, problem.step, duration)
     there = pair[0]
@@ -95,5 +94,5 @@ def _measure(problem: DesignProblem, flown: _Flown) -> StepMetrics:
         output,
         noise_std=spec.noise_std,
         quantum=spec.quantum,
-        unread=spec.noise_std,
+        noise_time=0.5 / spec.noise_bandwidth,
     )

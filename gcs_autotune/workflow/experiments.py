@@ -177,8 +177,9 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
-    ran away before the target even moved there is nothing to measure, and all numbers are NaN. Errors within twice
-    *noise_std* or within the sensor's *resolution* [rad or m] count as none: a compass of two degrees cannot tell one.
+    ran away before the target even moved there is nothing to measure, and all numbers are NaN. *noise_std* and the
+    sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass of two degrees cannot tell
+    one.
     """
     signal = str(trial.meta["signal"])
     force, late = SIGNAL_FORCES[signal], _seen_late(trial, signal)
@@ -213,4 +214,12 @@ def _one_step(
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
     output = np.array([trial[force].held_at(moment) for moment in t])
-    return step_metrics(t - start, np.where(t < start, before, after), x, output, noise_std=noise_std, quantum=quantum)
+    return step_metrics(
+        t - start,
+        np.where(t < start, before, after),
+        x,
+        output,
+        noise_std=noise_std,
+        quantum=quantum,
+        noise_time=CALMED.get(signal, 0.0),
+    )

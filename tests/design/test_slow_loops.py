@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Actuator, Proposal, Spec, design, is_better, step_metrics
+from gcs_autotune.design import Actuator, Proposal, Spec, combine, design, is_better, step_metrics
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import sample_region
-from gcs_autotune.design.prediction import predict_metrics
+from gcs_autotune.design.prediction import _there_and_back, predict_metrics
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
@@ -104,19 +104,25 @@ def test_a_step_taken_back_begins_with_what_the_integral_holds_by_then() -> None
     assert np.max(np.abs(back - settled.position[: len(back)])) > 0.02
 
 
-def test_a_prediction_counts_the_noise_it_will_be_read_through() -> None:
-    t = np.arange(0.0, 30.0, 0.1)
-    target = np.where(t > 0.0, 1.0, 0.0)
-    position = 1.0 - np.exp(-t) * np.cos(t) + 0.02
-    position[0] = 0.0
-    noise, draw = 0.02, np.random.default_rng(5)
-    read = [
-        step_metrics(t, target, position + draw.normal(0.0, noise, len(t)), 0.0 * t, noise_std=noise).itae
-        for _ in range(200)
-    ]
-    expected = step_metrics(t, target, position, 0.0 * t, noise_std=noise, unread=noise).itae
-    assert expected == pytest.approx(np.mean(read), rel=0.02)
-    assert step_metrics(t, target, position, 0.0 * t, noise_std=noise).itae < 0.8 * expected
+def test_a_prediction_says_what_a_step_will_be_read_as_through_the_noise_at_the_rate_of_the_readings() -> None:
+    noise, draw = 1.0 * DEG, np.random.default_rng(5)
+    spec = replace(STEP, noise_std=noise, noise_bandwidth=5.0)
+    law, region = LAWS["sub-heading"], sample_region(HULL, SPREAD)
+    problem = DesignProblem(law, (), region, SUB_HEADING_DEFAULTS, spec, 30.0 * DEG, 0.004, actuator=THRUSTERS)
+    gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.03}
+
+    def read() -> float:
+        legs = []
+        for leg in _there_and_back(problem, problem.model, gains, 30.0 * DEG, 30.0):
+            t, true = np.arange(-0.1, 30.05, 0.1), np.interp(np.arange(-0.1, 30.05, 0.1), leg.t, leg.position)
+            psi = np.where(t < 0.0, 0.0, true + draw.normal(0.0, noise, len(t)))
+            legs.append(step_metrics(t, np.where(t < 0.0, 0.0, leg.size), psi, 0.0 * t, noise_std=noise))
+        return combine(legs).itae
+
+    flown = float(np.mean([read() for _ in range(30)]))
+    assert predict_metrics(problem, gains, 30.0 * DEG, 30.0).itae == pytest.approx(flown, rel=0.06)
+    unlike = replace(problem, spec=replace(spec, noise_bandwidth=25.0))
+    assert predict_metrics(unlike, gains, 30.0 * DEG, 30.0).itae != pytest.approx(flown, rel=0.06)
 
 
 def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
