@@ -36,7 +36,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "**/cleaning.py",
         "identify/whiteness.py",
         "**/least_squares.py",
-        "**/unit_check.py",
+        "identify/intake.py",
         "logs/channels.py",
     ),
 }

@@ -13,7 +13,7 @@ from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability
 from gcs_autotune.design.laws import LAWS, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
-from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
+from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.proposal import design, design_from

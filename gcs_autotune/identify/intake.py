@@ -2,11 +2,16 @@
 
 What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; :func:`.notes.told`
 gives it back as doubts when the run is prepared.
+
+Wrong units show in a position and its velocity that contradict each other by a known factor: the change of position
+over a window is compared with the integral of the velocity. Noise, current and wrapped angles spoil single windows, so
+the median ratio counts, and only when most windows agree about it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -16,10 +21,10 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
 from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.unit_check import check_units
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
+__all__ = ["check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
 
@@ -122,3 +127,151 @@ def _part(channel: Channel, cut: NDArray[np.intp], k: int) -> Channel:
     borders = [0, *(int(i) for i in cut), len(channel)]
     inside = slice(borders[k], borders[k + 1])
     return replace(channel, t=channel.t[inside], values=channel.values[inside])
+
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+DEG = 180.0 / math.pi
+FACTORS: Mapping[str, Mapping[float, str]] = {
+    "angle": {DEG: "degrees", 2.0 * math.pi: "revolutions"},
+    "length": {1000.0: "mm", 100.0: "cm", 3.6: "km/h", 1.0 / 0.3048: "feet", 3600.0 / 1852.0: "knots"},
+}
+"""Kind -> factor that a forgotten unit leaves, and the unit."""
+GROSS = 5.0
+"""A factor beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
+WINDOW = 1.0
+"""Chosen [s]: span of one comparison, or four samples when those are further apart."""
+AGREE, CLOSE = 0.7, 0.08
+"""Share of windows within 25 % of the median ratio, and how near that must be to a factor."""
+TURN = 3.5
+"""Chosen [rad/s]: a marine craft that turns faster, nearly always, is one whose heading is in degrees."""
+
+
+def check_units(trial: Trial) -> list[Doubt]:
+    """Return doubts about the units of *trial*.
+
+    Raises
+    ------
+    BadFile
+        Two columns contradict each other by a factor that only a wrong unit explains.
+    """
+    found: list[Doubt] = []
+    for dof in DOFS.values():
+        if dof.name in ("surge", "sway") or dof.position not in trial or dof.velocity not in trial:
+            continue
+        ratio = _ratio(trial[dof.position], trial[dof.velocity])
+        found += _judged(trial, dof.position, dof.velocity, ratio, "angle" if dof.angular else "length")
+    if "x" in trial and "y" in trial:
+        speed, name = _speed(trial)
+        if speed is not None:
+            ratio = _track_ratio(trial["x"], trial["y"], speed)
+            found += _judged(trial, "x, y", name, ratio, "length")
+    if "psi" in trial:
+        found += _heading_alone(trial, trial["psi"])
+    return found
+
+
+def _judged(trial: Trial, position: str, velocity: str, ratio: float, kind: str) -> list[Doubt]:
+    if math.isnan(ratio):
+        return []
+    if abs(ratio + 1.0) < 0.25:
+        cause = f"{position} and {velocity} of run '{trial.name}' have opposite signs"
+        return [Doubt("sign", cause, "turn one of the columns round: SNAME counts both the same way, z and w down")]
+    for factor, unit in FACTORS[kind].items():
+        for value, text in ((factor, "more"), (1.0 / factor, "less")):
+            if abs(abs(ratio) / value - 1.0) > CLOSE:
+                continue
+            cause = (
+                f"{position} of run '{trial.name}' changes {factor:.3g} times {text} than {velocity} says: one of the "
+                f"columns is in {unit} and its head says otherwise"
+            )
+            if factor > GROSS:
+                raise BadFile(f"{cause}; correct the unit in the head, or leave the wrong column out")
+            return [Doubt("unit", cause, "check the units in the heads; a current along the track can look alike")]
+    return []
+
+
+def _ratio(position: Channel, velocity: Channel) -> float:
+    """Return the median of change of position over integral of velocity; NaN when windows do not agree on one."""
+    t, x = _known(position)
+    tv, v = _known(velocity)
+    return _median_ratio(t, lambda a, b: x[b] - x[a], tv, v)
+
+
+def _track_ratio(north: Channel, east: Channel, speed: Channel) -> float:
+    t, x = _known(north)
+    te, e = _known(east)
+    if len(t) < 2 or len(te) < 2:
+        return math.nan
+    y = np.interp(t, te, e)
+    tv, v = _known(speed)
+    return _median_ratio(t, lambda a, b: np.hypot(x[b] - x[a], y[b] - y[a]), tv, v)
+
+
+def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Array, v: Array) -> float:
+    if len(t) < 20 or len(tv) < 20:
+        return math.nan
+    step = float(np.median(np.diff(t)))
+    lag = max(1, round(WINDOW / step)) if step > 0.0 else 1
+    if step > 0.25 * WINDOW:
+        lag = max(lag, 4)
+    start = np.arange(0, len(t) - lag)
+    end = start + lag
+    inside = (t[start] >= tv[0]) & (t[end] <= tv[-1]) & (t[end] - t[start] < 3.0 * lag * step)
+    start, end = start[inside], end[inside]
+    if len(start) < 10:
+        return math.nan
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(tv))])
+    travelled = np.interp(t[end], tv, integral) - np.interp(t[start], tv, integral)
+    moved = change(start, end)
+    strong = np.abs(travelled) > max(float(np.median(np.abs(travelled))), 1e-12)
+    if int(strong.sum()) < 10:
+        return math.nan
+    ratios = moved[strong] / travelled[strong]
+    median = float(np.median(ratios))
+    agreeing = float(np.mean(np.abs(ratios - median) < 0.25 * abs(median)))
+    return median if agreeing >= AGREE else math.nan
+
+
+def _speed(trial: Trial) -> tuple[Channel | None, str]:
+    if "U" in trial and len(trial["U"]) > 1:
+        return trial["U"], "U"
+    if "u" in trial and len(trial["u"]) > 1:
+        u = trial["u"]
+        if "v" not in trial or len(trial["v"]) < 2:
+            return None, ""
+        v = np.interp(u.t, *_known(trial["v"]))
+        return Channel("U", u.unit, u.t, np.hypot(u.values, v)), "u, v"
+    return None, ""
+
+
+def _known(channel: Channel) -> tuple[Array, Array]:
+    good = np.isfinite(channel.t) & np.isfinite(channel.values)
+    t, first = np.unique(channel.t[good], return_index=True)
+    return t, channel.values[good][first]
+
+
+def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
+    """Judge a heading by itself: by the height of its wraps, and by how fast it would turn."""
+    t, x = _known(psi)
+    if len(t) < 20:
+        return []
+    steps = np.abs(np.diff(x))
+    usual = float(np.median(steps))
+    wraps = steps[steps > max(0.5 * float(np.ptp(x)), 20.0 * usual)]
+    for height, said, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
+        if len(wraps) and np.all(np.abs(wraps / height - 1.0) < 0.05) and np.ptp(x) <= 1.01 * height:
+            raise BadFile(
+                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head says {said} but "
+                f"the numbers are {really}; correct the unit in the head"
+            )
+    lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
+    turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
+    if len(t) <= lag + 20:
+        return []
+    rate = float(np.median(np.abs(turned[lag:] - turned[:-lag]) / (t[lag:] - t[:-lag])))
+    if rate <= TURN:
+        return []
+    cause = f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s)"
+    return [Doubt("unit", cause, "its head says radians: are the numbers degrees? correct the unit in the head")]

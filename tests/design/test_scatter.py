@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from gcs_autotune.design.scatter import DIMENSIONS, sobol
+from gcs_autotune.design.refinement import DIMENSIONS, sobol
 from gcs_autotune.firmware import FIRMWARE
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, is_better
 from gcs_autotune.design.laws import LAWS, SKID, THROTTLE, Scenario
-from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of
+from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.open_loop import Rational, constant, open_loop
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.models import SingleDof

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.unit_check import check_units
+from gcs_autotune.identify.intake import check_units
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import pytest
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.axis import agreement
+from gcs_autotune.identify.axis import signals
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
@@ -202,15 +202,15 @@ def test_a_late_gyro_that_nobody_knows_of_stays_out_of_the_fit_and_that_is_said(
 def test_a_fit_that_does_not_know_how_sure_it_is_still_compares_the_gyro(
     trial: Trial, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(agreement, "_raised_covariance", lambda solution: np.full_like(solution.whole, np.nan))
+    monkeypatch.setattr(signals, "_raised_covariance", lambda solution: np.full_like(solution.whole, np.nan))
     assert "r" in fit_axis(trial).extra["signals"]
     turned = with_rate(trial, lambda rate: replace(rate, values=1.3 * rate.values))
     assert "its scale differs" in fit_axis(turned).extra["signals_left_out"]["r"]
 
 
 def test_a_motion_that_runs_away_is_compared_with_nothing(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
-    compared = agreement._compared
+    compared = signals._compared
     monkeypatch.setattr(
-        agreement, "_compared", lambda *a: replace(compared(*a), nu=np.full_like(compared(*a).nu, np.nan))
+        signals, "_compared", lambda *a: replace(compared(*a), nu=np.full_like(compared(*a).nu, np.nan))
     )
     assert "runs away" in fit_axis(trial).extra["signals_left_out"]["r"]

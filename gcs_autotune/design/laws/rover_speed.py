@@ -2,6 +2,10 @@
 
 ``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``; the speed comes from the position
 estimate, unfiltered. What is told as position is the speed, less that at the start of the step.
+
+From throttle to servo pulse, fractions of full throughout: the firmware lifts the throttle over MOT_THR_MIN first and
+bends it then, so that thrust ``(1 - e) u + e u^2`` of the pulse becomes proportional to the throttle for
+``e = MOT_THST_EXPO``.
 """
 
 from __future__ import annotations
@@ -13,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.design.laws.kernel import Cascade
-from gcs_autotune.design.laws.law import Settings
+from gcs_autotune.design.laws.kernel import Cascade, shaped_throttle
+from gcs_autotune.design.laws.law import Settings, setting
 from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
-from gcs_autotune.design.laws.rover_throttle import pulse_of, throttle_of, throttle_shape
 from gcs_autotune.design.open_loop import Rational, pid_path
 from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 
-__all__ = ["CRUISE", "RoverSpeed"]
+__all__ = ["CRUISE", "RoverSpeed", "pulse_of", "throttle_of", "throttle_shape"]
 
 P, I, D, FF = "ATC_SPEED_P", "ATC_SPEED_I", "ATC_SPEED_D", "ATC_SPEED_FF"  # noqa: E741 - the integral gain
 CRUISE = ("CRUISE_SPEED", "CRUISE_THROTTLE")
@@ -47,6 +50,26 @@ DEFAULTS: Settings = {
     "MOT_THST_EXPO": 0.0,
     "SCHED_LOOP_RATE": 50.0,
 }
+
+
+def throttle_shape(settings: Settings) -> tuple[float, float]:
+    """Return (least pulse [fraction], expo) in force."""
+    return setting(settings, DEFAULTS, "MOT_THR_MIN") / 100.0, setting(settings, DEFAULTS, "MOT_THST_EXPO")
+
+
+def pulse_of(throttle: float, settings: Settings) -> float:
+    """Return the pulse [fraction] that the firmware makes of *throttle* [fraction]."""
+    return shaped_throttle(throttle, *throttle_shape(settings))
+
+
+def throttle_of(pulse: float, settings: Settings) -> float:
+    """Return the throttle [fraction] that gives *pulse* [fraction]: the inverse of :func:`pulse_of`."""
+    least, expo = throttle_shape(settings)
+    size = abs(pulse)
+    if expo != 0.0 and -1.0 <= expo <= 1.0:
+        size = (1.0 - expo) * size + expo * size * size
+    size = max(size - least, 0.0) / max(1.0 - least, 1e-9)
+    return math.copysign(size, pulse)
 
 
 class RoverSpeed(VelocityLoop):

@@ -4,21 +4,37 @@ Position is trusted first where it is a sensor's own (heading, depth). A velocit
 the motion fitted to the position: same scale, no lag, errors of its own that are white. A gyro does; a filtered,
 delayed or differentiated velocity does not, and would bias the fit. Surge and sway are fitted to velocity when
 there is one, because ``x`` and ``y`` are north and east, not ahead and starboard.
+
+Whether a velocity agrees is asked as far as the fitted motion is known. It has an uncertainty of its own, and all of
+it shows in the velocity's errors: a wrong constant force looks like a bias, a wrong inertia like a lag. Scale, lag and
+bias of the velocity are therefore fitted together with the corrections ``x`` of the position's fit, which costs as
+much as the covariance ``C`` of that fit says::
+
+    minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
+
+one Gauss-Newton step of the joint fit of both channels. Input changes that may have come a loop of the autopilot
+earlier or later (:mod:`gcs_autotune.identify.stamp_correction`) are among ``x``. The standard errors are those of the
+difference between the two channels: the comparison (Hausman1978) of two estimates, asked along the directions in which
+velocities go wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, UsageError
-from gcs_autotune.identify.axis.agreement import agreement
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.stamp_correction import switches_of
 from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.models import simulate_explicit
 
-__all__ = ["KINDS", "first_names", "objection", "wanted_names"]
+__all__ = ["KINDS", "StepAgreement", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
 """What ``use`` may hold."""
@@ -66,7 +82,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     """Return why the velocities must not join the fit, empty when nothing speaks against them.
 
     A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the
-    position's fit included (:func:`gcs_autotune.identify.axis.agreement.agreement`).
+    position's fit included (:func:`gcs_autotune.identify.axis.signals.agreement`).
     """
     for record in records:
         if record.velocity is None:
@@ -85,3 +101,134 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in found.errors))):
         return f"its errors are correlated ({colour:.2f}): it is filtered, derived, or the model misses something"
     return ""
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepAgreement:
+    """How the velocities differ from the fitted motion.
+
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
+    ``rms`` [rad/s or m/s] of the motion; ``step`` [s] of the densest velocity; ``errors`` per stretch once the motion
+    is corrected for what velocity and position together say.
+    """
+
+    gain: float
+    lag: float
+    bias: float
+    std: tuple[float, float, float]
+    rms: float
+    step: float
+    errors: tuple[Array, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    """One stretch: error (n,), simulated velocity and acceleration (n,), Jacobian (n, packed) by the fit's
+    vector; ``shifts`` (n, k) derivative by the input's doubtful stamps, over what is known of them."""
+
+    error: Array
+    nu: Array
+    acceleration: Array
+    J: Array
+    shifts: Array
+    step: float
+
+
+def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement | None:
+    """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
+    parts = [_compared(records, i, solution) for i in range(len(records))]
+    error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
+    fitted = np.vstack([p.J for p in parts]) @ _root(_raised_covariance(solution))
+    known = np.hstack([fitted, _side_by_side([p.shifts for p in parts])])
+    known = known[:, np.isfinite(known).all(axis=0)]  # what the fit does not know at all cannot be corrected by it
+    table = np.column_stack([nu, -slope, np.ones_like(nu)])
+    if not (np.isfinite(error).all() and np.isfinite(table).all()):
+        return None
+    sigma = _scatter(error, np.hstack([known, table]))
+    found, covariance = _ridged(error, known, table, sigma)
+    moved = known @ _ridged(error, known, table[:, :0], sigma)[0]
+    ends = np.cumsum([len(p.error) for p in parts])[:-1]
+    gain, lag, bias = (float(v) for v in found[-3:])
+    std = np.sqrt(np.diag(covariance)[-3:])
+    return StepAgreement(
+        gain,
+        lag,
+        bias,
+        (float(std[0]), float(std[1]), float(std[2])),
+        float(np.sqrt(np.mean(nu**2))),
+        min(p.step for p in parts),
+        tuple(np.split(error - moved, ends)),
+    )
+
+
+def _compared(records: Sequence[Segment], i: int, solution: Solution) -> _Compared:
+    record = records[i]
+    assert record.velocity is not None
+    t = record.velocity.t
+    keep = t >= float(record.main.t[0])
+    stamps = np.union1d(record.main.t[:1], t[keep])
+    theta = solution.theta + np.array([0.0, 0.0, 0.0, 0.0, solution.shift])
+    p = np.concatenate([theta, solution.initial[i]])
+    motion, at = simulate_explicit(p, record.t_in, record.tau, stamps), np.searchsorted(stamps, t[keep])
+    nu, by = motion.nu[at], motion.nu_by[at]
+    seen = replace(record, signals={**record.signals, record.velocity.name: record.velocity.since(float(stamps[0]))})
+    switches = switches_of(solution.form, seen, theta, solution.initial[i])
+    states = np.zeros((len(nu), 2 * len(records)))
+    states[:, 2 * i : 2 * i + 2] = by[:, 5:]
+    late = [by[:, EXPLICIT.index("delay")][:, None]] if solution.shift_std > 0.0 else []
+    return _Compared(
+        record.velocity.values[keep] - nu,
+        nu,
+        _acceleration(theta, record, t[keep], nu),
+        np.hstack([by[:, [EXPLICIT.index(n) for n in solution.free]], states, *late]),
+        switches.by[record.velocity.name] * record.slack[switches.which],
+        float(np.median(np.diff(t))),
+    )
+
+
+def _raised_covariance(solution: Solution) -> Array:
+    raised: Array = solution.whole * np.outer(solution.raised, solution.raised)
+    return raised
+
+
+def _acceleration(theta: Array, record: Segment, t: Array, nu: Array) -> Array:
+    b, a, c, d, delay = theta
+    held = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
+    acceleration: Array = b * record.tau[held] - a * nu - c * np.abs(nu) * nu + d
+    return acceleration
+
+
+def _side_by_side(tables: Sequence[Array]) -> Array:
+    """Return the block diagonal of *tables*: every stretch has shifts of its own."""
+    whole = np.zeros((sum(len(t) for t in tables), sum(t.shape[1] for t in tables)))
+    row = column = 0
+    for t in tables:
+        whole[row : row + len(t), column : column + t.shape[1]] = t
+        row, column = row + len(t), column + t.shape[1]
+    return whole
+
+
+def _root(covariance: Array) -> Array:
+    """Return ``R`` (p, p) with ``R R' = covariance``, whose rank may be lower; NaN where that is not finite."""
+    if not np.isfinite(covariance).all():
+        return np.full_like(covariance, np.nan)
+    values, vectors = np.linalg.eigh(covariance)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _scatter(error: Array, table: Array) -> float:
+    """Return the standard deviation of what *table* (n, p) cannot explain at all."""
+    left = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
+    return float(np.sqrt(left @ left / max(len(left) - table.shape[1], 1)))
+
+
+def _ridged(error: Array, known: Array, table: Array, sigma: float) -> tuple[Array, Array]:
+    """Fit *error* by ``known z + table y`` with ``z ~ N(0, 1)``; return (z, y) and their covariance."""
+    size = known.shape[1]
+    A = np.vstack([np.hstack([known, table]), sigma * np.eye(size, size + table.shape[1])])
+    inverse = np.linalg.pinv(A, rcond=1e-12)
+    return inverse @ np.concatenate([error, np.zeros(size)]), sigma**2 * inverse @ inverse.T

@@ -1,26 +1,212 @@
-"""The method ``global``: two global optimisers, the better kept, polished by output error."""
+"""The method ``global``: two global optimisers of different kind on the same cost, the better kept (Erunsal2017,
+section 3.4), polished by output error.
+
+One breeds a population (differential evolution, Storn1997), the other samples the box evenly and descends
+from the best of its samples with exact derivatives. Both look at whole free runs, begun at the smoothed first states;
+the cost is the concentrated Gaussian log-likelihood, so that neither units nor noise levels need be known.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, differential_evolution
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.by_output_error import fit_of, with_known_delay
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.global_search import box_of, search
+from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
-from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.coupled.local import Delayed, LocalCost, local_fit
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
+from gcs_autotune.identify.least_squares import descend
+from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.noise import gaussian_noise
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.reweighting import likeliest
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
-from gcs_autotune.models import Form
+from gcs_autotune.models import Form, Simulator, inertia_of
+from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["OPTIONS", "fit_by_global_search"]
+__all__ = ["OPTIONS", "Box", "Searched", "box_of", "fit_by_global_search", "search"]
+
+Array = NDArray[np.float64]
+
+WIDTH = 4.0
+"""Half-width of the box, in units of the value at which a term is as large as the known forces."""
+
+MOST_RUNAWAY = 50.0
+"""Cost per sample of a motion that runs away, above anything a finite one has."""
+
+PATIENCE = 15
+"""Steps per stamp of a simulation: what is stiffer than that is no craft whose samples these are."""
+
+SHARE_SAMPLED = 0.5
+"""Share of the multi-start's budget spent on even samples, the rest on descents."""
+
+DESCENTS, TRIALS = 6, 20
+"""Best samples a descent starts from, and its longest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Where to search: ``low``, ``high`` (f,) of the free parameters in the form's order."""
+
+    names: tuple[str, ...]
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Searched:
+    """The better of two searches: ``theta`` (p,); ``costs`` and ``evaluations`` by name of the optimiser."""
+
+    theta: Array
+    winner: str
+    costs: dict[str, float]
+    evaluations: dict[str, int]
+
+    @property
+    def margin(self) -> float:
+        """By how much the cost (minus twice the log-likelihood) of the other is larger."""
+        return max(self.costs.values()) - min(self.costs.values())
+
+
+def box_of(ground: InitialGuess, limits: Limits) -> Box:
+    """Return a wide box: from the size of the forces and motions, inertia positive, cut down to *limits*."""
+    form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
+    speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
+    wide = {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY, "V_x": speed, "V_y": speed}
+    low, high = [], []
+    natural = physical(form)
+    for name in form.free:
+        half = wide.get(name) or WIDTH * (scales.get(name) or abs(form.start.get(name, 0.0)) or 1.0)
+        least, most = -half, half
+        inertia = inertia_of(name) if name.endswith("dot") else None
+        if (inertia is not None and inertia.row == inertia.column) or name in natural.low:
+            least, most = (-half, -1e-3 * half) if name in natural.high else (1e-3 * half, half)
+        least, most = max(least, limits.low.get(name, -np.inf)), min(most, limits.high.get(name, np.inf))
+        low.append(least if least < most else limits.low.get(name, most - half))
+        high.append(most if least < most else limits.high.get(name, least + half))
+    return Box(tuple(form.free), np.array(low), np.array(high))
+
+
+def search(ground: InitialGuess, box: Box, *, budget: int, seed: int) -> Searched:
+    """Search *box* with both optimisers, each with half of *budget* simulations of all records."""
+    cost = _Cost(ground)
+    found = {}
+    evaluations = {}
+    for name, optimiser in (("differential evolution", _evolved), ("multi-start", _multi_start)):
+        cost.spent = 0
+        found[name] = optimiser(cost, box, budget // 2, seed)
+        evaluations[name] = cost.spent
+    costs = {name: cost(values) for name, values in found.items()}
+    winner = min(costs, key=lambda name: costs[name])
+    return Searched(cost.theta(found[winner]), winner, costs, evaluations)
+
+
+@dataclass(slots=True, eq=False)
+class _Cost:
+    """Minus twice the log-likelihood of the free parameters, noise levels at their best, first states as smoothed."""
+
+    ground: InitialGuess
+    spent: int = 0
+    simulator: Simulator = field(init=False)
+    objective: Objective = field(init=False)
+
+    def __post_init__(self) -> None:
+        g = self.ground
+        self.simulator = Simulator(g.form, patience=PATIENCE)
+        self.objective = Objective(
+            Problem(g.form, [replace(r, dating=0.0) for r in g.records], None, Limits({}, {})),  # polished later
+            g.regression.theta,
+            g.initial,
+            fixed_states=True,
+            patience=PATIENCE,
+        )
+
+    def theta(self, values: Array) -> Array:
+        """Return all parameters (p,)."""
+        return self.objective.unpack(values)[0]
+
+    def __call__(self, values: Array) -> float:
+        """Return the cost at *values* (f,), simulated without derivatives."""
+        self.spent += 1
+        theta, g = self.theta(values), self.ground
+        squares = dict.fromkeys(g.rough, 0.0)
+        counts = dict.fromkeys(g.rough, 0)
+        for record, x_0 in zip(g.records, g.initial, strict=True):
+            stamps = record.stamps
+            motion = self.simulator.run(theta, x_0, record.t_in, record.inputs, stamps, sensitivities=False)
+            if motion is None:
+                return MOST_RUNAWAY * sum(len(s.t) for r in g.records for s in r.signals.values())
+            for name, signal in record.signals.items():
+                value, _ = self.simulator.outputs(theta, *motion, name)
+                error = signal.values - value[np.searchsorted(stamps, signal.t)]
+                squares[name] += float(error @ error)
+                counts[name] += len(error)
+        shares = {name: max(squares[name] / n, (0.1 * g.rough[name]) ** 2) for name, n in counts.items()}
+        return float(sum(n * math.log(shares[name] / g.rough[name] ** 2) for name, n in counts.items()))
+
+
+def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
+    """Differential evolution with as many generations as *budget* allows."""
+    size = max(5, min(15, budget // (20 * len(box.names))))
+    generations = max(1, budget // (size * len(box.names)) - 1)
+    found = differential_evolution(
+        cost,
+        Bounds(box.low, box.high),
+        popsize=size,
+        maxiter=generations,
+        rng=np.random.default_rng(seed),
+        polish=False,
+        init="sobol",
+        tol=1e-6,
+    )
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
+    """Even samples of the box, then descents from the best of them."""
+    sampled = max(8, int(SHARE_SAMPLED * budget))
+    cube = scipy_stats().qmc.LatinHypercube(len(box.names), rng=np.random.default_rng(seed)).random(sampled)
+    points = box.low + cube * (box.high - box.low)
+    costs = np.array([cost(p) for p in points])
+    best: Array = points[int(np.argmin(costs))]
+    least = float(costs.min())
+    for start in points[np.argsort(costs)[:DESCENTS]]:
+        if cost.spent >= budget:
+            break
+        end = _descended(cost, start, box)
+        at_end = cost(end)
+        if at_end < least:
+            best, least = end, at_end
+    return best
+
+
+def _descended(cost: _Cost, start: Array, box: Box) -> Array:
+    """Descend with weights that follow the misfit: each signal by what it leaves at the start, then at the end."""
+    x = start
+    for _ in range(3):
+        residuals = cost.objective.residuals(x)
+        cost.spent += 1
+        if residuals is None:
+            return x
+        laws = likeliest(residuals, gaussian_noise(cost.ground.levels))
+        found = descend(partial(cost.objective.at, noise=laws), x, box.low, box.high, trials=TRIALS)
+        if found is None:
+            return x
+        cost.spent += found.iterations
+        x = found.x
+    return x
+
 
 BUDGET = 150
 """Simulations of all records per free parameter both searches may spend together, if not told otherwise."""

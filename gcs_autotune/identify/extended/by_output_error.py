@@ -1,4 +1,7 @@
-"""Identification with effects, by output error: from runs and what is asked for to a :class:`Fit`."""
+"""Identification with effects, by output error: from runs and what is asked for to a :class:`Fit`.
+
+The effects asked for come into the base model one after the other, each from every start and place.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, DataSummary, ExtendedModel
-from gcs_autotune.errors import UsageError
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
+from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.doubts import effect_doubts, once, solution_doubts
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
-from gcs_autotune.identify.extended.forward_selection import with_effects
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
@@ -23,7 +25,7 @@ from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of
 from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
-__all__ = ["ExtendedCase", "fit_with_effects"]
+__all__ = ["ExtendedCase", "fit_with_effects", "with_effects"]
 
 Array = NDArray[np.float64]
 
@@ -165,3 +167,51 @@ def _parameters(data_summary: DataSummary, solution: Solution) -> tuple[Mapping[
         std = float("nan") if name in learnt else float(np.sqrt(covariance[i, i]))
         parameters[name] = Parameter(name, values[name], units[name], std, status, bounds.get(name, float("nan")))
     return parameters, covariance
+
+
+FIRST_TRIALS = 12
+"""Steps of a start's first descent; the best is then fitted to the end."""
+
+LAST_TRIALS = 60
+
+
+def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) -> Fitted:
+    """Return *fitted* with every effect of *specs* added and all parameters fitted together.
+
+    With two or more of them each is given a second chance from all its starts once the others are there, because
+    the first to come may have taken what belongs to the later ones.
+
+    Raises
+    ------
+    UsageError
+        An effect these runs cannot show. NotInformative: the motion runs away with it from every start.
+    """
+    for spec in specs:
+        fitted = _best(problem, fitted, fitted.effects, spec)
+    if len(specs) > 1:
+        for spec in specs:
+            others = tuple(e for e in fitted.effects if not _meant(e, spec))
+            again = _best(problem, fitted, others, spec)
+            fitted = again if again.cost < fitted.cost else fitted
+    return fitted
+
+
+def _best(problem: Problem, fitted: Fitted, others: Sequence[EffectInstance], spec: EffectSpec) -> Fitted:
+    best: Fitted | None = None
+    taken = {(e.slug, e.place) for e in others}
+    for own in spec.candidates(problem.data_summary):
+        if (own.slug, own.place) in taken:
+            continue
+        found = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS, shift=fitted.shift)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+    final = None
+    if best is not None:
+        final = problem.fit(best.theta, best.effects, best.initial, trials=LAST_TRIALS, shift=best.shift)
+    if final is None:
+        raise NotInformative(f"no model with '{spec.slug}' can be simulated on these runs: leave it out")
+    return final
+
+
+def _meant(own: EffectInstance, spec: EffectSpec) -> bool:
+    return own.slug == spec.slug and spec.place in (None, own.place)

@@ -11,7 +11,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.regression.barrier import solve_physical
+from gcs_autotune.identify.regression.by_least_squares import solve_physical
 from gcs_autotune.identify.regression.physical import check_physics, velocities_visited
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.models.coupled import CoupledModel, Form
