@@ -20,7 +20,23 @@ __all__ = ["BadModel", "FlownModel", "read_model"]
 _FORCES = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 _SPEEDS = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 _RIGID = {"surge": "m", "sway": "m", "heave": "m", "yaw": "I_z"}
-_SPECIAL = {"delay", "lag", "V_x", "V_y", "A_psi", "B_psi", "C_psi", "m", "I_x", "I_y", "I_z", "I_xz", "reach"}
+_SPECIAL = {
+    "delay",
+    "lag",
+    "V_x",
+    "V_y",
+    "A_psi",
+    "B_psi",
+    "C_psi",
+    "x_P",
+    "y_P",
+    "m",
+    "I_x",
+    "I_y",
+    "I_z",
+    "I_xz",
+    "reach",
+}
 
 
 class BadModel(ValueError):
@@ -152,7 +168,7 @@ def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: boo
 
 
 def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[HiddenEffect]:
-    """Return what the base model itself says of delays, lags, current and compass, as effects."""
+    """Return what the base model itself says of delays, lags, current, sensor and compass, as effects."""
     found = []
     for channel in (name for name in swing if name != "Y"):
         if values.get("delay", 0.0) > 0.0:
@@ -162,6 +178,9 @@ def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[H
     current = {name: values[name] for name in ("V_x", "V_y") if values.get(name)}
     if current:
         found.append(make_effect("steady-current", "", current))
+    arm = {name: values[name] for name in ("x_P", "y_P") if values.get(name)}
+    if arm:
+        found.append(make_effect("sensor-position", "", arm))
     card = {name: values[f"{name}_psi"] for name in "ABC" if values.get(f"{name}_psi")}
     if card:
         found.append(make_effect("compass-deviation", "psi", card))

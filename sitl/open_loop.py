@@ -87,7 +87,7 @@ def open_loop(
     state = tuple(float((initial or {}).get(name, 0.0)) for name in SIGNALS)
     knots = np.concatenate([[begun][: begun < 0.0], stamps, [ended][: ended > last]])
     t, truth = _integrate(hull, heun, effects, _shortest(hull, setting, effects), held, stamps, knots, state)
-    columns = {"t": stamps, **held, **_measure(heun.body, effects, t, truth, stamps, measured, late, noise or {}, seed)}
+    columns = {"t": stamps, **held, **_measure(heun, effects, t, truth, stamps, measured, late, noise or {}, seed)}
     for effect in effects:
         effect.alter_file(columns)
     return columns
@@ -322,7 +322,7 @@ def _lateness(effects: Sequence[HiddenEffect], measured: tuple[str, ...]) -> dic
 
 
 def _measure(
-    body: Body,
+    heun: _Heun,
     effects: Sequence[HiddenEffect],
     t: Array,
     truth: Array,
@@ -333,7 +333,7 @@ def _measure(
     seed: int,
 ) -> dict[str, Array]:
     """Return what is reported at the file's *stamps* (n,) of the *truth* (k, 8) at *t* (k,): late, noisy, altered."""
-    psi = truth[:, SIGNALS.index("psi")]
+    body, psi = heun.body, truth[:, SIGNALS.index("psi")]
     if body.over_ground:
         truth[:, 4] += body.V_x * np.cos(psi) + body.V_y * np.sin(psi)
         truth[:, 5] += body.V_y * np.cos(psi) - body.V_x * np.sin(psi)
@@ -346,13 +346,22 @@ def _measure(
         reported[name] = values
     alters = [e.alter_measurement for e in effects if e.overrides("alter_measurement")]
     if alters:
-        _alter(alters, stamps, reported)
+        places = np.column_stack([np.interp(stamps, t, column) for column in truth.T])
+        _alter(alters, heun, stamps, places, reported)
     return reported
 
 
-def _alter(alters: Sequence[Callable[[float, SensorReading], None]], stamps: Array, reported: dict[str, Array]) -> None:
+def _alter(
+    alters: Sequence[Callable[[float, SensorReading], None]],
+    heun: _Heun,
+    stamps: Array,
+    states: Array,
+    reported: dict[str, Array],
+) -> None:
+    """Let effects alter what is *reported*, with the hull in its *states* (n, 8) of those *stamps*."""
     reading = SensorReading()
-    for i, t in enumerate(stamps.tolist()):
+    for i, (t, state) in enumerate(zip(stamps.tolist(), states.tolist(), strict=True)):
+        heun.take(state)
         for name, values in reported.items():
             setattr(reading, name, float(values[i]))
         for alter in alters:

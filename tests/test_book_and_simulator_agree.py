@@ -49,6 +49,7 @@ CASES = {
     "steady-current": ("over ground", {"V_x": 0.3, "V_y": -0.2}),
     "wind-moment": ("yaw", {"strength": 0.5, "direction": 1.0}),
     "tether-pull": ("surge+sway", {"stiffness": 0.5, "x": 2.0, "y": 1.0, "anchor": 0.0}),
+    "sensor-position": ("u+v+x+y", {"x_P": 0.7, "y_P": -0.4}),
     "compass-deviation": ("psi", {"A": 0.02, "B": 0.1, "C": 0.05}),
     "gyro-bias": ("r", {"bias": 0.05}),
     "measurement-delay": ("psi+r", {"delay": 0.23}),

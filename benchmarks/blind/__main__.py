@@ -13,7 +13,7 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from benchmarks.blind.case import BESIDE, GIVEN  # noqa: E402
+from benchmarks.blind.case import BESIDE, GIVEN, TRACK  # noqa: E402
 from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.referee import Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import report, tally  # noqa: E402
@@ -35,7 +35,7 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     found: list[Task] = []
     for each, count in counts.items():
         beside = list(BESIDE) if each.endswith("-and-effect") else [""]
-        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN)}.get(each, beside)
+        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN), "track": TRACK}.get(each, beside)
         chosen = [s for s in table if not only or s in only or not s]
         if chosen:
             found += [(each, seed, i // len(chosen), chosen[i % len(chosen)]) for i in range(count)]
@@ -64,7 +64,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    parser.add_argument("--kind", choices=("all", "numbers", *SHARES, *GIVEN), default="all")
+    parser.add_argument("--kind", choices=("all", "numbers", *SHARES, "track", "clean-track", *GIVEN), default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     parser.add_argument("--quiet", action="store_true", help="the report only")
     return parser.parse_args(arguments)

@@ -25,7 +25,7 @@ from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
 
-__all__ = ["BESIDE", "GIVEN", "Case", "NoCase", "draw_case"]
+__all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -110,7 +110,8 @@ class _Voyage:
 
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
-    """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, or of :data:`GIVEN`.
+    """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
+    ``clean-track``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
 
@@ -120,7 +121,15 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         It could not be made to count.
     """
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind}/{slug}".encode()), index])
-    kinds = {"single": _single, "clean": _clean, "double": _double, "foreign": _foreign, **GIVEN}
+    kinds = {
+        "single": _single,
+        "clean": _clean,
+        "double": _double,
+        "foreign": _foreign,
+        "track": _track,
+        "clean-track": _clean_track,
+        **GIVEN,
+    }
     drawn = kinds[kind]
     for _ in range(DRAWS):
         case = drawn(rng, slug)
@@ -140,6 +149,14 @@ def _single(rng: Rng, slug: str) -> Case | None:
     return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
 
 
+def _track(rng: Rng, slug: str) -> Case | None:
+    recipe = RECIPES[slug]
+    hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng).on_track)
+    if hidden.place.startswith("u+v") or hidden.craft.signals != hidden.craft.on_track.signals:
+        return None
+    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
+
+
 def _cannot_be(hidden: Hidden) -> bool:
     return hidden.slug in _OF_PROPELLERS and hidden.place == "delta"
 
@@ -153,8 +170,15 @@ def _foreign(rng: Rng, slug: str) -> Case | None:
     return _weighed(rng, voyage, [hidden], coarse=False)
 
 
+def _clean_track(rng: Rng, slug: str) -> Case | None:
+    return _nothing(rng, draw_craft(str(rng.choice(("boat", "raft"))), rng).on_track)
+
+
 def _clean(rng: Rng, slug: str) -> Case | None:
-    craft = draw_craft(str(rng.choice(("yaw", "yaw", "surge", "heave", "steered", "boat", "raft"))), rng)
+    return _nothing(rng, draw_craft(str(rng.choice(("yaw", "yaw", "surge", "heave", "steered", "boat", "raft"))), rng))
+
+
+def _nothing(rng: Rng, craft: Craft) -> Case | None:
     nothing = Hidden("", "", {}, craft, turns=bool(rng.random() < 0.5))
     voyage = _voyage(rng, [nothing])
     noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
@@ -286,6 +310,9 @@ GIVEN = {
 }
 """Kinds of cases with a model (or a simulator's output) given, whose numbers are to be judged."""
 
+TRACK = ("coriolis-coupling", "sway-yaw-coupling", "sensor-position")
+"""What makes a craft slide, or look like it, hidden where its positions and heading alone are measured."""
+
 BESIDE = (
     "dead-zone",
     "input-delay",
@@ -304,6 +331,8 @@ BESIDE = (
 def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:
     """Return the case with noise such that the effect counts as drawn; None when no sensor has that noise."""
     sizes = _sizes(rng, voyage.craft, 1.0)
+    if not {"u", "v"} & set(voyage.craft.signals) and len(voyage.craft.dofs) > 1:
+        return _weighed_on_track(rng, voyage, hidden, sizes)
     wanted = log_uniform(rng, LEAST_RATIO, MOST_RATIO)
     if coarse:
         noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
@@ -317,6 +346,21 @@ def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: boo
     files = _fly(voyage, hidden, levels)
     ratio = _misfit(voyage, files, sizes) / noise
     return _case(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
+
+
+def _weighed_on_track(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], sizes: Mapping[str, float]) -> Case | None:
+    """Return the case of a track without speeds: what counts is where the plain model's speeds would have led it."""
+    craft = voyage.craft
+    told = craft.measuring("u", "v", "r", *craft.signals)
+    perfect = {**{n: told.scale[n] for n in told.signals}, **sizes}
+    files = _fly(replace(voyage, craft=told), hidden)
+    weight = misfit(told, files[:-1], files[-1:], perfect, drag=voyage.plain != "none", of=craft.signals)
+    noise = weight / np.sqrt(log_uniform(rng, LEAST_RATIO, MOST_RATIO) ** 2 - 1.0)
+    if not LEAST_NOISE <= noise <= MOST_NOISE:
+        return None
+    levels = {n: noise * s for n, s in sizes.items()}
+    ratio = float(np.hypot(1.0, weight / noise))
+    return _case(rng, voyage, hidden, _fly(voyage, hidden, levels), ratio, noise, levels)
 
 
 # -- flying

@@ -65,6 +65,11 @@ class Craft:
         """Return inertia over linear drag [s]."""
         return self.inertia[dof] / self.linear[dof]
 
+    @property
+    def on_track(self) -> Craft:
+        """It with its track and heading measured, and no speed: what a camera above the basin sees."""
+        return self.measuring("x", "y", "psi")
+
     def measuring(self, *signals: str) -> Craft:
         """Return it with other signals measured."""
         return replace(self, signals=signals)

@@ -6,7 +6,7 @@ the package under test, so that whether a case counts does not depend on the one
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,10 +90,16 @@ class _Axis:
 
 
 def misfit(
-    craft: Craft, train: Sequence[File], unseen: Sequence[File], sizes: Mapping[str, float], *, drag: bool = True
+    craft: Craft,
+    train: Sequence[File],
+    unseen: Sequence[File],
+    sizes: Mapping[str, float],
+    *,
+    drag: bool = True,
+    of: Collection[str] | None = None,
 ) -> float:
-    """Return the held-out simulation error of the plain model: rms over all signals, each in its *sizes*."""
-    return _rms(errors_of(craft, train, unseen, sizes, drag=drag))
+    """Return the held-out simulation error of the plain model: rms over all signals, each in its *sizes*; *of* some."""
+    return _rms(errors_of(craft, train, unseen, sizes, drag=drag, of=of))
 
 
 def whitened(errors: Sequence[Array], noise: float = 0.0) -> float:
@@ -116,12 +122,18 @@ def _rms(errors: Sequence[Array]) -> float:
 
 
 def errors_of(
-    craft: Craft, train: Sequence[File], unseen: Sequence[File], sizes: Mapping[str, float], *, drag: bool = True
+    craft: Craft,
+    train: Sequence[File],
+    unseen: Sequence[File],
+    sizes: Mapping[str, float],
+    *,
+    drag: bool = True,
+    of: Collection[str] | None = None,
 ) -> list[Array]:
     """Return the errors (n,) of every signal of every unseen file, in its *sizes*.
 
     Fitted to *train*, simulated on *unseen* with the initial state fitted. Positions on the plane are dead reckoned
-    from the simulated speeds and heading, their starting point fitted.
+    from the simulated speeds and heading, their starting point fitted. *of*: names of the signals wanted.
     """
     axes = {dof: _Axis(craft, dof, sizes, drag=drag) for dof in craft.dofs}
     axes = {dof: axis for dof, axis in axes.items() if axis.signals}
@@ -131,8 +143,8 @@ def errors_of(
         errors = {}
         for dof, axis in axes.items():
             errors.update(axis.errors(fitted[dof], file))
-        found += errors.values()
-        found += [e / sizes[n] for n, e in _reckoned(craft, file, errors, sizes).items()]
+        track = {n: e / sizes[n] for n, e in _reckoned(craft, file, errors, sizes).items()}
+        found += [e for n, e in (*errors.items(), *track.items()) if of is None or n in of]
     return found
 
 

@@ -53,6 +53,8 @@ class Outcome:
     """Numbers of the given model that are wrong."""
     doubted: list[str] = field(default_factory=list)
     """Those that the diagnosis says are."""
+    doubts: list[str] = field(default_factory=list)
+    """Names of the doubts the diagnosis has of itself."""
 
     @property
     def first(self) -> str:
@@ -64,9 +66,9 @@ class Outcome:
         """The right name first; nothing when there is nothing; both of two; no confident name for what is foreign."""
         if self.kind in GIVEN:
             return self._numbers_right and (self.causes[:1] == self.truth if self.truth else self._nothing_else)
-        if self.kind == "single":
+        if self.kind in ("single", "track"):
             return self.causes[:1] == self.truth
-        if self.kind == "clean":
+        if self.kind in ("clean", "clean-track"):
             return self.verdict == "no-effect"
         if self.kind == "double":
             return set(self.truth) <= set(self.causes)
@@ -85,9 +87,14 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """The same when a name stands for its group of causes these runs cannot tell apart."""
-        if self.strictly_right or self.kind in ("clean", "foreign"):
+        """The same when a name stands for its group of causes these runs cannot tell apart.
+
+        Of a track that the plain model cannot follow a doubt said aloud is right as well.
+        """
+        if self.strictly_right or self.kind in ("clean", "clean-track", "foreign"):
             return self.strictly_right
+        if self.kind == "track" and self.verdict != "effect-found" and (self.verdict != "no-effect" or self.doubts):
+            return self.verdict != "error"
         if self.kind in GIVEN and not (self._numbers_right and self.truth):
             return False
         named = self.causes if self.kind == "double" else self.causes[:1]
@@ -194,6 +201,7 @@ def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
         "groups": [list(g) for g in found.indistinguishable],
         "pulls": pulls,
         "gain": found.gain.ratio if found.gain is not None else float("nan"),
+        "doubts": [d.slug for d in found.doubts],
         "doubted": [n.name for n in found.wrong_numbers],
     }
 

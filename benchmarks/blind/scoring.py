@@ -14,7 +14,7 @@ from benchmarks.blind.referee import NEAR, Outcome
 
 __all__ = ["bounds", "recovered", "report", "tally"]
 
-KINDS = ("single", "clean", "double", "foreign", *GIVEN)
+KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", *GIVEN)
 
 
 def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
@@ -69,6 +69,8 @@ def report(outcomes: Sequence[Outcome]) -> str:
         ("clean", "silent on clean data"),
         ("double", "both of two named"),
         ("foreign", "no confident name for what is not in the book"),
+        ("track", "right name first, from positions and heading alone"),
+        ("clean-track", "silent on clean positions and heading"),
         ("wrong-numbers", "exactly the wrong numbers, nothing else"),
         ("wrong-numbers-and-effect", "the wrong number, and the effect"),
         ("honest", "silent on a model with honest numbers"),

@@ -227,6 +227,17 @@ def _compass(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("compass-deviation", "psi", values, craft, turns=True)
 
 
+def _sensor_position(rng: Rng, craft: Craft) -> Hidden:
+    """The speeds' sensor, the positions', or one of both; now and then there are no speeds at all."""
+    if rng.random() < 0.4:
+        craft = craft.on_track
+    place = "x+y" if "u" not in craft.signals else str(rng.choice(("u+v", "x+y", "u+v+x+y")))
+    size = log_uniform(rng, 0.03, 0.6) * craft.top["surge"] / craft.top["yaw"]
+    towards = rng.uniform(-np.pi, np.pi)
+    values = {"x_P": float(size * np.cos(towards)), "y_P": float(size * np.sin(towards))}
+    return Hidden("sensor-position", place, values, craft)
+
+
 def _gyro_bias(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("gyro-bias", "r", {"bias": _sign(rng) * craft.top["yaw"] * log_uniform(rng, 0.01, 0.3)}, craft)
 
@@ -279,6 +290,7 @@ RECIPES: Mapping[str, Recipe] = {
     "wind-moment": Recipe(("yaw", "yaw", "boat"), _wind_moment),
     "wave-disturbance": Recipe(("yaw", "yaw", "surge", "heave", "boat"), _wave),
     "tether-pull": Recipe(("yaw", "surge", "heave", "raft"), _tether),
+    "sensor-position": Recipe(_PLANAR, _sensor_position),
     "compass-deviation": Recipe(("yaw", "yaw", "boat"), _compass),
     "gyro-bias": Recipe(("yaw", "yaw", "boat"), _gyro_bias),
     "measurement-delay": Recipe(("yaw", "surge", "heave"), _measurement_delay),

@@ -38,8 +38,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--known",
         action="append",
         default=[],
-        metavar="K=V",
-        help="a constant of the craft in SI units, e.g. m=11 or I_z=2.1",
+        metavar="K=V,..",
+        help="constants of the craft in SI units: m=11,I_z=2.1; x_P=0.3,y_P=-0.1: where the sensor of speed and "
+        "position sits, ahead and to starboard",
     )
     what.add_argument(
         "--plan",
@@ -162,9 +163,9 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 
 
 def _numbers(pairs: list[str]) -> dict[str, float]:
-    """Read ``--known K=V`` with numbers only."""
+    """Read ``--known K=V[,K=V ...]`` with numbers only."""
     found = {}
-    for name, value in _options("--known", pairs).items():
+    for name, value in _options("--known", [pair.strip() for text in pairs for pair in text.split(",")]).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             raise UsageError(f"--known {name}={value}: a number is needed")
         found[name] = float(value)

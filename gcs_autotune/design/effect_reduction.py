@@ -251,6 +251,10 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "if the actuator works too hard in them, ask for a longer settling time",
     ),
     "tether-pull": ("left out: it pulls the craft back, which the integral gain works off", ""),
+    "sensor-position": (
+        "left out: heading and turn rate are the same everywhere aboard",
+        "tell the autopilot where it sits",
+    ),
     "compass-deviation": ("left out: the loop follows the compass, deviation and all", "calibrate the compass"),
     "gyro-bias": ("left out: the autopilot takes it out when it starts, at rest", "start the autopilot at rest"),
     "outliers": ("left out", "mend the sensor: the autopilot sees them too"),

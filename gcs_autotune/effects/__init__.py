@@ -9,7 +9,7 @@ data_errors         clocks, units, signs, columns
 actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow
 hydrodynamics       drag, couplings, mass, buoyancy, the bottom
 environment         constant force, current, wind, tether; wave_disturbance
-sensor              compass, gyro, late reports; sensor_noise: rounding, outliers
+sensor              place, compass, gyro, late reports; sensor_noise: rounding, outliers
 kernels             compiled: motion between stamps; narrow_band: the filter of waves
 ==================  ======================================================================
 """

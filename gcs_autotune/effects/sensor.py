@@ -1,4 +1,4 @@
-"""Effects of sensors on the signal: compass deviation, gyro bias, late reports."""
+"""Effects of sensors on the signal: a place off the centre, compass deviation, gyro bias, late reports."""
 
 from __future__ import annotations
 
@@ -17,10 +17,75 @@ from gcs_autotune.effects.effect import (
     columns_of,
 )
 from gcs_autotune.effects.kernels import earlier
-from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.summary import DataSummary, top_speed
+from gcs_autotune.models import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
 from gcs_autotune.sname import DOFS
 
-__all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay"]
+__all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay", "SensorPosition"]
+
+
+class SensorPosition(Effect):
+    """Velocities, positions or both are those of a point ``x_P`` ahead and ``y_P`` to starboard of the craft's middle.
+
+    A craft known to surge and turn only has no sway to show: ``x_P`` is sought where ``v`` or a track is measured.
+    Depth shows it where the model tilts.
+    """
+
+    slug = "sensor-position"
+    family = "sensor"
+    meaning = "the sensor sits off the centre: turning looks like sway, or like surge"
+    parameters = (
+        Quantity("x_P", "m", "how far ahead of the middle the sensor sits"),
+        Quantity("y_P", "m", "how far to starboard of it"),
+    )
+    grows_with = ("x_P", "y_P")
+    shown_by = "residual of sway in proportion to the turn rate, of a track to the heading, however the craft is driven"
+    mistaken_for = ("sway-yaw-coupling", "coriolis-coupling", "steady-current")
+    separated_by = "a turn on the spot: the track of a sensor off the centre is a circle of that radius"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Velocities, track and both together, as far as measured; depth where the model has pitch or roll."""
+        form, seen = data.form, set(data.signals)
+        if set(LEVER_ARM) & set(form.parameters):
+            return ()
+        found: list[str] = []
+        if "yaw" in form.dofs:
+            speeds = "+".join(n for n in ("u", "v") if n in seen)
+            track = "x+y" if {"x", "y"} <= seen and {"surge", "sway"} <= set(form.dofs) else ""
+            found = [place for place in (speeds, track) if place]
+            found += [f"{speeds}+{track}"] if speeds and track else []
+        tilts = bool({"pitch", "roll"} & set(form.dofs)) and bool({"z", "w"} & seen)
+        return (*found, *["+".join(n for n in ("z", "w") if n in seen)][:tilts])
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """The distance at which a turn makes a fifth of the largest speed, ahead or aside; either sign by scaling."""
+        turning = max(top_speed(d, data) for d in ("yaw", "pitch", "roll") if d in data.form.dofs)
+        moving = max((top_speed(d, data) for d in ("surge", "sway", "heave") if d in data.form.dofs), default=1.0)
+        size = 0.2 * moving / turning
+        if columns_of(place) == ("u",):
+            return ({"y_P": size},)
+        if columns_of(place) == ("v",):
+            return ({"x_P": size},)
+        return ({"x_P": size, "y_P": 0.0}, {"x_P": 0.0, "y_P": size})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """No ship is larger."""
+        return {"x_P": (-LONGEST, LONGEST), "y_P": (-LONGEST, LONGEST)}
+
+    def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
+        """Show what the sensor's place does."""
+        arm = (effect.values.get("x_P", 0.0), effect.values.get("y_P", 0.0))
+        none = np.empty((len(seen.t), 0))
+        true = {n: (y, none) for n, y in seen.signals.items()}
+        for name in columns_of(effect.place):
+            if name in true:
+                mixed = {n: true[n] for n in (name, *SHOWN_OFF_CENTRE[name]) if n in true}
+                seen = seen.with_signal(name, seen_off_centre(name, mixed, arm, {})[0])
+        return seen
+
+
+LONGEST = 200.0
+"""Largest distance [m] a sensor is sought at."""
 
 
 class CompassDeviation(Effect):

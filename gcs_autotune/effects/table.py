@@ -31,7 +31,7 @@ from gcs_autotune.effects.hydrodynamics import (
     SwayYawCoupling,
 )
 from gcs_autotune.effects.inflow import AdvanceSpeedLoss, SpeedDependentSteering
-from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay
+from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
@@ -75,6 +75,7 @@ OURS: tuple[Effect, ...] = (
     WindMoment(),
     WaveDisturbance(),
     TetherPull(),
+    SensorPosition(),
     CompassDeviation(),
     GyroBias(),
     MeasurementDelay(),

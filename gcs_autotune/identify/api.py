@@ -23,7 +23,7 @@ from gcs_autotune.identify.preparation import guess_dof, prepare, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models import FORMS, Form, load_form
+from gcs_autotune.models import FORMS, LEVER_ARM, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -150,6 +150,12 @@ def _fit_coupled(
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
+    arm = [n for n in LEVER_ARM if n in form.parameters]
+    if arm and "lever arm" not in chosen.bears:
+        raise UsageError(
+            f"{method} takes the sensor to sit in the middle, {' and '.join(arm)} would be left out; these simulate what "
+            f"a sensor shows: {', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
+        )
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
     case = CoupledCase(

@@ -49,7 +49,8 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     dof : names joined by commas, to look at these only, or that of a shipped form (``horizontal``) for all it has;
         None: what the records say they swung, else all there are.
 
-    A track (x, y and the heading) without speeds shows surge and sway too, where something drives the heading.
+    A track (x, y and the heading) without speeds shows surge and sway too, where something drives the heading. Steady
+    thrust drives surge where sway is to be told: by a track, or by speeds ahead and sideways.
 
     Raises
     ------
@@ -65,7 +66,8 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
         return _twin_thruster(asked, there)
     steered = any(c in varies for c in INPUTS["yaw"]) and (asked is None or "yaw" in asked)
     track = steered and TRACK <= there and not {"u", "v"} & there
-    pushed = {n for run in runs for n, c in run.channels.items() if len(c) and np.any(c.values)} if track else set()
+    slides = track or (steered and {"u", "v"} <= varies)
+    pushed = {n for run in runs for n, c in run.channels.items() if len(c) and np.any(c.values)} if slides else set()
     dofs, inputs, free = [], {}, []
     for name in ("surge", "sway", "heave", "roll", "pitch", "yaw"):
         d = DOFS[name]

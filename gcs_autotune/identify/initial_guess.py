@@ -25,7 +25,17 @@ from gcs_autotune.identify.likelihood import Limits, Objective, first_input
 from gcs_autotune.identify.noise import gaussian_noise
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.models import COEFFICIENTS, SPECIAL, WALLS, Form, balance_of, inertia_of, program_of, states_of
+from gcs_autotune.models import (
+    COEFFICIENTS,
+    LEVER_ARM,
+    SPECIAL,
+    WALLS,
+    Form,
+    balance_of,
+    inertia_of,
+    program_of,
+    states_of,
+)
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -87,12 +97,13 @@ SPECIAL_START: Mapping[str, SpecialStart] = {
     "lag": SpecialStart(0.2, 0.3),
     **dict.fromkeys(("V_x", "V_y", "drift_x", "drift_y"), SpecialStart(0.0, 0.3)),
     **dict.fromkeys(COEFFICIENTS, SpecialStart(0.0, 0.1)),
+    **dict.fromkeys(LEVER_ARM, SpecialStart(0.0, 0.5)),
     "reach": SpecialStart(1.0, 1.0),
     "bottom": SpecialStart(0.0, 3.0),
     **dict.fromkeys(WALLS, SpecialStart(0.0, 1.0)),
 }
-"""Name in ``derivatives.SPECIAL`` -> start. No delay, no current, a true compass, no wall; a lag a thruster may have
-[s]; the bottom is felt a metre away, because in no reach at all it cannot be computed."""
+"""Name in ``derivatives.SPECIAL`` -> start. No delay, no current, a true compass, a sensor amidships, no wall; a lag a
+thruster may have [s]; the bottom is felt a metre away, because in no reach at all it cannot be computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,9 @@ from gcs_autotune.identify.result import AxisFit, Fit
 
 __all__ = ["Bears", "Method"]
 
-Bears = Literal["stamps", "rounding", "robust", "delay", "effects"]
+Bears = Literal["stamps", "rounding", "robust", "delay", "effects", "lever arm"]
 """Input stamps that may all be off (decision 3); a coarse sensor's rounding, exactly; outliers (``loss="soft_l1"``); an
-unknown delay, fitted on strong evidence; effects beside the form's own terms."""
+unknown delay, fitted on strong evidence; effects beside the form's own terms; a sensor off the centre."""
 
 
 @dataclass(frozen=True, slots=True)

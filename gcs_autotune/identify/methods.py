@@ -27,7 +27,7 @@ METHODS: Mapping[str, Method] = {
             axis=fit_by_output_error,
             coupled=fit_coupled_by_output_error,
             options=limits.OPTIONS,
-            bears=frozenset({"stamps", "rounding", "robust", "delay", "effects"}),
+            bears=frozenset({"stamps", "rounding", "robust", "delay", "effects", "lever arm"}),
         ),
         Method(
             "global",
@@ -35,7 +35,7 @@ METHODS: Mapping[str, Method] = {
             axis=for_axis(by_global.fit_by_global_search),
             coupled=by_global.fit_by_global_search,
             options=by_global.OPTIONS,
-            bears=frozenset({"stamps", "robust"}),
+            bears=frozenset({"stamps", "robust", "lever arm"}),
         ),
         Method(
             "prediction-error",

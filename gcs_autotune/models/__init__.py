@@ -27,6 +27,7 @@ from gcs_autotune.models.coupled.kernel import (
     carry,
     scratch,
 )
+from gcs_autotune.models.coupled.lever_arm import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.models.coupled.regressors import Balance, balance_of, force_columns, inertia_columns
 from gcs_autotune.models.nomoto import Nomoto1, Nomoto2
@@ -41,9 +42,11 @@ __all__ = [
     "ETA",
     "FORCES",
     "FORMS",
+    "LEVER_ARM",
     "NEAR",
     "PAYLOAD",
     "RIGID_BODY",
+    "SHOWN_OFF_CENTRE",
     "SIN_PHI",
     "SIN_PSI",
     "SIN_THETA",
@@ -71,6 +74,7 @@ __all__ = [
     "load_form",
     "program_of",
     "scratch",
+    "seen_off_centre",
     "simulate",
     "simulate_explicit",
     "states_of",

@@ -42,6 +42,10 @@ class HullMotion(Protocol):
     u: float
     v: float
     w: float
+    phi: float
+    theta: float
+    p: float
+    q: float
     r: float
     V_x: float
     V_y: float

@@ -17,9 +17,50 @@ __all__ = [
     "SimulatedMeasurementDelay",
     "SimulatedOutliers",
     "SimulatedQuantisation",
+    "SimulatedSensorPosition",
 ]
 
 _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
+
+
+class SimulatedSensorPosition(HiddenEffect):
+    """The sensor is mounted ``x_P`` ahead and ``y_P`` to starboard of the middle, and shows how that point moves."""
+
+    slug = "sensor-position"
+    meaning = "the sensor of speed and position sits off the centre: a turn looks like sway"
+    parameters = (
+        EffectParameter("x_P", "m", "ahead of the middle", 0.0),
+        EffectParameter("y_P", "m", "to starboard of it", 0.0),
+    )
+    on_vehicles = "signals joined by + (default u+v+x+y; z+w of a craft that tilts)"
+
+    def begin(self, setting: Setting) -> None:
+        """Find what the sensor measures."""
+        usual: tuple[str, ...] = ("u", "v", "x", "y")
+        if not self.place and not set(usual) & set(setting.signals):
+            raise BadEffect(
+                f"sensor-position: neither speed nor position is measured here; {', '.join(setting.signals)}"
+            )
+        self._names = find_signals(self, setting, "") if self.place else usual
+        strange = [name for name in self._names if name not in (*usual, "z", "w")]
+        if strange:
+            raise BadEffect(f"sensor-position: {strange[0]} is the same everywhere aboard; u, v, x, y, z, w are not")
+        self._motion = setting.motion
+
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
+        """Add the motion of that point about the middle."""
+        at, ahead, aside = self._motion, self["x_P"], self["y_P"]
+        c, s = math.cos(at.psi), math.sin(at.psi)
+        apart = {
+            "u": -aside * at.r,
+            "v": ahead * at.r,
+            "x": ahead * c - aside * s,
+            "y": ahead * s + aside * c,
+            "z": aside * math.sin(at.phi) - ahead * math.sin(at.theta),
+            "w": aside * at.p - ahead * at.q,
+        }
+        for name in self._names:
+            setattr(reading, name, getattr(reading, name) + apart[name])
 
 
 class SimulatedCompassDeviation(HiddenEffect):

@@ -45,6 +45,7 @@ from sitl.effects.sensor import (
     SimulatedMeasurementDelay,
     SimulatedOutliers,
     SimulatedQuantisation,
+    SimulatedSensorPosition,
 )
 
 __all__ = ["EFFECTS", "make_effect", "parse_effect"]
@@ -79,6 +80,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedWindMoment,
     SimulatedWaveDisturbance,
     SimulatedTetherPull,
+    SimulatedSensorPosition,
     SimulatedCompassDeviation,
     SimulatedGyroBias,
     SimulatedMeasurementDelay,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.__main__ import main, tasks
-from benchmarks.blind.case import LEAST_RATIO, draw_case
+from benchmarks.blind.case import LEAST_RATIO, TRACK, draw_case
 from benchmarks.blind.craft import FASTEST, KINDS, SLOWEST, draw_craft
 from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
 from benchmarks.blind.foreign import FOREIGN
@@ -69,6 +69,21 @@ def test_a_case_counts_when_the_plain_model_errs_a_quarter_more_than_the_noise(s
     case = draw_case("single", 11, 0, slug)
     assert case.ratio >= LEAST_RATIO
     assert case.slugs == (slug,)
+
+
+@pytest.mark.parametrize("slug", TRACK)
+def test_a_track_case_has_positions_and_heading_only_and_counts_by_where_it_leads(slug: str) -> None:
+    case = draw_case("track", 3, 0, slug)
+    assert {n for n in case.runs[0].channels if n in ("u", "v", "r", "x", "y", "psi")} == {"x", "y", "psi"}
+    assert case.slugs == (slug,) and case.ratio >= LEAST_RATIO
+
+
+def test_of_a_track_a_doubt_is_right_and_silence_or_a_wrong_name_is_not() -> None:
+    lost = replace(RIGHT, kind="track", truth=["sensor-position"], causes=[], verdict="unexplained")
+    assert lost.right and not lost.strictly_right
+    assert not replace(lost, verdict="no-effect").right
+    assert replace(lost, verdict="no-effect", doubts=["not-looked-at"]).right
+    assert not replace(lost, verdict="effect-found", causes=["steady-current"]).right
 
 
 def test_the_plain_model_explains_a_plain_hull_down_to_the_noise() -> None:

@@ -60,6 +60,17 @@ def test_a_plain_craft_lacks_nothing_on_its_track():
     assert (told.verdict, told.doubts) == ("no-effect", ())
 
 
+@pytest.mark.parametrize(("measured", "place"), [(("x", "y", "psi"), "x+y"), (("u", "v", "r", "psi"), "u+v")])
+def test_a_sensor_off_the_centre_is_named_and_not_taken_for_sway(measured, place):
+    hidden = make_effect("sensor-position", place, {"x_P": 0.5, "y_P": 0.2})
+    rivals = ["sensor-position", "sway-yaw-coupling", "coriolis-coupling", "steady-current", "measurement-delay"]
+    told = diagnose([s_manoeuvre(hidden, measured=measured, k=k) for k in (0, 1)], effects=rivals)
+    (cause,) = told.causes
+    assert (told.verdict, cause.effect.slug, cause.effect.place) == ("effect-found", "sensor-position", place)
+    for name, truth in (("x_P", 0.5), ("y_P", 0.2)):
+        assert abs(cause.parameters[name].value - truth) < 4.0 * cause.parameters[name].std < 0.2, name
+
+
 def test_a_track_that_cannot_be_looked_at_is_said_aloud():
     run = s_manoeuvre(measured=("u", "psi", "x", "y"))  # a speed ahead alone: no telling how far it slides
     form = plain_form([run])

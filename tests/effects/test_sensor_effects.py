@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,10 @@ from gcs_autotune.models.coupled import form_from
 
 UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
 BASE = {"N_rdot": -2.0, "N_r": -1.0}
+PLANE = form_from(
+    {"name": "plane", "dofs": ["surge", "sway", "yaw"], "free": ["X_udot", "Y_vdot", "N_rdot"], "coriolis": False},
+    "test",
+)
 
 
 def data_summary(*signals: str, base: dict[str, float] | None = None) -> DataSummary:
@@ -61,7 +66,9 @@ def cost_of(slug: str, own: EffectInstance, rests: Sequence[EffectResidual]) -> 
 # -- deviation and bias
 
 
-@pytest.mark.parametrize("slug", ["compass-deviation", "gyro-bias", "measurement-delay", "quantisation", "outliers"])
+@pytest.mark.parametrize(
+    "slug", ["sensor-position", "compass-deviation", "gyro-bias", "measurement-delay", "quantisation", "outliers"]
+)
 def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
     effect, about = EFFECTS[slug], data_summary("psi", "r", "u", "v", "x", "y")
     assert effect.places(about)
@@ -78,6 +85,26 @@ def test_a_misaligned_compass_is_sought_only_where_a_track_tells() -> None:
     assert all("A" in s for s in effect.starts("psi", data_summary("psi", "r", "x", "y")))
     assert effect.places(data_summary("psi", "u", "v")) == ("psi", "psi+u+v")
     assert effect.places(data_summary("r")) == ()
+
+
+def test_a_sensor_off_the_centre_sits_where_something_measured_feels_it() -> None:
+    effect = EFFECTS["sensor-position"]
+    assert effect.places(data_summary("psi", "r")) == ()
+    assert effect.places(data_summary("psi", "u")) == ("u",)
+    assert effect.places(data_summary("psi", "x", "y")) == ()  # a base that only turns has no track to compare
+    plane = replace(data_summary("psi", "u", "v", "x", "y"), form=PLANE)
+    assert effect.places(plane) == ("u+v", "x+y", "u+v+x+y")
+    assert effect.places(replace(plane, form=PLANE.freeing("x_P"))) == ()
+    assert effect.starts("u", data_summary("psi", "u"))[0].keys() == {"y_P"}
+
+
+def test_turning_looks_like_sway_at_a_sensor_ahead_and_like_surge_at_one_aside() -> None:
+    still = dict.fromkeys(("u", "v", "x", "y"), np.zeros(3))
+    seen = Observed(np.zeros(3), {**still, "r": np.full(3, 0.5), "psi": np.full(3, math.pi / 2.0)}, 0.0)
+    where = EffectInstance("sensor-position", "u+v+x+y", {"x_P": 2.0, "y_P": 1.0})
+    shown = EFFECTS["sensor-position"].observe(where, seen).signals
+    found = [shown[n][0] for n in ("u", "v", "x", "y")]
+    np.testing.assert_allclose(found, [-0.5, 1.0, -1.0, 2.0], atol=1e-12)
 
 
 def test_velocities_turned_by_a_wrong_compass_keep_their_size() -> None:

@@ -23,7 +23,7 @@ FORM = Form("yaw", "", ("yaw",), ("N_rdot", "N_rr", "N_0"), {}, {"N": (("N", 1.0
 GENERAL = [name for name, method in METHODS.items() if method.coupled]
 """The methods for any input; the others read figures off a manoeuvre."""
 
-COLUMNS = dict(zip(("stamps", "rounding", "outliers", "delay", "effects"), get_args(Bears), strict=True))
+COLUMNS = dict(zip(("stamps", "rounding", "outliers", "delay", "effects", "lever arm"), get_args(Bears), strict=True))
 DOCS = Path(__file__).parents[2] / "docs" / "identify.md"
 
 

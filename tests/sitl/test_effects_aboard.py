@@ -114,6 +114,15 @@ def test_the_compass_deviates_and_the_craft_does_not():
     assert off == pytest.approx(0.3 * math.sin(psi) + 0.2 * math.cos(psi), abs=0.05)
 
 
+def test_a_receiver_ahead_of_the_middle_swings_round_it():
+    ground = boat(effects=hidden("sensor-position@x+y.x_P=5"))
+    turning(ground, 8.0, throttle=1600)
+    body, told = ground.vehicle.body, ground.last("LOCAL_POSITION_NED")
+    assert abs(body.psi) > 0.3
+    assert told.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
+    assert told.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
+
+
 def test_a_late_heading_is_that_of_a_while_ago():
     ground = rov(effects=hidden("measurement-delay@psi.delay=1"))
     turning(ground, 3.0)

@@ -92,6 +92,12 @@ def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
     assert loads.N == pytest.approx(0.3)
 
 
+def test_a_sensor_that_the_model_knows_off_the_centre_is_an_effect_of_the_vehicle(tmp_path):
+    path, _ = written(tmp_path, YAW.fixing({"x_P": 0.4, "y_P": 0.0}), {**YAW_VALUES, "x_P": 0.4, "y_P": 0.0})
+    (effect,) = rov(model=read_model(path)).vehicle.effects
+    assert (effect.slug, effect["x_P"], effect["y_P"]) == ("sensor-position", 0.4, 0.0)
+
+
 def test_a_coupled_plane_moves_as_the_tuner_predicts(tmp_path):
     path, base = written(tmp_path, PLANE, PLANE_VALUES)
     body = rov(model=read_model(path)).vehicle.body

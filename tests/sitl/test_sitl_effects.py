@@ -42,6 +42,7 @@ SLUGS = [
     "wind-moment",
     "wave-disturbance",
     "tether-pull",
+    "sensor-position",
     "compass-deviation",
     "gyro-bias",
     "measurement-delay",
@@ -345,6 +346,27 @@ def test_a_compass_deviates_with_the_heading(truth):
     psi = truth["psi"]
     assert run["psi"] == pytest.approx(psi + 0.1 * np.sin(psi) - 0.05 * np.cos(psi), abs=1e-12)
     assert np.array_equal(run["r"], truth["r"])
+
+
+def test_a_sensor_off_the_centre_shows_the_motion_of_its_own_place_without_the_noise_of_others():
+    files = []
+    for effects in ([], [make_effect("sensor-position", "", {"x_P": 0.6, "y_P": -0.2})]):
+        usual = {"duration": 20.0, "interval": 0.1, "measured": ("u", "v", "x", "y"), "noise": {"u": 0.01}}
+        files.append(open_loop(PLANE, {"N": [(0.0, 1.0)], "X": [(2.0, 3.0)]}, effects=effects, **usual))
+    true = open_loop(PLANE, {"N": [(0.0, 1.0)]}, duration=20.0, interval=0.1, measured=("psi", "r"))
+    plain, shown = files
+    c, s = np.cos(true["psi"]), np.sin(true["psi"])
+    assert shown["u"] - plain["u"] == pytest.approx(0.2 * true["r"], abs=1e-9)
+    assert shown["v"] - plain["v"] == pytest.approx(0.6 * true["r"], abs=1e-9)
+    assert shown["x"] - plain["x"] == pytest.approx(0.6 * c + 0.2 * s, abs=1e-9)
+    assert shown["y"] - plain["y"] == pytest.approx(0.6 * s - 0.2 * c, abs=1e-9)
+
+
+def test_a_place_aboard_is_nothing_to_a_compass():
+    with pytest.raises(BadEffect, match="psi is the same everywhere aboard"):
+        turn(SLOW, "sensor-position", {"x_P": 1.0}, COMMAND, place="psi")
+    with pytest.raises(BadEffect, match="neither speed nor position"):
+        turn(SLOW, "sensor-position", {"x_P": 1.0}, COMMAND)
 
 
 def test_a_gyro_is_off_by_its_bias(truth):

@@ -22,8 +22,9 @@ name          meaning                                                     term
 Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen2011, (3.44)). Not a force:
 ``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
 ``drift_x``, ``drift_y`` a current that measured velocities do not show because they are through the water, ``A_psi``,
-``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``bottom`` [m] a depth and ``reach`` [m] how
-far above it the bottom is felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
+``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``x_P``, ``y_P`` [m] the place of the sensor
+of position and velocity (:mod:`.lever_arm`), ``bottom`` [m] a depth and ``reach`` [m] how far above it the bottom is
+felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
 
 Two inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
 craft whose heave is not simulated.
@@ -38,6 +39,7 @@ from dataclasses import dataclass
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
+from gcs_autotune.models.coupled.lever_arm import LEVER_ARM
 
 __all__ = [
     "DEPTH",
@@ -79,6 +81,7 @@ SPECIAL: Mapping[str, str] = {
     **dict.fromkeys(("delay", "lag"), "s"),
     **dict.fromkeys(("V_x", "V_y", "drift_x", "drift_y"), "m/s"),
     **dict.fromkeys(COEFFICIENTS, "rad"),
+    **dict.fromkeys(LEVER_ARM, "m"),
     **dict.fromkeys(("reach", "bottom"), "m"),
     **dict.fromkeys(WALLS, "1"),
 }

@@ -14,6 +14,7 @@ from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS, seen_by_compass
 from gcs_autotune.models.coupled.derivatives import FORCES
 from gcs_autotune.models.coupled.form import Form, form_from
+from gcs_autotune.models.coupled.lever_arm import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.sname import DOFS
 
@@ -84,6 +85,7 @@ class Simulator:
         names = form.parameters
         self._current = tuple(n for n in ("V_x", "V_y") if n in names)
         self._deviation = {n: i for i, n in enumerate(names) if n in COEFFICIENTS}
+        self._arm = {n: i for i, n in enumerate(names) if n in LEVER_ARM}
         self._solved: tuple[bytes, tuple[Array, Array]] | None = None
         self._free = np.array([self.free.index(n) if n in self.free else -1 for n in names], dtype=np.int64)
         self._states = np.array(
@@ -152,17 +154,27 @@ class Simulator:
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         """Return one signal (s,) and its sensitivities (s, q) from what :meth:`run` gave.
 
-        Velocities are over ground: a current is added to those through the water. With a deviating compass they and the
-        heading are as it shows them, see :mod:`.compass`.
+        Velocities are over ground: a current is added to those through the water. They and the positions are those at
+        the sensor, see :mod:`.lever_arm`; with a deviating compass the velocities and the heading are as it shows them,
+        see :mod:`.compass`.
         """
         deviation = self._deviation
         if not deviation or signal not in ("u", "v", "psi") or "psi" not in self.states:
-            return self._over_ground(theta, X, S, signal)
+            return self._at_sensor(theta, X, S, signal)
         still = (np.zeros(len(X)), np.zeros((len(X), S.shape[2] if len(S) else 0)))
         wanted = ("psi",) if signal == "psi" else ("psi", "u", "v")
-        true = {n: self._over_ground(theta, X, S, n) if n in self.states else still for n in wanted}
+        true = {n: self._at_sensor(theta, X, S, n) if n in self.states else still for n in wanted}
         columns = {n: self.free.index(n) for n in deviation if n in self.free}
         return seen_by_compass(signal, true, {n: float(theta[i]) for n, i in deviation.items()}, columns)
+
+    def _at_sensor(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
+        arm = self._arm
+        if not arm or signal not in SHOWN_OFF_CENTRE:
+            return self._over_ground(theta, X, S, signal)
+        wanted = (signal, *(n for n in SHOWN_OFF_CENTRE[signal] if n in self.states))
+        x_P, y_P = (float(theta[arm[n]]) if n in arm else 0.0 for n in LEVER_ARM)
+        columns = {n: self.free.index(n) for n in arm if n in self.free}
+        return seen_off_centre(signal, {n: self._over_ground(theta, X, S, n) for n in wanted}, (x_P, y_P), columns)
 
     def _over_ground(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
         names = self.states
