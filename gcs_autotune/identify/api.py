@@ -153,7 +153,7 @@ def _fit_coupled(
     arm = [n for n in LEVER_ARM if n in form.parameters]
     if arm and "lever arm" not in chosen.bears:
         raise UsageError(
-            f"{method} takes the sensor to sit in the middle, {' and '.join(arm)} would be left out; what a sensor shows "
+            f"{method} takes the sensor to sit in the middle, {' and '.join(arm)} are left out; what a sensor shows "
             f"is simulated by: {', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
         )
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
