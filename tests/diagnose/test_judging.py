@@ -188,6 +188,14 @@ def test_luck_is_the_inverse_of_the_split_likelihood_ratio_times_the_tries() -> 
     assert p_value(held(many(OLD)), held(many(NEW)), level, 1.0, 0, 10**14) == 1.0
 
 
+def test_luck_goes_by_the_noise_level_of_each_signal() -> None:
+    old, new, n = [2.0, -2.0, 2.0, -2.0], [1.0, -1.0, 1.0, -1.0], 40
+    for level in (0.5, 1.0, 2.0):
+        gained = 0.5 * n * (math.log(4.0) + 1.0) - 0.5 * n * (math.log(level**2) + 1.0 / level**2)
+        p = p_value(held(many(old)), held(many(new)), {"r": level}, 10.0, 0, 1)
+        assert p == pytest.approx(min(1.0, math.exp(-max(gained, 0.0) / 10.0)), rel=1e-9)
+
+
 def test_luck_is_averaged_over_folds_as_e_values_are() -> None:
     before = held(many(OLD, fold=0), many(OLD, 2, fold=1))
     after = held(many(NEW, fold=0), many(NEW, 2, fold=1))

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify import cleaning
-from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clean, unwrap
+from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clean, clipped, unwrap
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel
 
@@ -150,3 +150,10 @@ def test_as_many_samples_just_short_of_the_extreme_as_at_it_are_a_steady_craft()
     assert _levels_off(-level, -1.0, 0.1)
     assert not _levels_off(np.append(level, 1.0), 1.0, 0.1)
     assert not _levels_off(level, 1.0, 0.09)
+
+
+def test_thirty_samples_are_enough_to_see_that_a_sensor_is_at_the_end_of_its_range() -> None:
+    t = 0.1 * np.arange(31)
+    x = np.minimum(np.sin(2.0 * t), 0.7)
+    for n, seen in ((29, False), (30, True)):
+        assert bool(clipped(Channel("r", "rad/s", t[:n], x[:n])).any()) is seen

@@ -77,6 +77,12 @@ def test_half_a_second_of_answers_is_too_little_to_tell_a_clocks_speed(link: Lis
     assert latency.vehicle_time(51.0) == pytest.approx(8.0, abs=1e-6)
 
 
+def test_more_than_half_a_second_of_answers_tells_a_clocks_speed(link: Listening, latency: Latency) -> None:
+    for k in range(2):
+        sync(link, latency, 0.0, 7.0 + 1.4 * k, after=0.7)
+    assert latency.vehicle_time(60.0) == pytest.approx(7.0 + 2.0 * 10.0, abs=1e-6)
+
+
 def test_requests_and_answers_to_others_are_not_for_us(link: Listening, latency: Latency) -> None:
     latency.ask()
     link.answer(SimpleNamespace(tc1=0, ts1=link.sent[-1].ts1))

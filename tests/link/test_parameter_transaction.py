@@ -389,3 +389,32 @@ def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
     assert Journal.open_debts(path) == pytest.approx(OLD)
     transaction.give_back()
     assert held(boat) == pytest.approx(OLD)
+
+
+def test_where_a_system_has_a_stronger_sync_the_journal_asks_for_that_too(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """macOS keeps what was synced in the drive's own memory until it is told F_FULLFSYNC."""
+    asked: list[int] = []
+    system = SimpleNamespace(**{n: getattr(journal_module.fcntl, n) for n in ("flock", "LOCK_EX", "LOCK_NB")})
+    system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: asked.append(command)
+    monkeypatch.setattr(journal_module, "fcntl", system)
+    journal = Journal(path)
+    journal.record("writing", name="A", value=1.0)
+    journal.close()
+    assert asked and set(asked) == {51}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a folder can be synced on POSIX systems only")
+def test_the_folders_of_a_new_journal_are_synced_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsync, synced = os.fsync, set()
+
+    def noting(descriptor: int) -> None:
+        synced.add(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    monkeypatch.setattr(journal_module.os, "fsync", noting)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    Journal(folder / "journal.jsonl").close()
+    assert {folder.stat().st_ino, tmp_path.stat().st_ino} <= synced

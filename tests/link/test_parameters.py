@@ -56,6 +56,40 @@ def test_many_are_asked_for_without_waiting_for_each(parameters: Parameters) -> 
     assert parameters.session.clock.now() - begun < 0.5
 
 
+def test_of_alternative_names_those_whose_answers_were_lost_are_asked_for_again(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    lost = {"ATC_STR_RAT_P": 2}
+    answer = boat._on_param_request_read
+
+    def sometimes(m: Any) -> None:
+        if lost.get(m.param_id, 0) > 0:
+            lost[m.param_id] -= 1
+        else:
+            answer(m)
+
+    boat.on["PARAM_REQUEST_READ"] = sometimes
+    found = parameters.read_any([("ATC_STR_RAT_P",), ("NO_SUCH_THING", "CRUISE_THROTTLE")])
+    assert set(found) == {"ATC_STR_RAT_P", "CRUISE_THROTTLE"}
+
+
+def test_no_more_requests_are_open_at_once_than_a_slow_radio_holds(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
+    names = [f"NO_SUCH_{k}" for k in range(31)]
+    with pytest.raises(ParameterMissing):
+        parameters.read_all(names)
+    boat.on["PARAM_REQUEST_READ"] = lambda m: None
+    before, begun = boat.count("PARAM_REQUEST_READ"), parameters.session.clock.now()
+    with pytest.raises(ParameterMissing):
+        parameters.read_all(names)
+    asked, took = boat.count("PARAM_REQUEST_READ") - before, parameters.session.clock.now() - begun
+    assert (asked, took) == (
+        93,
+        pytest.approx(12.0, abs=0.2),
+    )  # three tries of groups of ten, ten, ten and one, a second each
+
+
 def test_all_missing_names_are_listed(parameters: Parameters) -> None:
     with pytest.raises(ParameterMissing, match="A_THING, B_THING"):
         parameters.read_all(["A_THING", "WP_SPEED", "B_THING"])

@@ -244,6 +244,25 @@ def test_gps_stands_in_for_a_missing_local_position(told: Told) -> None:
     assert telemetry.value("u") == pytest.approx(1.5)
 
 
+def test_gps_stands_in_after_a_wait_whatever_the_vehicles_clock_says(told: Told) -> None:
+    for second in range(3):
+        at = 100_000 + 1000 * second
+        telemetry = told.tell(attitude(at), global_position(at, 0.0))
+        assert math.isfinite(telemetry.value("x")) == (second >= 2)
+
+
+def test_longitude_is_metres_east_at_that_latitude(told: Told) -> None:
+    for second, degrees in enumerate((10.0, 10.0, 10.0, 10.0001)):
+        fix = mavlink.MAVLink_global_position_int_message(
+            1000 * second, 540000000, round(degrees * 1e7), 0, 0, 0, 0, 0, 0
+        )
+        telemetry = told.tell(attitude(1000 * second), fix)
+    assert telemetry.fix == pytest.approx((54.0, 10.0001))
+    assert telemetry.value("y") == pytest.approx(
+        6378137.0 * math.radians(1e-4) * math.cos(math.radians(54.0)), rel=5e-3
+    )
+
+
 def test_two_positions_are_never_mixed(told: Told) -> None:
     local = mavlink.MAVLink_local_position_ned_message(1000, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     telemetry = told.tell(attitude(1000), local, *(global_position(1000 * s, 3.0 * s) for s in range(1, 6)))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.logs.channels import motion_channels
+from gcs_autotune.logs.channels import filters_of, motion_channels
 from gcs_autotune.logs.sample_store import SampleStore
 
 NORTH, EAST = (1.0, 0.0), (0.0, 1.0)
@@ -85,3 +85,12 @@ def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_
         found.take(0.1 * k, {"gps.U": 2.5})
     channels, sources = motion_channels(found)
     assert (sources["U"], channels["U"].values[0]) == (("hud", 1.5) if count == 20 else ("gps", 2.5))
+
+
+@pytest.mark.parametrize(("cutoff", "known"), [(0.0, False), (-1.0, False), (0.5, True), (1.0, True), (20.0, True)])
+def test_a_gyros_filter_is_told_with_its_delay_where_there_is_one(cutoff: float, known: bool) -> None:
+    found = filters_of({"INS_GYRO_FILTER": cutoff}, {"r": "imu", "q": "ekf", "u": "gps"})
+    assert set(found) == ({"r", "q"} if known else set())
+    if known:
+        assert found["r"]["delay_s"] == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * cutoff), abs=1e-6)
+        assert (found["r"]["bias_removed"], found["q"]["bias_removed"]) == (False, True)

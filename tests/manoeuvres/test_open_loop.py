@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES
-from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
+from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme, coasting
 from tests.manoeuvres.pond import at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
@@ -117,3 +117,11 @@ def test_where_it_stands_is_told_level_by_level_and_jumps_are_marked_not_curves(
     assert [(m.t, m.detail["N"]) for m in run.take_marks()] == [(0.0, 0.3), (2.0, -0.4)]
     assert run.outcome is not None
     assert run.outcome.reason == "flown for 8 s"
+
+
+def test_each_acceleration_takes_a_little_more_than_half_of_its_share_of_the_time() -> None:
+    programme = coasting("stopping", (0.5, 1.0))(20.0)._programme
+    assert [programme(t)["X"] for t in (0.0, 5.4, 5.6, 9.9, 10.1, 15.4, 15.6, 19.9)] == [
+        *(0.5, 0.5, 0.0, 0.0),
+        *(1.0, 1.0, 0.0, 0.0),
+    ]

@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
 from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
 from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import SPEED_TIME, _steered
+from gcs_autotune.manoeuvres.preview import SPEED_TIME, _pushed, _steered
 from gcs_autotune.models import SingleDof
 
 FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
@@ -96,3 +96,11 @@ def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(kno
     assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0) == Actuate()
     assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0) == Actuate(Y=0.3)
     assert _steered(DepthTarget(2.0), craft, 0.5, 0.0) == Actuate()
+
+
+def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to_rest() -> None:
+    t = np.linspace(10.0, 40.0, 3001)
+    tilt = np.array([_pushed(float(v)) for v in t])
+    assert (_pushed(9.99), tilt[0], float(np.max(np.abs(tilt)))) == (0.0, 0.3, 0.3)
+    assert np.min(tilt) < -0.15
+    assert abs(tilt[-1]) < 1e-4

@@ -61,6 +61,15 @@ def test_damage_is_stepped_over_and_counted(tmp_path: Path) -> None:
     assert log.damaged_bytes == whole + len(b"garbage")
 
 
+def test_one_byte_too_many_costs_no_frame(tmp_path: Path) -> None:
+    data = bytearray(written(tmp_path / "a.tlog"))
+    data[2 * len(data) // 5 : 2 * len(data) // 5] = b"x"
+    (tmp_path / "b.tlog").write_bytes(data)
+    log = read_tlog(tmp_path / "b.tlog")
+    assert [r.frame.message.time_boot_ms for r in log] == [0, 1, 2, 3, 4]
+    assert (log.damaged, log.damaged_bytes) == (1, 1)
+
+
 def test_missing_and_empty_logs_are_bad_files(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="cannot be read"):
         read_tlog(tmp_path / "none.tlog")

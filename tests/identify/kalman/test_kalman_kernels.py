@@ -316,8 +316,9 @@ def result(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Fi
     reference = options.get("reference", np.zeros((0, 6)))
     mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     history = new_history(5, 3, 6, 8, full=True)
+    given = options.get("given", (T_IN, INPUTS))
     rate = forward(
-        BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS,
+        BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, *given, STAMPS,
         options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, history, scratch(8),
     )  # fmt: skip
     return rate, history, mean, cov
@@ -381,6 +382,15 @@ def test_a_pass_is_predict_and_correct_sample_by_sample(about: Array | None, sig
     assert history.mean == pytest.approx(means, abs=1e-6)
     assert history.covariance == pytest.approx(covs, abs=1e-7)
     assert np.array_equal(mean, history.mean[-1]) and np.array_equal(cov, history.covariance[-1])
+
+
+def test_inputs_that_end_before_the_first_sample_are_held_and_nothing_behind_them_is_read() -> None:
+    t, inputs = np.array([-2.0, -1.0, -0.5, -0.4]), np.tile(INPUTS[0], (4, 1))
+    inputs[2:] = 1e6
+    held = result(given=(t[1:2], inputs[1:2]))
+    before_others = result(given=(t[:2], inputs[:2]))
+    assert before_others[2] == pytest.approx(held[2], rel=1e-12)
+    assert before_others[3] == pytest.approx(held[3], rel=1e-12)
 
 
 def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
