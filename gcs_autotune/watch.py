@@ -1,16 +1,29 @@
 """How a running manoeuvre tells people how it goes, without knowing who they are.
 
-The sequencer and the workflow hand a :class:`Progress` to a :class:`Watcher` at every control tick; what
-becomes of it (a live line, a log, nothing) is the report room's business.
+The sequencer and the workflow hand a :class:`Progress` to a :class:`Watcher` at every control tick, and a :data:`Fact`
+when there is one; what becomes of it (a live line, a log, a page, nothing) is the business of who watches. A watcher
+returns at once: the loop that holds the sticks is the one that tells.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Progress", "SilentWatcher", "Watcher"]
+__all__ = [
+    "Fact",
+    "LeftAs",
+    "NewValue",
+    "Progress",
+    "ProposedGains",
+    "Room",
+    "SilentWatcher",
+    "Vitals",
+    "Watcher",
+    "Words",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +34,8 @@ class Progress:
     actuator demand [fraction of full]; ``periods`` and ``periods_needed`` count oscillations that satisfy
     the stop rule, ``scatter`` their relative spread; ``guard`` and ``guard_share`` name the safety limit
     nearest to tripping and how much of it is used (0..1). ``step`` of ``steps`` is the stage under way (0: not known),
-    ``elapsed`` and ``left`` are seconds since the start and to the end, as far as that can be told.
+    ``elapsed`` and ``left`` are seconds since the start and to the end, as far as that can be told. ``rate`` is the
+    derivative of the controlled signal by time, ``x``, ``y`` [m] north and east and ``psi`` [rad] where the craft is.
     """
 
     stage: str
@@ -42,6 +56,84 @@ class Progress:
     steps: int = 0
     elapsed: float = math.nan
     left: float = math.nan
+    rate: float = math.nan
+    x: float = math.nan
+    y: float = math.nan
+    psi: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Where the manoeuvre under way may go.
+
+    ``x``, ``y`` [m north, east] is what ``distance`` [m] counts from; ``zones`` are (corners [m north, east], radius
+    [m], whether it is stayed inside), circles having one corner; ``bounds`` signal -> (least, greatest), in SI and
+    radians. Unknown numbers are NaN, absent limits infinite.
+    """
+
+    x: float
+    y: float
+    distance: float
+    zones: tuple[tuple[tuple[tuple[float, float], ...], float, bool], ...] = ()
+    bounds: Mapping[str, tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Vitals:
+    """The vehicle, about once a second: battery [V], [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN: unknown."""
+
+    mode: str
+    armed: bool
+    battery_voltage: float = math.nan
+    battery_remaining: float = math.nan
+    round_trip: float = math.nan
+    attitude_rate: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A STATUSTEXT of the vehicle, raw; ``severity`` 0 (emergency) to 7 (debug)."""
+
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class NewValue:
+    """One parameter to be written, as the vehicle calls it: old value, new one, why."""
+
+    parameter: str
+    old: float
+    new: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedGains:
+    """What is about to be written, told before anybody is asked.
+
+    ``cost_before``, ``cost_after`` are the ITAE of the step per unit step [s^2] that the model promises; NaN where no
+    model does. ``cost_low``, ``cost_high`` bound the latter over what is not known of the model.
+    """
+
+    values: tuple[NewValue, ...]
+    cost_before: float = math.nan
+    cost_after: float = math.nan
+    cost_low: float = math.nan
+    cost_high: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class LeftAs:
+    """How the craft was left: mode and armed state by its heartbeat, and what ``differs`` from how it was found."""
+
+    mode: str
+    armed: bool
+    differs: Mapping[str, str]
+
+
+Fact = Room | Vitals | Words | ProposedGains | LeftAs
+"""What is told besides ticks and sentences."""
 
 
 class Watcher(Protocol):
@@ -55,6 +147,10 @@ class Watcher(Protocol):
         """Take note of something that happened, in one sentence."""
         ...
 
+    def note(self, fact: Fact) -> None:
+        """Take note of a fact; who shows none may ignore it."""
+        ...
+
 
 class SilentWatcher:
     """Nobody is watching."""
@@ -63,4 +159,7 @@ class SilentWatcher:
         """Ignore it."""
 
     def say(self, text: str) -> None:
+        """Ignore it."""
+
+    def note(self, fact: Fact) -> None:
         """Ignore it."""

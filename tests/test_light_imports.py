@@ -46,7 +46,7 @@ def test_a_parameter_file_is_read_without_mavlink_too(tmp_path: Path) -> None:
     assert imported(reading, str(tmp_path / "boat.param")).isdisjoint(WIRE)
 
 
-@pytest.mark.parametrize("command", ["", "tune", "params", "logs", "restore", "experiment", "fly", "recheck"])
+@pytest.mark.parametrize("command", ["", "tune", "params", "logs", "restore", "experiment", "fly", "recheck", "serve"])
 def test_help_imports_no_numerics(command: str) -> None:
     asking = (
         "from gcs_autotune.cli import main\ntry:\n    main([*sys.argv[1:], '--help'])\nexcept SystemExit:\n    pass"

@@ -32,6 +32,7 @@ __all__ = [
     "add_loudness",
     "add_number",
     "add_output",
+    "add_remote",
     "connected",
     "connection_of",
     "envelope_from",
@@ -239,6 +240,16 @@ def progress_bar(args: argparse.Namespace) -> StageBar:
     from gcs_autotune.report import StageBar
 
     return StageBar(Console(stderr=True, quiet=args.quiet or (args.json and not args.verbose)), verbose=args.verbose)
+
+
+def add_remote(parser: argparse.ArgumentParser) -> None:
+    """Add ``--remote``."""
+    parser.add_argument(
+        "--remote",
+        action="store_true",
+        help="for a program in the operator's place: progress and questions as JSON lines on standard output, STOP and "
+        "answers on standard input, whose end is a STOP (docs/serve.md)",
+    )
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:

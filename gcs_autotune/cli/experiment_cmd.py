@@ -17,14 +17,14 @@ from gcs_autotune.cli.command import (
     add_experiment,
     add_loudness,
     add_output,
+    add_remote,
     connected,
     envelope_from,
     run_directory,
     see_axis_limits,
     uri_of,
-    watching,
 )
-from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.remote import attending
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection
@@ -40,6 +40,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
     add_loudness(parser)
+    add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
     add_experiment(parser)
     add_envelope(parser)
@@ -75,10 +76,11 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         patience=args.patience,
         envelope=envelope_from(args),
     )
-    operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
-    with operator.listening(), watching(args) as watcher:
+    with attending(args) as (operator, watcher):
         fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
-    if args.json:
+    if args.remote:
+        pass  # standard output is the program's
+    elif args.json:
         sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
     else:
         Console().print(fit_summary(fit))

@@ -19,15 +19,15 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_remote,
     connected,
     connection_of,
     envelope_from,
     run_directory,
     see_model_file,
     uri_of,
-    watching,
 )
-from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 
@@ -100,6 +100,7 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
     )
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
     add_loudness(parser)
+    add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print figures and model as JSON on standard output")
     add_envelope(parser)
     return group
@@ -235,10 +236,11 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
     now = datetime.now()
     plan, common = _plan(args, connection, now)
-    operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
-    with operator.listening(), watching(args) as watcher:
+    with attending(args) as (operator, watcher):
         when = now.isoformat(timespec="seconds")
         result = fly_plan(plan, common, operator, watcher, when, only_preview=args.preview)
+    if args.remote:
+        return 0  # standard output is the program's
     if args.preview:
         return _tell_preview(result)
     if args.json:

@@ -20,14 +20,14 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_remote,
     connected,
     envelope_from,
     run_directory,
     see_axis_limits,
     see_model_file,
-    watching,
 )
-from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     add_loudness(parser)
+    add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
     parser.add_argument(
         "--resume",
@@ -131,10 +132,11 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
         gains=_gains(args),
         proving=_proving(args),
     )
-    operator = ConsoleOperator(yes=args.yes, otherwise="or --dry-run to change nothing", bell=not args.quiet)
-    with operator.listening(), watching(args) as watcher:
+    with attending(args, "or --dry-run to change nothing") as (operator, watcher):
         story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
-    if args.json:
+    if args.remote:
+        pass  # standard output is the program's
+    elif args.json:
         sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
     else:
         show_tune(Console(), story)
@@ -142,8 +144,8 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     return RESTORED if story.ending == "restored" else 0
 
 
-DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "model", "full_scale", "function", "settling_time"} | {
-    *("configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+    *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
 """Options that a proof of given gains has no use for."""
 

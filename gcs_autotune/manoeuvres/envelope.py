@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area
+from gcs_autotune.watch import Room
 
 __all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
 
@@ -136,6 +137,17 @@ class Watch:
         self.anchor = anchor if home is None else replace(anchor, x=home.x, y=home.y)
         began = (anchor,) if home is None else (anchor, home)
         self._known = {g.name for g in GUARDS if any(g.is_known(envelope, o, o) for o in began)}
+
+    @property
+    def room(self) -> Room:
+        """Where the manoeuvre may go, for who watches it."""
+        e, a = self.envelope, self.anchor
+        zones = () if e.area is None else tuple((z.corners, z.radius, z.inside) for z in e.area.zones)
+        bounds = {
+            "psi": (a.psi - e.heading_excursion, a.psi + e.heading_excursion),
+            "z": (max(a.z - e.depth_excursion, e.depth_min), min(a.z + e.depth_excursion, e.depth_max)),
+        }
+        return Room(a.x, a.y, e.distance_limit, zones, bounds)
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).

@@ -8,7 +8,7 @@ mode as found, armed state as found.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, NotAsFound, 
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
+from gcs_autotune.watch import LeftAs, Progress, Watcher
 
 __all__ = ["DISARMED_ITSELF", "Flown", "Sequencer", "restore_on_exit"]
 
@@ -28,6 +28,15 @@ class Flown:
 
     trial: Trial
     outcome: Outcome
+
+
+_RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
+"""Controlled signal -> the observation's own time derivative of it."""
+
+
+def _placed(progress: Progress, now: Observation) -> Progress:
+    rate = now.value(_RATES[progress.signal]) if progress.signal in _RATES else math.nan
+    return replace(progress, rate=rate, x=now.x, y=now.y, psi=now.psi)
 
 
 class Sequencer:
@@ -81,6 +90,7 @@ class Sequencer:
         if firmware.floats:
             envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
+        self._watcher.note(watch.room)
         commands = manoeuvre.commands(observation)
         nearest, share = watch.check(observation)
         command = next(commands)
@@ -89,7 +99,8 @@ class Sequencer:
             for mark in manoeuvre.take_marks():
                 craft.mark(mark)
             progress = manoeuvre.progress(observation)
-            self._watcher.update(replace(progress, stage=stage, guard=nearest, guard_share=share))
+            progress = replace(progress, stage=stage, guard=nearest, guard_share=share)
+            self._watcher.update(_placed(progress, observation))
             observation = craft.observe()
             if manoeuvre.outcome is not None:
                 return manoeuvre.outcome
@@ -154,6 +165,7 @@ def restore_on_exit(
     finally:
         with craft.shielded():
             differences = _put_back(craft, found)
+        watcher.note(LeftAs(craft.mode, craft.armed, differences))
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()

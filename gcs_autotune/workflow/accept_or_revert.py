@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterTransaction
 from gcs_autotune.report import format_factor
+from gcs_autotune.watch import NewValue, ProposedGains
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import measure
@@ -28,6 +29,8 @@ def accept_or_revert(
     log = context.log
     if proposal.changes:
         log.say(_promise(proposal))
+        promised = proposal.before.metrics.itae, proposal.after.metrics.itae
+        log.note(ProposedGains(_values(proposal.changes), *promised))
     if not proposal.changes:
         log.end(
             "unchanged",
@@ -51,6 +54,7 @@ def accept_or_revert_supplied(
 ) -> None:
     """End the tune with the gains given by file, likewise; errors as those of :func:`decide`."""
     log, changes = context.log, context.log.given_changes
+    log.note(ProposedGains(_values(changes)))
     if context.settings.dry_run:
         log.end("dry-run", "dry run: nothing was written")
     elif not context.agrees(f"Write {_shown(changes)} and prove it by the same step?"):
@@ -107,6 +111,10 @@ def _on_the_other_axis(context: TuneContext) -> Iterator[str]:
             f"`tune {HELD_LAST}` goes last, because gains that hold a heading follow turn rates as well, and gains for "
             f"turn rates alone may hold a heading several times worse{then}"
         )
+
+
+def _values(changes: Sequence[Change]) -> tuple[NewValue, ...]:
+    return tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in changes)
 
 
 def _shown(changes: Sequence[Change]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
@@ -10,7 +11,8 @@ from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
-from gcs_autotune.watch import Watcher
+from gcs_autotune.mavlink import Message
+from gcs_autotune.watch import Vitals, Watcher, Words
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
@@ -58,6 +60,7 @@ def connect(
                 _tell_texts(session, watcher)
             session.discover(system_id=connection.system_id)
             watcher.say(f"vehicle: {session.vehicle}")
+            _pass_words_on(session, watcher)
             try:
                 yield session
             finally:
@@ -101,6 +104,7 @@ def connect_craft(
             spare_rates=SPARE,
         )
         told = len(session.notes)
+        session.listen("HEARTBEAT", lambda heartbeat: watcher.note(_vitals(craft)))
         try:
             for note in session.notes[:told]:
                 watcher.say(note)
@@ -114,6 +118,26 @@ def connect_craft(
         finally:
             for note in session.notes[told:]:
                 watcher.say(note)
+
+
+def _pass_words_on(session: Session, watcher: Watcher) -> None:
+    """Tell *watcher* what the vehicle says in words from now on."""
+    told = session.texts.count
+
+    def hear(message: Message) -> None:
+        nonlocal told  # the session has taken it in already, and put texts in pieces together
+        for text in session.texts.since(told):
+            watcher.note(Words(text.severity, text.text))
+        told = session.texts.count
+
+    session.listen("STATUSTEXT", hear)
+
+
+def _vitals(craft: MavlinkCraft) -> Vitals:
+    value = craft.telemetry.value
+    rate = craft.rates.measured.get("ATTITUDE", math.nan)
+    battery = value("battery"), value("battery_remaining")
+    return Vitals(craft.mode, craft.armed, *battery, craft.latency.round_trip, rate)
 
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:

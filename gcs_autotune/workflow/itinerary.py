@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.watch import Fact, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -171,3 +171,7 @@ class Paced:
     def say(self, text: str) -> None:
         """Pass it on."""
         self._watcher.say(text)
+
+    def note(self, fact: Fact) -> None:
+        """Pass it on."""
+        self._watcher.note(fact)

@@ -12,7 +12,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.watch import Fact, Progress, Watcher
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -53,6 +53,10 @@ class TuneLog:
         """Note an event and pass it on."""
         self._events.append((self._t, text))
         self._watcher.say(text)
+
+    def note(self, fact: Fact) -> None:
+        """Pass it on."""
+        self._watcher.note(fact)
 
     def meet(self, craft: MavlinkCraft) -> None:
         """Note which vehicle it is and how fast it talks."""

@@ -9,10 +9,11 @@ import pytest
 from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import jit_warmup
 
 
-class Listener:
+class Listener(SilentWatcher):
     def __init__(self) -> None:
         self.said: list[str] = []
 

@@ -20,7 +20,7 @@ from rich.text import Text
 from gcs_autotune.clock import Clock, WallClock
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
-from gcs_autotune.watch import Progress
+from gcs_autotune.watch import Fact, Progress
 
 __all__ = ["StageBar", "TerminalWatcher", "describe_progress"]
 
@@ -165,6 +165,9 @@ class TerminalWatcher:
         """Show a sentence on a line of its own."""
         self._erase()
         self._console.print(Text(visible(text)))
+
+    def note(self, fact: Fact) -> None:
+        """Show nothing: a line has no room for it."""
 
     def close(self) -> None:
         """End the live line, so that other output begins on a fresh one; harmless when there is none."""

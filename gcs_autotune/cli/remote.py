@@ -1,0 +1,185 @@
+"""A program in the operator's place: JSON lines on standard output and input instead of a terminal (docs/serve.md).
+
+Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``vitals``, ``room``, ``proposal``,
+``left``, ``question``, ``dropped``; numbers in SI and radians, null where unknown. In: ``stop`` and ``answer``. Once
+standard input ends nobody can stop the craft any more, so that is a request to stop as well.
+
+What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
+own writes them out.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
+
+from gcs_autotune.cli.command import watching
+from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.watch import Fact, LeftAs, Progress, ProposedGains, Room, Vitals, Watcher, Words
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["COLUMNS", "RemoteOperator", "RemoteWatcher", "attending"]
+
+COLUMNS = ("t", "value", "target", "output", "rate", "x", "y", "psi")
+"""What a row of ``samples`` holds."""
+EVERY = 0.1
+"""Chosen [s of the machine's time]: between two writings; ten a second is as much as an eye follows."""
+MOST_TICKS, MOST_FACTS = 1000, 500
+"""Chosen: what is kept for a listener who is slow; older ones are forgotten and counted."""
+_GRACE = 2.0
+"""Chosen [s]: what a listener who is slow may take at the end."""
+_KEYS: Mapping[type, str] = {Vitals: "vitals", Room: "room", Words: "words", ProposedGains: "proposal", LeftAs: "left"}
+
+
+class RemoteWatcher:
+    """Writes what it is told to *stream* as JSON lines, ten times a second, from a thread of its own."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._ticks: deque[Progress] = deque(maxlen=MOST_TICKS)
+        self._facts: deque[tuple[str, Any]] = deque(maxlen=MOST_FACTS)
+        self._told = self._sent = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="remote", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._ended.set()
+        self._thread.join(_GRACE)
+
+    def update(self, progress: Progress) -> None:
+        """Keep the tick for the next line."""
+        self._ticks.append(progress)
+        self._told += 1
+
+    def say(self, text: str) -> None:
+        """Keep the sentence for the next line."""
+        self.put("say", text)
+
+    def note(self, fact: Fact) -> None:
+        """Keep the fact for the next line."""
+        self.put(_KEYS[type(fact)], fact)
+
+    def put(self, key: str, value: object) -> None:
+        """Keep anything for the next line."""
+        self._facts.append((key, value))
+        self._told += 1
+
+    def _run(self) -> None:
+        last = False
+        while not last:
+            last = self._ended.wait(EVERY)
+            try:
+                self._stream.write(b"".join(_line(key, value) for key, value in self._taken()))
+                self._stream.flush()
+            except (OSError, ValueError):  # nobody reads any more; the end of standard input says so to the operator
+                return
+
+    def _taken(self) -> Iterator[tuple[str, object]]:
+        ticks = [self._ticks.popleft() for _ in range(len(self._ticks))]
+        facts = [self._facts.popleft() for _ in range(len(self._facts))]
+        for key, value in facts:
+            yield key, value if isinstance(value, (str, dict)) else asdict(value)
+        for (stage, manoeuvre, signal), some in groupby(ticks, lambda p: (p.stage, p.manoeuvre, p.signal)):
+            rows = [[getattr(p, name) for name in COLUMNS] for p in some]
+            yield "samples", {"stage": stage, "manoeuvre": manoeuvre, "signal": signal, "rows": rows}
+        if ticks:
+            yield "now", asdict(ticks[-1])
+        self._sent += len(ticks) + len(facts)
+        if self._told > self._sent + len(self._ticks) + len(self._facts):
+            yield "dropped", {"count": self._told - self._sent - len(self._ticks) - len(self._facts)}
+
+
+def _line(key: str, value: object) -> bytes:
+    return json.dumps({key: _plain(value)}, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def _plain(thing: Any) -> Any:
+    """Return *thing* in JSON's own types, numbers to six digits."""
+    if isinstance(thing, float):
+        return float(f"{thing:.6g}") if math.isfinite(thing) else None
+    if isinstance(thing, Mapping):
+        return {str(key): _plain(value) for key, value in thing.items()}
+    if isinstance(thing, Sequence) and not isinstance(thing, str):
+        return [_plain(each) for each in thing]
+    return thing
+
+
+class RemoteOperator(ConsoleOperator):
+    """Asks through *watcher*; answers and STOP come as lines on the file descriptor *source*, read by a thread.
+
+    A signal is a request to stop here, too. *yes* is the answer to every question.
+    """
+
+    def __init__(self, watcher: RemoteWatcher, source: int, *, yes: bool = False) -> None:
+        super().__init__(yes=yes, bell=False)
+        self._watcher = watcher
+        self._source = source
+        self._asked = 0
+        self._answers: dict[int, bool] = {}
+        threading.Thread(target=self._listen, name="stop", daemon=True).start()
+
+    def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
+        """Ask, and wait for the answer to this very question; *while_waiting* raises when a STOP comes instead."""
+        if self._yes:
+            return True
+        self._asked += 1
+        asked = self._asked
+        self._watcher.put("question", {"id": asked, "text": question})
+        while asked not in self._answers:
+            while_waiting()
+        return self._answers[asked]
+
+    def _listen(self) -> None:
+        rest = b""
+        while piece := _read(self._source):
+            *lines, rest = (rest + piece).split(b"\n")
+            for line in lines:
+                self._take(line)
+        self._stop = True  # nobody is there any more who could
+
+    def _take(self, line: bytes) -> None:
+        try:
+            told = json.loads(line)
+            if told.get("stop"):
+                self._stop = True
+            if "answer" in told:
+                self._answers.setdefault(int(told["answer"]["id"]), told["answer"]["yes"] is True)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            self._watcher.say("a line on standard input was not understood and is ignored")
+
+
+def _read(source: int) -> bytes:
+    try:
+        return os.read(source, 65536)
+    except OSError:
+        return b""
+
+
+@contextmanager
+def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Watcher]]:
+    """Yield who is asked and who is told: the person at the terminal, or with ``--remote`` a program."""
+    import sys
+
+    if args.remote:
+        with RemoteWatcher(sys.stdout.buffer) as remote:
+            operator: ConsoleOperator = RemoteOperator(remote, sys.stdin.fileno(), yes=args.yes)
+            with operator.listening():
+                yield operator, remote
+        return
+    operator = ConsoleOperator(yes=args.yes, otherwise=otherwise, bell=not args.quiet)
+    with operator.listening(), watching(args) as watcher:
+        yield operator, watcher

@@ -1,0 +1,158 @@
+"""Who may look and who may touch: host names, origins, the token, and the headers of every answer.
+
+A page elsewhere can make a visitor's browser send requests here, by its own name made to point at us (DNS rebinding) or
+by a form or WebSocket across sites. So the ``Host`` must be one that no stranger can own, and an ``Origin`` the same.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+__all__ = ["TOKEN_HEADER", "Access", "AccessMiddleware", "is_loopback"]
+
+TOKEN_HEADER = "x-autotune-token"
+"""What carries the token. A page elsewhere cannot set it without asking first, and is not answered."""
+WRONG, WITHIN = 10, 60.0
+"""Chosen: wrong tokens from one address within so many seconds, after which more of them are not looked at."""
+_ADDRESSES = 1000
+_SAFE = ("GET", "HEAD")
+
+HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""On every answer that does not bring its own."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches *host*."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Access:
+    """Decides who may touch.
+
+    token : what he must show who wants to do more than look; empty where the port is this machine's own.
+    hosts : names by which the server may be called, besides addresses, ``localhost`` and ``*.local``.
+    """
+
+    def __init__(self, token: str = "", hosts: Iterable[str] = (), now: Callable[[], float] = time.monotonic) -> None:
+        self.token = token
+        self._hosts = {host.lower() for host in hosts}
+        self._now = now
+        self._wrong: OrderedDict[str, list[float]] = OrderedDict()
+
+    @staticmethod
+    def new_token() -> str:
+        """Return a token of 128 random bits."""
+        return secrets.token_urlsafe(16)
+
+    def trouble_with_host(self, headers: Headers) -> str:
+        """Return what is wrong with ``Host`` and ``Origin``; empty when nothing is."""
+        host = headers.get("host", "")
+        if not self._is_ours(_name_of(f"//{host}")):
+            return f"this server is not called '{host}'; give --allow-host where that is its name"
+        origin = headers.get("origin")
+        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+            return "a page elsewhere sent this; only this server's own page may"
+        if origin is not None and not (urlsplit(origin).netloc == host or _name_of(origin) in self._hosts):
+            return f"a page of '{origin}' sent this; only this server's own page may"
+        return ""
+
+    def _is_ours(self, name: str) -> bool:
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name == "localhost" or name.endswith(".local") or name in self._hosts
+        return True
+
+    def refusal(self, headers: Headers, address: str) -> tuple[int, str] | None:
+        """Return HTTP status and reason why who sent *headers* from *address* may not touch; None when he may.
+
+        The right token is always taken, so that nobody's guessing can keep its owner from STOP: 128 bits are not
+        guessed. Wrong ones are only counted.
+        """
+        if not self.token:
+            return None
+        given = headers.get(TOKEN_HEADER, "")
+        if given and hmac.compare_digest(given.encode(), self.token.encode()):
+            return None
+        if not given:
+            return 401, "you may look, but not touch: open the link with the token that the server showed"
+        wrong = self._wrong.setdefault(address, [])
+        now = self._now()
+        wrong[:] = [t for t in wrong if now - t < WITHIN][-WRONG:]
+        if len(wrong) >= WRONG:
+            return 429, f"too many wrong tokens from {address}: wait a minute"
+        wrong.append(now)
+        while len(self._wrong) > _ADDRESSES:
+            self._wrong.popitem(last=False)
+        return 403, "that is not the token of this server; it is shown anew at every start"
+
+
+def _name_of(url: str) -> str:
+    try:
+        return (urlsplit(url).hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+class AccessMiddleware:
+    """ASGI middleware: refuses strangers, lets nobody but the token's owner touch, and sets the headers."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or pass it on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        refused = self._refused(scope, headers)
+        if refused is None:
+            await self._app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": refused[1][:120]})
+        else:
+            await JSONResponse({"error": refused[1]}, refused[0])(scope, receive, _with_headers(send))
+
+    def _refused(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
+        trouble = self._access.trouble_with_host(headers)
+        if trouble:
+            return 403, trouble
+        if scope["type"] == "websocket" or scope["method"] in _SAFE:
+            return None
+        if TOKEN_HEADER not in headers:
+            return 401 if self._access.token else 403, "the page's own header is missing: open the page's link again"
+        return self._access.refusal(headers, (scope.get("client") or ("nobody", 0))[0])
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            own: Any = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                own.setdefault(name, value)
+        await send(message)
+
+    return sending

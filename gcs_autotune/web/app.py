@@ -1,0 +1,219 @@
+"""The routes of the page; every address in it is relative, so that it may live under a path of somebody else's."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gcs_autotune import __version__
+from gcs_autotune.errors import UsageError
+from gcs_autotune.web.access import Access, AccessMiddleware
+from gcs_autotune.web.job import CommandLine, Job
+from gcs_autotune.web.live import Live
+from gcs_autotune.web.orders import fields, make_order
+
+__all__ = ["Control", "make_app"]
+
+STATIC = Path(__file__).parent / "static"
+FILES = {
+    "page.css": "text/css",
+    "uPlot.min.css": "text/css",
+    "uPlot.iife.min.js": "text/javascript",
+    "main.js": "text/javascript",
+    "state.js": "text/javascript",
+    "charts.js": "text/javascript",
+    "start.js": "text/javascript",
+    "uPlot-LICENSE.txt": "text/plain",
+}
+"""What the page is made of, besides ``index.html``."""
+_LONGEST_BODY = 1 << 16
+
+
+class Control:
+    """What is going on: at most one run, and what is told of it."""
+
+    def __init__(self, runs: Path, program: CommandLine) -> None:
+        self.runs = runs
+        self.program = program
+        self.live = Live()
+        self._job: Job | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a run is under way."""
+        return self._task is not None and not self._task.done()
+
+    def start(self, chosen: dict[str, Any], now: datetime) -> str:
+        """Start what was *chosen* and return the name of its run directory; ``UsageError`` when it cannot be."""
+        order = make_order(chosen, self.runs, now)
+        self.live.begin(
+            {
+                "title": order.title,
+                "command": order.command,
+                "name": order.directory.name,
+                "simulated": order.is_simulated,
+            }
+        )
+        self._job = Job(self.program, order.arguments, order.directory, self.live)
+        self._task = asyncio.create_task(self._run(self._job))
+        return order.directory.name
+
+    async def _run(self, job: Job) -> None:
+        try:
+            await job.run()
+        except OSError as error:
+            self.live.put(
+                "end",
+                {
+                    "code": 1,
+                    "meaning": "it could not be started",
+                    "reason": str(error),
+                    "fine": True,
+                    "put_back": ["Nothing was armed, moved or written."],
+                },
+            )
+
+    def stop(self) -> bool:
+        """Ask the run to stop and put everything back; return whether there is one."""
+        if self._job is None or not self.is_running:
+            return False
+        self._job.stop()
+        return True
+
+    def answer(self, number: int, *, yes: bool) -> bool:
+        """Answer a question; return whether this answer counts."""
+        return self._job is not None and self._job.answer(number, yes=yes)
+
+    async def over(self) -> None:
+        """Wait until no run is under way."""
+        if self._task is not None:
+            with suppress(asyncio.CancelledError):
+                await asyncio.shield(self._task)
+
+
+def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> Starlette:
+    """Return the application; runs are kept in *runs*, and started by *program*."""
+    control = Control(runs, program or CommandLine())
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        telling = asyncio.create_task(control.live.run())
+        try:
+            yield
+        finally:
+            control.stop()
+            await control.over()
+            telling.cancel()
+
+    app = Starlette(
+        routes=[*_page(), *_looking(control, access), *_touching(control)],
+        middleware=[Middleware(AccessMiddleware, access=access)],
+        lifespan=lifespan,
+    )
+    app.state.control = control
+    return app
+
+
+def _page() -> list[BaseRoute]:
+    async def index(request: Request) -> Response:
+        return FileResponse(STATIC / "index.html", media_type="text/html")
+
+    async def static(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in FILES:
+            return JSONResponse({"error": "there is no such file"}, 404)
+        return FileResponse(STATIC / name, media_type=FILES[name])
+
+    return [Route("/", index), Route("/static/{name}", static)]
+
+
+def _looking(control: Control, access: Access) -> list[BaseRoute]:
+    async def about(request: Request) -> Response:
+        return JSONResponse({"version": __version__, "token_needed": bool(access.token), **fields()})
+
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        sending = asyncio.create_task(_send_all(socket, control.live))
+        with suppress(WebSocketDisconnect, RuntimeError):
+            while True:  # a viewer has nothing to say; this is how his leaving is noticed
+                await socket.receive_text()
+        sending.cancel()
+
+    async def events(request: Request) -> Response:
+        async def lines() -> AsyncIterator[str]:
+            async for text in control.live.watch():
+                yield f"data: {text}\n\n"
+
+        return StreamingResponse(lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
+
+    return [Route("/about", about), WebSocketRoute("/live", live), Route("/events", events)]
+
+
+async def _send_all(socket: WebSocket, live: Live) -> None:
+    with suppress(WebSocketDisconnect, RuntimeError, OSError):
+        async for text in live.watch():
+            await socket.send_text(text)
+        await socket.close(1013)
+
+
+def _touching(control: Control) -> list[BaseRoute]:
+    async def token(request: Request) -> Response:
+        return JSONResponse({"ok": True})  # the middleware has seen it
+
+    async def stop(request: Request) -> Response:
+        return JSONResponse({"stopping": control.stop()})
+
+    async def answer(request: Request) -> Response:
+        told = await _body(request)
+        counted = control.answer(int(told["id"]), yes=told["yes"] is True)
+        return JSONResponse({"counted": counted})
+
+    async def start(request: Request) -> Response:
+        chosen = await _body(request)
+        if control.is_running:
+            return JSONResponse({"error": "a run is under way: stop it, or wait for its end"}, 409)
+        return JSONResponse({"name": control.start(chosen, datetime.now())})
+
+    return [
+        Route(f"/{handler.__name__}", _answered(handler), methods=["POST"]) for handler in (token, stop, answer, start)
+    ]
+
+
+def _answered(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """Return *handler* with what is wrong with a request said in words."""
+
+    async def answering(request: Request) -> Response:
+        try:
+            return await handler(request)
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, 400)
+        except (ValueError, KeyError, TypeError):
+            return JSONResponse({"error": "the request was not understood; reload the page"}, 400)
+
+    return answering
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """Return the JSON object in a request (``ValueError`` for anything else)."""
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > _LONGEST_BODY:
+            raise ValueError("too long")
+    told = json.loads(body)
+    if not isinstance(told, dict):
+        raise TypeError("no object")
+    return told

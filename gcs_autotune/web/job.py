@@ -1,0 +1,175 @@
+"""One command of ours in a process of its own, steered by the lines of its ``--remote``.
+
+The process has a session of its own: Ctrl-C at this terminal is not for it, it is told by a line. Its standard input is
+the operator: when that ends, however this server ends, it stops, puts everything back and is gone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.errors import EXIT_CODES
+from gcs_autotune.web.live import Live
+
+__all__ = ["CommandLine", "Job", "read_json"]
+
+_LONGEST_LINE = 1 << 22
+_STDERR = 8000
+"""Chosen: characters kept of what the process said on its standard error."""
+_RESTORED = 8
+_MEANINGS: Mapping[int, str] = {
+    0: "done",
+    _RESTORED: "tuned, but the old gains proved better and are back",
+    **{code: meaning for _, code, meaning in EXIT_CODES},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLine:
+    """How our command line is started: ``words`` before the arguments."""
+
+    words: tuple[str, ...] = (sys.executable, "-P", "-m", "gcs_autotune")
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment in which it finds the same packages."""
+        here = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+        return {**os.environ, "PYTHONPATH": here}
+
+
+class Job:
+    """One run: *arguments* of our command line, which leaves its files in *directory*."""
+
+    def __init__(self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live) -> None:
+        self._program = program
+        self._arguments = list(arguments)
+        self._directory = directory
+        self._live = live
+        self._process: asyncio.subprocess.Process | None = None
+        self._answered: set[int] = set()
+        self._errors = ""
+        self._stopping = False
+
+    async def run(self) -> None:
+        """Start it, take in what it says, and tell how it ended."""
+        self._process = await asyncio.create_subprocess_exec(
+            *self._program.words,
+            *self._arguments,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=self._program.environment,
+            start_new_session=True,
+            limit=_LONGEST_LINE,
+        )
+        if self._stopping:
+            self._send({"stop": True})
+        await asyncio.gather(self._listen(self._process), self._overhear(self._process))
+        code = await self._process.wait()
+        left = self._live.get("left")
+        end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
+        self._live.put("question", None)
+        self._live.put("end", end)
+
+    async def _listen(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdout is not None
+        while True:
+            try:
+                line = await process.stdout.readline()
+            except ValueError:  # longer than any line of ours: what it holds is lost, the run goes on
+                continue
+            if not line:
+                return
+            self._live.take(line)
+
+    async def _overhear(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stderr is not None
+        while piece := await process.stderr.read(4096):
+            self._errors = (self._errors + piece.decode(errors="replace"))[-_STDERR:]
+
+    def stop(self) -> None:
+        """Ask it to stop and put everything back; once is as good as often. Waits for nothing."""
+        self._stopping = True
+        self._live.put("stopping", True)
+        self._send({"stop": True})
+
+    def answer(self, number: int, *, yes: bool) -> bool:
+        """Answer question *number*; return whether it was this answer that counted: the first does."""
+        question = self._live.get("question")
+        if question is None or question["id"] != number or number in self._answered:
+            return False
+        self._answered.add(number)
+        self._live.say(f"answered {'yes' if yes else 'no'}: {question['text']}")
+        self._live.put("question", None)
+        self._send({"answer": {"id": number, "yes": yes}})
+        return True
+
+    def _send(self, line: dict[str, Any]) -> None:
+        process = self._process
+        if process is not None and process.stdin is not None and not process.stdin.is_closing():
+            process.stdin.write(json.dumps(line).encode() + b"\n")
+
+
+def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return what the page says of a run that is over, from its exit code, its last words and what it left on disk.
+
+    Keys: ``code``; ``meaning``; ``reason`` in words; ``fine`` whether nothing is left to be done; ``put_back``
+    sentences.
+    """
+    summary = read_json(directory / "summary.json")
+    marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
+    said = marked[-1].removeprefix("gcs-autotune: ") if marked else ""
+    reason = said or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
+    fine, craft = _as_to_craft(left, directory)
+    return {
+        "code": code,
+        "meaning": _MEANINGS.get(code, f"it ended by itself, with code {code}"),
+        "reason": reason,
+        "fine": fine,
+        "put_back": [craft, *_as_to_parameters(directory)],
+    }
+
+
+def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
+    if left is None and not (directory / "journal.jsonl").exists():
+        return True, "It ended before anything was armed, moved or written."
+    if left is None:
+        return False, (
+            "It is not known how the craft was left. Take over by hand; then run "
+            f"`gcs-autotune restore {directory}` on a terminal."
+        )
+    state = f"mode {left['mode']}, {'armed' if left['armed'] else 'disarmed'}"
+    if left["differs"]:
+        what = "; ".join(f"{name}: {why}" for name, why in left["differs"].items())
+        return False, (
+            f"NOT left as found ({what}). Take over by hand; then run `gcs-autotune restore {directory}` on a terminal."
+        )
+    return True, f"Actuators neutral, seen at the outputs; {state}, as it was found."
+
+
+def _as_to_parameters(directory: Path) -> list[str]:
+    before, after = (read_json(directory / f"parameters_{when}.json") for when in ("before", "after"))
+    if not before:
+        return []
+    if not after:
+        return ["The parameters could not be read again at the end."]
+    changed = [f"{name} {before[name]:g} -> {after[name]:g}" for name in before if after.get(name) != before[name]]
+    if changed:
+        return [f"Parameters read again: {', '.join(changed)}; the other {len(before) - len(changed)} as before."]
+    return [f"Parameters read again: all {len(before)} as they were before."]
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in a file, empty where there is none that can be read."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}

@@ -1,0 +1,167 @@
+"""What is known of the run under way, and whoever looks at it.
+
+Viewers get everything once and then what changed, ten times a second. One who does not keep up gets everything again:
+nobody's slowness is another's, and none of it is the run's, which is another process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import AsyncIterator
+from typing import Any
+
+from gcs_autotune.foreign_text import visible
+
+__all__ = ["Live"]
+
+EVERY = 0.1
+"""Chosen [s]: between two deltas."""
+ALIVE = 1.0
+"""Chosen [s]: after which an empty one says that the server is there."""
+ROWS, WORDS = 4000, 300
+"""Chosen: samples and sentences kept for who comes later."""
+BEHIND = 30
+"""Chosen: deltas that a viewer may be behind before he gets everything again."""
+MOST_VIEWERS = 32
+_KEPT = ("now", "vitals", "room", "proposal", "left", "dropped")
+"""What is kept as it came, the last one counting."""
+_LONGEST = 2000
+"""Chosen: characters kept of a sentence."""
+
+
+class Live:
+    """The state of the page: a document, what changed of it, and the viewers' queues.
+
+    Everything happens on the event loop's thread.
+    """
+
+    def __init__(self) -> None:
+        self._viewers: set[asyncio.Queue[str | None]] = set()
+        self._state: dict[str, Any] = {"run": None}
+        self._legs: list[dict[str, Any]] = []
+        self._rows: deque[list[Any]] = deque(maxlen=ROWS)
+        self._words: deque[dict[str, Any]] = deque(maxlen=WORDS)
+        self._count = 0
+        self._changed: dict[str, Any] = {}
+        self._new: dict[str, list[Any]] = {"legs": [], "rows": [], "words": []}
+
+    # --- what happens ---------------------------------------------------------------------------------------
+
+    def begin(self, run: dict[str, Any]) -> None:
+        """Forget the last run: another one begins."""
+        self._state, self._changed = {}, {}
+        self._legs.clear()
+        self._rows.clear()
+        self._words.clear()
+        self._new = {"legs": [], "rows": [], "words": []}
+        self.put("run", run)
+        self._changed["fresh"] = True
+
+    def put(self, key: str, value: Any) -> None:
+        """Have *key* of the document be *value*."""
+        self._state[key] = self._changed[key] = value
+
+    def get(self, key: str) -> Any:
+        """Return *key* of the document, None where it has none."""
+        return self._state.get(key)
+
+    def say(self, text: str, severity: int | None = None) -> None:
+        """Add a sentence; with a *severity* it is the vehicle's own."""
+        self._count += 1
+        words = {"n": self._count, "text": visible(text)[:_LONGEST], "severity": severity}
+        self._words.append(words)
+        self._new["words"] = [*self._new["words"], words][-WORDS:]
+
+    def take(self, line: bytes) -> None:
+        """Take in one line of a job; what is none of its words is ignored."""
+        try:
+            told = json.loads(line)
+            ((key, value),) = told.items()
+            if key == "samples":
+                self._sample(value)
+            elif key == "say":
+                self.say(str(value))
+            elif key == "words":
+                self.say(str(value["text"]), int(value["severity"]))
+            elif key == "question":
+                self.put(key, {"id": int(value["id"]), "text": visible(str(value["text"]))})
+            elif key in _KEPT:
+                self.put(key, value)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            return
+
+    def _sample(self, value: dict[str, Any]) -> None:
+        leg = {name: str(value[name]) for name in ("stage", "manoeuvre", "signal")}
+        if not self._legs or self._legs[-1] != leg:
+            self._legs.append(leg)
+            self._new["legs"].append(leg)
+        number = len(self._legs) - 1
+        rows = [[number, *row] for row in value["rows"]]
+        self._rows.extend(rows)
+        self._new["rows"] = [*self._new["rows"], *rows][-ROWS:]
+
+    # --- who looks ------------------------------------------------------------------------------------------
+
+    def whole(self) -> str:
+        """Return the whole document as JSON."""
+        lists = {"legs": self._legs, "rows": list(self._rows), "words": list(self._words)}
+        return _packed({"whole": {**self._state, **lists}})
+
+    async def watch(self) -> AsyncIterator[str]:
+        """Yield the whole document, then what changes of it, for as long as somebody looks."""
+        queue: asyncio.Queue[str | None] = asyncio.Queue(BEHIND)
+        if len(self._viewers) >= MOST_VIEWERS:
+            return
+        self._viewers.add(queue)
+        try:
+            yield self._anew(queue)
+            while True:
+                told = await queue.get()
+                yield self._anew(queue) if told is None else told
+        finally:
+            self._viewers.discard(queue)
+
+    def _anew(self, queue: asyncio.Queue[str | None]) -> str:
+        """Return the whole document for a viewer, who is owed no delta before it."""
+        self.tell()
+        while not queue.empty():
+            queue.get_nowait()
+        return self.whole()
+
+    async def run(self) -> None:
+        """Tell the viewers what changed, until cancelled."""
+        waited = 0.0
+        while True:
+            await asyncio.sleep(EVERY)
+            waited += EVERY
+            if self.tell(even_nothing=waited >= ALIVE):
+                waited = 0.0
+
+    def tell(self, *, even_nothing: bool = False) -> bool:
+        """Tell the viewers what changed since last time; return whether anything was told."""
+        new = {f"+{key}": items for key, items in self._new.items() if items}
+        if not (self._changed or new or even_nothing):
+            return False
+        delta = {**self._changed, **new}
+        self._changed, self._new = {}, {"legs": [], "rows": [], "words": []}
+        if self._viewers:
+            text = _packed(delta)
+            for queue in self._viewers:
+                _hand(queue, text)
+        return True
+
+
+def _hand(queue: asyncio.Queue[str | None], text: str) -> None:
+    """Give *text* to a viewer; one who is too far behind is to get everything again."""
+    if queue.full():
+        while not queue.empty():
+            queue.get_nowait()
+        queue.put_nowait(None)
+    else:
+        queue.put_nowait(text)
+
+
+def _packed(thing: object) -> str:
+    return json.dumps(thing, separators=(",", ":"))

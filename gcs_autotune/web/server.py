@@ -1,0 +1,152 @@
+"""The port, the link with the token, and an end in order: a run under way is put back before the server goes."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import segno
+import uvicorn
+
+from gcs_autotune.errors import CannotOpenLink, UsageError
+from gcs_autotune.web.access import Access, is_loopback
+from gcs_autotune.web.app import Control, make_app
+from gcs_autotune.web.job import CommandLine
+
+__all__ = ["ServeSettings", "serve"]
+
+
+@dataclass(frozen=True, slots=True)
+class ServeSettings:
+    """Where the page is: *host* and *port* to listen on, the folder of *runs*, other names the server is called by."""
+
+    host: str
+    port: int
+    runs: Path
+    allowed: tuple[str, ...] = ()
+
+
+def serve(settings: ServeSettings, say: Callable[[str], object], program: CommandLine | None = None) -> None:
+    """Serve the page until Ctrl-C; a run under way is stopped and put back first.
+
+    Raises
+    ------
+    CannotOpenLink
+        The port cannot be had.
+    UsageError
+        The folder of runs cannot be made.
+    """
+    try:
+        settings.runs.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"the folder of runs {settings.runs} cannot be made: {error}; give another --runs") from error
+    open_socket = _listen(settings.host, settings.port)
+    port = open_socket.getsockname()[1]
+    alone = is_loopback(settings.host)
+    access = Access("" if alone else Access.new_token(), settings.allowed)
+    app = make_app(settings.runs.absolute(), access, program)
+    for line in told(settings.host, port, access.token):
+        say(line)
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,
+        ws_max_size=4096,
+        server_header=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=2,
+    )
+    with open_socket:
+        _Server(config, app.state.control, say).run([open_socket])
+    say("page closed")
+
+
+class _Server(uvicorn.Server):
+    """Goes on serving after Ctrl-C until a run under way has put everything back."""
+
+    def __init__(self, config: uvicorn.Config, control: Control, say: Callable[[str], object]) -> None:
+        super().__init__(config)
+        self._control = control
+        self._say = say
+        self._wanted = False
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Stop the run; further signals only say that it is being put back: that is never cut short."""
+        if not self._control.is_running:
+            super().handle_exit(sig, frame)
+            return
+        self._say(
+            "still putting things back; please wait" if self._wanted else "stopping: putting things back as found"
+        )
+        self._wanted = True
+
+    async def on_tick(self, counter: int) -> bool:
+        """Ten times a second: end when it was wanted and nothing is under way any more."""
+        if self._wanted:
+            self.should_exit = not self._control.stop()
+        return await super().on_tick(counter)
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        opened = socket.socket(family, kind)
+    except OSError as error:
+        raise CannotOpenLink(f"cannot listen on {host}: {error}; give another --host") from error
+    try:
+        if sys.platform != "win32":
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind(address)
+        opened.listen(128)
+    except OSError as error:
+        opened.close()
+        raise CannotOpenLink(
+            f"cannot listen on {host} port {port}: {error.strerror or error}; is another page open? Give another --port"
+        ) from error
+    return opened
+
+
+def told(host: str, port: int, token: str) -> list[str]:
+    """Return what the terminal shows: the link, with its token as link and QR code where one is needed."""
+    if not token:
+        return [f"page: http://{_bracketed(host)}:{port}/  (this machine only; Ctrl-C ends it)"]
+    link = f"http://{_bracketed(_seen_from_elsewhere(host))}:{port}/#{token}"
+    code = segno.make(link, micro=False)
+    dots = "\n".join(_blocks([list(row) for row in code.matrix_iter(border=2)]))
+    return [
+        f"page: {link}",
+        dots,
+        "Whoever has this link can start and stop runs; it is shown once. Without what follows the # one may only "
+        "look. The way there is not encrypted: use it on a network you trust. Ctrl-C ends it.",
+    ]
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _seen_from_elsewhere(host: str) -> str:
+    """Return the address to call where *host* means all of them."""
+    if host not in ("0.0.0.0", "::", ""):
+        return host
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # a documentation address: nothing is sent, only a route looked up
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()
+
+
+def _blocks(rows: list[list[int]]) -> list[str]:
+    """Return a QR code as half blocks, light on dark: two rows of modules per line."""
+    if len(rows) % 2:
+        rows = [*rows, [0] * len(rows[0])]
+    shapes = {(0, 0): "█", (0, 1): "▀", (1, 0): "▄", (1, 1): " "}
+    pairs = zip(rows[::2], rows[1::2], strict=True)
+    return ["".join(shapes[int(bool(a)), int(bool(b))] for a, b in zip(*pair, strict=True)) for pair in pairs]

@@ -1,0 +1,178 @@
+// The four pictures: signal and output by uPlot, track and phase portrait on canvases of our own.
+const WINDOW = 120;  // seconds of the vehicle's time that are drawn
+const DEG = 180 / Math.PI;
+export const SIGNALS = {
+  psi: { name: "heading", unit: "°", factor: DEG, rate: "°/s" }, r: { name: "turn rate", unit: "°/s", factor: DEG, rate: "°/s²" },
+  z: { name: "depth", unit: "m", factor: 1, rate: "m/s" }, x: { name: "position ahead", unit: "m", factor: 1, rate: "m/s" },
+  u: { name: "speed", unit: "m/s", factor: 1, rate: "m/s²" },
+};
+export const about = (signal) => SIGNALS[signal] || { name: signal || "signal", unit: "", factor: 1, rate: "" };
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+let plots = null;
+
+function makePlot(node, series, least) {
+  const axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
+  return new uPlot({
+    width: node.clientWidth, height: 205, cursor: { show: false }, legend: { live: false },
+    scales: { x: { time: false }, y: { range: (u, low, high) => spread(low, high, least()) } },
+    axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }],
+    series: [{}, ...series],
+  }, [[], ...series.map(() => [])], node);
+}
+
+function spread(low, high, least) {
+  if (low === null || high === null) return [-least, least];
+  const middle = (low + high) / 2, half = Math.max((high - low) * 0.55, least);
+  return [middle - half, middle + half];
+}
+
+export function forget() {
+  if (plots) { plots.signal.destroy(); plots.output.destroy(); }
+  plots = null;
+}
+
+let least = 1;
+function made() {
+  if (plots) return plots;
+  const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false } });
+  plots = {
+    signal: makePlot(document.getElementById("chart-signal"),
+      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least),
+    output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10),
+  };
+  return plots;
+}
+
+export function resize() {
+  if (!plots) return;
+  for (const [name, plot] of Object.entries(plots)) {
+    const width = document.getElementById(`chart-${name}`).clientWidth;
+    if (width > 0) plot.setSize({ width, height: 205 });
+  }
+}
+
+// rows: [leg, t, value, target, output, rate, x, y, psi]
+export function draw(state) {
+  const { rows, legs } = state;
+  const signal = legs.length ? legs[legs.length - 1].signal : "";
+  const kind = about(signal), last = rows.length ? rows[rows.length - 1][1] : 0;
+  const first = rows.length ? rows[0][1] : 0;
+  let begin = rows.length;
+  while (begin > 0 && legs[rows[begin - 1][0]].signal === signal && last - rows[begin - 1][1] < WINDOW) begin -= 1;
+  const shown = rows.slice(begin);
+  const scaled = (v) => (v === null || v === undefined ? null : v * kind.factor);
+  const x = shown.map((r) => r[1] - first);
+  least = kind.unit === "°" || kind.unit === "°/s" ? 5 : 0.2;
+  const { signal: one, output: two } = made();
+  one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]);
+  two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]);
+  say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, wanted`);
+  drawTrack(rows, state.room);
+  drawPhase(shown, kind);
+}
+
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+function say(id, text) { const node = document.getElementById(id); if (node.textContent !== text) node.textContent = text; }
+
+function canvas(id) {
+  const node = document.getElementById(id), ratio = window.devicePixelRatio || 1;
+  const width = node.clientWidth, height = node.clientHeight;
+  if (node.width !== Math.round(width * ratio) || node.height !== Math.round(height * ratio)) {
+    node.width = Math.round(width * ratio);
+    node.height = Math.round(height * ratio);
+  }
+  const pen = node.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  pen.font = "12px system-ui, sans-serif";
+  return { pen, width, height };
+}
+
+function niceStep(range) {
+  const rough = range / 6, power = 10 ** Math.floor(Math.log10(rough));
+  return power * [1, 2, 5, 10].find((k) => k * power >= rough);
+}
+
+function drawTrack(rows, room) {
+  const { pen, width, height } = canvas("track");
+  const points = rows.filter((r) => r[6] !== null && r[7] !== null);
+  if (!points.length) {
+    say("caption-track", "Track: the vehicle tells no position");
+    return;
+  }
+  let [north, south, east, west] = [-Infinity, Infinity, -Infinity, Infinity];
+  for (const r of points) {
+    north = Math.max(north, r[6]); south = Math.min(south, r[6]); east = Math.max(east, r[7]); west = Math.min(west, r[7]);
+  }
+  const zones = (room && room.zones) || [];
+  for (const [corners, radius] of zones) for (const [n, e] of corners) {
+    north = Math.max(north, n + radius); south = Math.min(south, n - radius);
+    east = Math.max(east, e + radius); west = Math.min(west, e - radius);
+  }
+  const scale = Math.min((width - 30) / Math.max(east - west, 6), (height - 30) / Math.max(north - south, 6));
+  const px = (e) => width / 2 + (e - (east + west) / 2) * scale;
+  const py = (n) => height / 2 - (n - (north + south) / 2) * scale;
+  const step = niceStep(width / scale);
+  pen.strokeStyle = css("faint"); pen.lineWidth = 1; pen.beginPath();
+  const reach = (low, high) => [Math.ceil(low / step), Math.floor(high / step)];
+  const halfE = width / 2 / scale, halfN = height / 2 / scale, midE = (east + west) / 2, midN = (north + south) / 2;
+  for (let [k, to] = reach(midE - halfE, midE + halfE); k <= to; k++) { pen.moveTo(px(k * step), 0); pen.lineTo(px(k * step), height); }
+  for (let [k, to] = reach(midN - halfN, midN + halfN); k <= to; k++) { pen.moveTo(0, py(k * step)); pen.lineTo(width, py(k * step)); }
+  pen.stroke();
+  pen.strokeStyle = css("limit"); pen.lineWidth = 2;
+  let limit = "";
+  if (room && room.x !== null && room.y !== null && room.distance !== null) {
+    pen.setLineDash([6, 4]); pen.beginPath();
+    pen.arc(px(room.y), py(room.x), room.distance * scale, 0, 2 * Math.PI); pen.stroke(); pen.setLineDash([]);
+    cross(pen, px(room.y), py(room.x));
+    limit = `; limit ${room.distance} m from the cross`;
+  }
+  for (const [corners, radius, inside] of zones) {
+    pen.setLineDash(inside ? [] : [2, 4]); pen.beginPath();
+    if (corners.length === 1) pen.arc(px(corners[0][1]), py(corners[0][0]), radius * scale, 0, 2 * Math.PI);
+    else { corners.forEach(([n, e], i) => (i ? pen.lineTo(px(e), py(n)) : pen.moveTo(px(e), py(n)))); pen.closePath(); }
+    pen.stroke(); pen.setLineDash([]);
+  }
+  if (zones.length) limit += "; area and fence drawn (dotted: keep out)";
+  pen.strokeStyle = css("measured"); pen.beginPath();
+  points.forEach((r, i) => (i ? pen.lineTo(px(r[7]), py(r[6])) : pen.moveTo(px(r[7]), py(r[6]))));
+  pen.stroke();
+  const now = points[points.length - 1];
+  bow(pen, px(now[7]), py(now[6]), now[8] || 0);
+  say("caption-track", `Track from above, north up; grid ${step} m${limit}`);
+}
+
+function cross(pen, x, y) {
+  pen.beginPath(); pen.moveTo(x - 6, y); pen.lineTo(x + 6, y); pen.moveTo(x, y - 6); pen.lineTo(x, y + 6); pen.stroke();
+}
+
+function bow(pen, x, y, psi) {
+  const turned = (ahead, abeam) => [x + ahead * Math.sin(psi) + abeam * Math.cos(psi), y - ahead * Math.cos(psi) + abeam * Math.sin(psi)];
+  pen.fillStyle = css("wanted"); pen.beginPath();
+  [[11, 0], [-7, 6], [-4, 0], [-7, -6]].forEach(([a, b], i) => (i ? pen.lineTo(...turned(a, b)) : pen.moveTo(...turned(a, b))));
+  pen.closePath(); pen.fill();
+}
+
+function drawPhase(rows, kind) {
+  const { pen, width, height } = canvas("phase");
+  const points = rows.filter((r) => r[2] !== null && r[5] !== null).map((r) => [(r[2] - (r[3] ?? r[2])) * kind.factor, r[5] * kind.factor]);
+  if (!points.length || rows.every((r) => r[3] === null)) {
+    say("caption-phase", "Phase portrait: drawn while something is wanted");
+    return;
+  }
+  const most = (k, floor) => Math.max(floor, ...points.map((p) => Math.abs(p[k]))) * 1.15;
+  const a = most(0, least / 2), b = most(1, least / 5);
+  const px = (v) => width / 2 + (v / a) * (width / 2), py = (v) => height / 2 - (v / b) * (height / 2);
+  pen.strokeStyle = css("faint"); pen.lineWidth = 1; pen.beginPath();
+  pen.moveTo(0, height / 2); pen.lineTo(width, height / 2); pen.moveTo(width / 2, 0); pen.lineTo(width / 2, height); pen.stroke();
+  pen.fillStyle = css("soft");
+  pen.fillText(`${a.toPrecision(2)} ${kind.unit}`, width - 62, height / 2 - 5);
+  pen.fillText(`${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
+  pen.strokeStyle = css("measured"); pen.lineWidth = 1.5; pen.beginPath();
+  points.forEach(([v, w], i) => (i ? pen.lineTo(px(v), py(w)) : pen.moveTo(px(v), py(w))));
+  pen.stroke();
+  const [v, w] = points[points.length - 1];
+  pen.fillStyle = css("wanted"); pen.beginPath(); pen.arc(px(v), py(w), 5, 0, 2 * Math.PI); pen.fill();
+  say("caption-phase", `Phase portrait: measured less wanted ${kind.name} across, its rate upwards`);
+}

@@ -1,0 +1,245 @@
+// The page: what is known is shown, as text and never as HTML; STOP; questions.
+import { about, draw, forget, resize } from "./charts.js";
+import { apply, connect, empty, link, post, token } from "./state.js";
+import { make } from "./start.js";
+
+const $ = (id) => document.getElementById(id);
+let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
+const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
+const running = () => Boolean(state.run && !state.end);
+
+// --- STOP -----------------------------------------------------------------------------------------------------------
+
+async function stop() {
+  if (!running() || !mayTouch) return;
+  if (!wantStop) wantStop = performance.now();
+  const mine = wantStop;
+  for (;;) {
+    const answer = await post("stop");
+    if (answer.ok || wantStop !== mine || !running()) break;
+    refused = answer.status ? answer.error : "";
+    show();
+    if (answer.status >= 400 && answer.status < 500 && answer.status !== 429) break;
+    await new Promise((done) => setTimeout(done, 300));
+  }
+  show();
+}
+$("stop").onclick = stop;
+// Capturing, so that no button takes the space for itself while a run is under way.
+for (const kind of ["keydown", "keyup"]) {
+  document.addEventListener(kind, (event) => {
+    if (event.code !== "Space" || !running() || !mayTouch) return;
+    const type = event.target.tagName === "INPUT" ? event.target.type : "";
+    if (type === "text") return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (kind === "keydown" && !event.repeat) stop();
+  }, true);
+}
+
+// --- questions ------------------------------------------------------------------------------------------------------
+
+let asked = null;
+async function answer(yes) {
+  const id = asked;
+  if (id === null) return;
+  $("yes").disabled = $("no").disabled = true;
+  const told = await post("answer", { id, yes });
+  if (!told.ok) {
+    refused = `the answer did not arrive: ${told.error}`;
+    $("yes").disabled = $("no").disabled = false;
+    show();
+  }
+}
+$("yes").onclick = () => answer(true);
+$("no").onclick = () => answer(false);
+
+function showQuestion() {
+  const question = running() ? state.question : null;
+  $("question").hidden = !question;
+  if (!question) { asked = null; return; }
+  say("question-text", question.text);
+  $("offer").hidden = !state.proposal;
+  if (asked === question.id) return;
+  asked = question.id;
+  $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
+  $("yes").disabled = $("no").disabled = !mayTouch;
+  $("question").tabIndex = -1;
+  $("question").focus();
+}
+
+// --- gains ----------------------------------------------------------------------------------------------------------
+
+const short = (number) => (number === null || number === undefined ? "–" : String(Number(number.toPrecision(4))));
+
+function gains(offer) {
+  const table = document.createElement("table");
+  const row = (tag, cells) => {
+    const line = document.createElement("tr");
+    for (const text of cells) { const cell = document.createElement(tag); cell.textContent = text; line.append(cell); }
+    return line;
+  };
+  table.append(row("th", ["Parameter", "Old", "New", "Why"]));
+  for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), v.reason]));
+  const told = document.createElement("p");
+  if (offer.cost_after !== null) {
+    told.textContent = `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer)} s²; lower is better.`;
+  }
+  return [table, told];
+}
+
+function costs(offer) {
+  const between = offer.cost_low !== null && offer.cost_high !== null ? ` (${short(offer.cost_low)} to ${short(offer.cost_high)})` : "";
+  return short(offer.cost_after) + between;
+}
+
+// --- the whole ------------------------------------------------------------------------------------------------------
+
+function duration(seconds) {
+  if (seconds === null || seconds === undefined) return "";
+  const whole = Math.max(0, Math.round(seconds));
+  return whole >= 60 ? `${Math.floor(whole / 60)} min ${whole % 60} s` : `${whole} s`;
+}
+
+function showBar() {
+  const now = state.now;
+  let stage = "No run is under way", times = "", done = 0;
+  if (!link.connected && !state.run) stage = "Connecting to the server …";
+  else if (running()) {
+    stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: setting out`;
+    if (now && now.elapsed !== null) times = `${duration(now.elapsed)} flown`;
+    if (now && now.left !== null) {
+      times += `, about ${duration(now.left)} left`;
+      done = 100 * now.elapsed / Math.max(now.elapsed + now.left, 1);
+    }
+    if (state.run.simulated) times += " (simulated time)";
+  } else if (state.end) { stage = `${state.run.title}: over`; times = state.end.meaning; done = 100; }
+  say("stage", stage);
+  const mine = state.words.filter((word) => word.severity === null);
+  say("latest", running() && mine.length ? mine[mine.length - 1].text : "");
+  say("times", times);
+  $("progress").setAttribute("aria-valuenow", String(Math.round(done)));
+  $("progress-done").style.width = `${done}%`;
+  const button = $("stop"), stopping = running() && (state.stopping || wantStop);
+  button.disabled = !running() || !mayTouch;
+  button.classList.toggle("stopping", Boolean(stopping));
+  say("stop", stopping ? "STOPPING: putting back" : "STOP");
+  document.title = `${stopping ? "STOPPING – " : running() ? "▶ " : ""}gcs-autotune`;
+}
+
+function showAlarm() {
+  const quiet = (performance.now() - link.heard) / 1000, away = (performance.now() - link.since) / 1000;
+  const alarms = [];
+  if (refused) alarms.push(refused);
+  if (running() && wantStop && !state.stopping && performance.now() - wantStop > 700 && !refused) {
+    alarms.push("STOP is not confirmed yet: trying again. Use your transmitter or the vehicle's own switch.");
+  }
+  if (!link.connected && away > 2) {
+    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " A run under way goes on without this page." : ""}`);
+  } else if (running() && state.vitals && !state.run.simulated && quiet > 3) {
+    alarms.push(`Nothing heard from the vehicle for ${duration(quiet)}.`);
+  }
+  $("alarm").hidden = !alarms.length;
+  if (alarms.length) say("alarm", alarms.join(" "));
+}
+
+function showTiles() {
+  const now = state.now || {}, vitals = state.vitals || {}, kind = about(now.signal);
+  const reading = (v) => {
+    if (v === null || v === undefined) return "–";
+    const shown = v * kind.factor;
+    return now.signal === "psi" ? `${(((shown % 360) + 360) % 360).toFixed(1)}°` : `${shown.toFixed(2)} ${kind.unit}`;
+  };
+  const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
+  say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, wanted ${reading(now.target)}` : ""}` : "–");
+  say("tile-output", percent(now.output));
+  say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} alike` : "–");
+  say("tile-guard", now.guard ? `${now.guard}, ${percent(now.guard_share)} used` : "–");
+  say("tile-mode", state.vitals ? `${vitals.mode}, ${vitals.armed ? "armed" : "disarmed"}` : "–");
+  const battery = [];
+  if (vitals.battery_voltage != null) battery.push(`${vitals.battery_voltage.toFixed(1)} V`);
+  if (vitals.battery_remaining != null) battery.push(percent(vitals.battery_remaining));
+  say("tile-battery", state.vitals ? battery.join(", ") || "not told" : "–");
+  const radio = [];
+  if (vitals.round_trip != null) radio.push(`${Math.round(vitals.round_trip * 1000)} ms there and back`);
+  if (vitals.attitude_rate != null) radio.push(`attitude ${Math.round(vitals.attitude_rate)} Hz`);
+  say("tile-link", radio.join(", ") || "–");
+  say("tile-cost", state.proposal && state.proposal.cost_after !== null ? `${short(state.proposal.cost_before)} → ${costs(state.proposal)} s²` : "after the design");
+}
+
+let shownWords = -1;
+function showWords() {
+  const last = state.words.length ? state.words[state.words.length - 1].n : 0;
+  if (last === shownWords) return;
+  shownWords = last;
+  $("words").replaceChildren(...state.words.slice(-200).reverse().map((word) => {
+    const item = document.createElement("li");
+    item.textContent = word.severity === null ? word.text : `Vehicle: ${word.text}`;
+    if (word.severity !== null) item.className = word.severity <= 3 ? "severe" : "vehicle";
+    return item;
+  }));
+}
+
+function showEnd() {
+  const end = state.end;
+  $("end").hidden = !end;
+  if (!end) return;
+  $("end").classList.toggle("bad", !end.fine);
+  say("end-title", `${state.run.title}: ${end.meaning}`);
+  say("end-reason", end.reason || "");
+  if ($("put-back").dataset.of === state.run.name) return;
+  $("put-back").dataset.of = state.run.name;
+  $("put-back").replaceChildren(...end.put_back.map((text) => {
+    const item = document.createElement("li");
+    item.textContent = text;
+    return item;
+  }));
+}
+
+let drawn = 0;
+function show() {
+  showBar(); showAlarm(); showQuestion(); showEnd();
+  $("idle").hidden = Boolean(state.run);
+  $("live").hidden = !state.run;
+  $("view-live").hidden = view !== "live";
+  $("view-start").hidden = view !== "start";
+  for (const name of ["live", "start"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
+  $("look-only").hidden = mayTouch;
+  $("start").disabled = !mayTouch || running();
+  if (!state.run || view !== "live" || document.hidden) return;
+  showTiles(); showWords();
+  say("command", `The same on a terminal: ${state.run.command}`);
+  $("gains").hidden = !state.proposal;
+  if (state.proposal && $("gains").dataset.of !== JSON.stringify(state.proposal)) {
+    $("gains").dataset.of = JSON.stringify(state.proposal);
+    $("gains-table").replaceChildren(...gains(state.proposal));
+  }
+  if (fresh && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
+}
+
+function take(delta) {
+  const before = state.run && state.run.name;
+  state = apply(state, delta);
+  if (delta.whole || delta.fresh || delta["+rows"] || delta.room) fresh = true;
+  if ((state.run && state.run.name) !== before) { wantStop = 0; refused = ""; shownWords = -1; }
+  if (!running()) { wantStop = 0; }
+  requestAnimationFrame(show);
+}
+
+function look(at) { view = at; fresh = true; show(); resize(); }
+$("tab-live").onclick = () => look("live");
+$("tab-start").onclick = $("go-start").onclick = () => look("start");
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forget(); fresh = true; show(); });
+addEventListener("resize", () => { resize(); fresh = true; show(); });
+document.addEventListener("visibilitychange", () => { fresh = true; show(); });
+setInterval(show, 500);
+
+async function begin() {
+  const fields = await (await fetch("about")).json();
+  say("version", fields.version);
+  mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
+  make(fields, () => look("live"));
+  show();
+}
+begin().catch(() => setTimeout(() => location.reload(), 3000));
+connect(take);

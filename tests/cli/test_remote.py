@@ -1,0 +1,118 @@
+"""A program in the operator's place: what it is told, what it may say, and that nobody waits for it."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from gcs_autotune.cli.remote import MOST_TICKS, RemoteOperator, RemoteWatcher
+from gcs_autotune.watch import LeftAs, Progress, ProposedGains, Room, Vitals, Words
+
+
+def lines(stream: io.BytesIO) -> list[tuple[str, Any]]:
+    return [next(iter(json.loads(line).items())) for line in stream.getvalue().splitlines()]
+
+
+def tick(k: int, signal: str = "psi") -> Progress:
+    return Progress("stage", "relay", float(k), signal, value=0.1 * k)
+
+
+class Stuck(io.BytesIO):
+    """A listener who does not read until he is let."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.let = threading.Event()
+        self.reached = threading.Event()
+
+    def write(self, data: Any, /) -> int:
+        self.reached.set()
+        assert self.let.wait(60.0)
+        return super().write(data)
+
+
+def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
+    stream = io.BytesIO()
+    with RemoteWatcher(stream) as watcher:
+        for k in range(3):
+            watcher.update(tick(k))
+        watcher.update(tick(3, "z"))
+        watcher.say("hello")
+        for fact in (
+            Vitals("HOLD", False),
+            Words(4, "text"),
+            Room(0.0, 0.0, 300.0),
+            ProposedGains(()),
+            LeftAs("HOLD", False, {}),
+        ):
+            watcher.note(fact)
+    told = lines(stream)
+    assert {key for key, _ in told} == {"samples", "now", "say", "vitals", "words", "room", "proposal", "left"}
+    samples = [value for key, value in told if key == "samples"]
+    assert [len(each["rows"]) for each in samples] == [3, 1]
+    assert dict(told)["vitals"]["battery_voltage"] is None  # JSON knows no NaN
+    assert dict(told)["now"]["t"] == 3.0
+
+
+def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:
+    stream = Stuck()
+    with RemoteWatcher(stream) as watcher:
+        watcher.say("first")
+        assert stream.reached.wait(60.0)
+        for k in range(5 * MOST_TICKS):
+            watcher.update(tick(k))
+        stream.let.set()
+    told = lines(stream)
+    rows = [row for key, value in told if key == "samples" for row in value["rows"]]
+    assert len(rows) == MOST_TICKS
+    assert rows[-1][0] == 5 * MOST_TICKS - 1  # the newest are kept
+    assert dict(told)["dropped"] == {"count": 4 * MOST_TICKS}
+
+
+def operated(source: int) -> tuple[RemoteOperator, io.BytesIO, RemoteWatcher]:
+    stream = io.BytesIO()
+    watcher = RemoteWatcher(stream)
+    return RemoteOperator(watcher, source), stream, watcher
+
+
+def until(condition: Callable[[], bool]) -> None:
+    patience = threading.Event()
+    for _ in range(1000):
+        if condition():
+            return
+        patience.wait(0.01)
+    raise AssertionError("it did not come about")
+
+
+def test_a_stop_is_heard_whatever_came_before_it() -> None:
+    reading, writing = os.pipe()
+    operator, _, _ = operated(reading)
+    assert not operator.stop_requested()
+    os.write(writing, b'no json\n[]\n{"answer": 3}\n{"st')
+    os.write(writing, b'op": true}\n')
+    until(operator.stop_requested)
+    os.close(writing)
+
+
+def test_the_end_of_standard_input_is_a_stop_for_nobody_is_there_any_more_who_could() -> None:
+    reading, writing = os.pipe()
+    operator, _, _ = operated(reading)
+    os.close(writing)
+    until(operator.stop_requested)
+
+
+def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:
+    reading, writing = os.pipe()
+    operator, stream, watcher = operated(reading)
+    os.write(writing, b'{"answer": {"id": 1, "yes": true}}\n{"answer": {"id": 1, "yes": false}}\n')
+    os.write(writing, b'{"answer": {"id": 2, "yes": "true"}}\n')
+    with watcher:
+        assert operator.ask("Go ahead?", lambda: None)
+        assert not operator.ask("Write it?", lambda: None)  # only true is yes
+    questions = [value for key, value in lines(stream) if key == "question"]
+    assert questions == [{"id": 1, "text": "Go ahead?"}, {"id": 2, "text": "Write it?"}]
+    os.close(writing)

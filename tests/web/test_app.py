@@ -1,0 +1,227 @@
+"""The server as a browser meets it, with a scripted run in place of one that flies."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from gcs_autotune.web import Access, CommandLine, make_app
+from gcs_autotune.web.access import TOKEN_HEADER
+from gcs_autotune.web.app import FILES, STATIC
+
+SCRIPT = Path(__file__).with_name("scripted_run.py")
+PROGRAM = CommandLine((sys.executable, str(SCRIPT)))
+OURS = {TOKEN_HEADER: "none"}
+HEADING = {"job": "tune", "axis": "heading", "connect": "udpin:127.0.0.1:14550"}
+
+
+def client_of(runs: Path, access: Access | None = None) -> TestClient:
+    return TestClient(make_app(runs, access or Access(), PROGRAM), base_url="http://127.0.0.1:8090")
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[TestClient]:
+    with client_of(tmp_path) as one:
+        yield one
+
+
+class Viewer:
+    """Keeps the document in step, as the page does."""
+
+    def __init__(self, socket: WebSocketTestSession) -> None:
+        self.socket = socket
+        self.state: dict[str, Any] = {}
+
+    def until(self, key: str) -> dict[str, Any]:
+        while not self.state.get(key):
+            delta = json.loads(self.socket.receive_text())
+            if "whole" in delta:
+                self.state = delta["whole"]
+            elif delta.get("fresh"):
+                self.state = {"rows": [], "words": [], "legs": []}
+            for name, value in delta.items():
+                if name.startswith("+"):
+                    self.state[name[1:]] += value
+                elif name != "whole":
+                    self.state[name] = value
+        return self.state
+
+
+def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(client: TestClient) -> None:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        viewer = Viewer(socket)
+        assert client.post("/start", json=HEADING, headers=OURS).status_code == 200
+        state = viewer.until("question")
+        assert state["now"]["steps"] == 8
+        assert len(state["rows"]) == 3
+        assert state["proposal"]["values"][0]["parameter"] == "ATC_STR_RAT_P"
+        assert client.post("/start", json=HEADING, headers=OURS).status_code == 409
+        for _ in range(3):
+            assert client.post("/stop", headers=OURS).json() == {"stopping": True}
+        end = viewer.until("end")["end"]
+    assert (end["code"], end["fine"]) == (130, True)
+    assert end["reason"] == "stopped by the operator"
+    assert "mode HOLD, disarmed, as it was found" in end["put_back"][0]
+    assert "all 1 as they were" in end["put_back"][1]
+    assert client.post("/stop", headers=OURS).json() == {"stopping": False}
+
+
+def test_the_first_answer_counts_and_no_other(client: TestClient) -> None:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        viewer = Viewer(socket)
+        client.post("/start", json=HEADING, headers=OURS)
+        viewer.until("question")
+        wrong = client.post("/answer", json={"id": 7, "yes": True}, headers=OURS)
+        first = client.post("/answer", json={"id": 1, "yes": True}, headers=OURS)
+        second = client.post("/answer", json={"id": 1, "yes": False}, headers=OURS)
+        assert [each.json()["counted"] for each in (wrong, first, second)] == [False, True, False]
+        end = viewer.until("end")["end"]
+    assert end["code"] == 0
+    assert "ATC_STR_RAT_P 0.2 -> 0.4" in end["put_back"][1]
+
+
+def test_viewers_come_and_go_without_the_run_noticing(client: TestClient) -> None:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        client.post("/start", json=HEADING, headers=OURS)
+        Viewer(socket).until("question")
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        again = Viewer(socket)
+        assert len(again.until("question")["rows"]) == 3
+        assert again.state.get("end") is None
+        client.post("/stop", headers=OURS)
+        assert again.until("end")["end"]["code"] == 130
+
+
+def test_the_server_s_end_stops_the_run_and_waits_for_it(tmp_path: Path) -> None:
+    with client_of(tmp_path) as client, client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        name = client.post("/start", json=HEADING, headers=OURS).json()["name"]
+        Viewer(socket).until("question")
+    assert (tmp_path / name / "parameters_after.json").exists()
+
+
+def test_the_same_is_told_by_server_sent_events(tmp_path: Path) -> None:
+    import asyncio
+
+    async def scene() -> list[bytes]:
+        """Ask as a browser would, and go after the first event: the test client waits for an end there is none of."""
+        sent: list[bytes] = []
+        gone = asyncio.Event()
+        scope = {
+            "type": "http", "asgi": {"version": "3.0", "spec_version": "2.3"}, "http_version": "1.1", "method": "GET",
+            "path": "/events", "raw_path": b"/events", "query_string": b"", "root_path": "", "scheme": "http",
+            "headers": [(b"host", b"127.0.0.1")], "client": ("127.0.0.1", 1), "server": ("127.0.0.1", 8090),
+        }  # fmt: skip
+
+        async def receive() -> dict[str, Any]:
+            await gone.wait()
+            return {"type": "http.disconnect"}
+
+        async def send(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                sent.extend(value for name, value in message["headers"] if name == b"content-type")
+            elif message.get("body"):
+                sent.append(message["body"])
+                gone.set()
+
+        await make_app(tmp_path, Access(), PROGRAM)(scope, receive, send)
+        return sent
+
+    kind, first = asyncio.run(scene())
+    assert kind.startswith(b"text/event-stream")
+    assert first.startswith(b'data: {"whole":')
+    assert first.endswith(b"\n\n")
+
+
+@pytest.mark.parametrize("where", ["/start", "/stop", "/answer", "/token"])
+def test_nobody_without_the_token_touches_but_he_may_look(where: str, tmp_path: Path) -> None:
+    with client_of(tmp_path, Access("right")) as client:
+        assert client.post(where, json=HEADING).status_code == 401
+        assert client.post(where, json=HEADING, headers={TOKEN_HEADER: "wrong"}).status_code == 403
+        assert client.get("/").status_code == 200
+        assert client.get("/about").json()["token_needed"]
+        with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+            assert "whole" in json.loads(socket.receive_text())
+        assert client.post("/token", headers={TOKEN_HEADER: "right"}).status_code == 200
+
+
+def test_a_form_of_another_page_does_not_touch_even_where_no_token_is_needed(client: TestClient) -> None:
+    assert client.post("/stop").status_code == 403  # a form cannot set the header
+    assert client.post("/stop", headers={**OURS, "Origin": "http://evil.example"}).status_code == 403
+    assert client.post("/stop", headers={**OURS, "Sec-Fetch-Site": "cross-site"}).status_code == 403
+    assert client.get("/about", headers={"Host": "evil.example"}).status_code == 403
+    assert client.get("/stop").status_code == 405
+    assert client.options("/stop", headers={"Origin": "http://evil.example"}).status_code == 403
+
+
+@pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {"host": "evil.example"}])
+def test_a_socket_of_another_page_is_refused(client: TestClient, headers: dict[str, str]) -> None:
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("ws://127.0.0.1:8090/live", headers=headers) as socket,
+    ):
+        socket.receive_text()
+
+
+def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestClient) -> None:
+    for where in ("/", "/about", "/nothing", "/static/main.js"):
+        policy = client.get(where).headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert client.get(where).headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ({**HEADING, "axis": "sideways"}, "sideways"),
+        ({**HEADING, "job": "restore"}, "restore"),
+        ({**HEADING, "numbers": {"max-roll": "1e9"}}, "max-roll: 1000000000 is out of range"),
+        ({**HEADING, "numbers": {"--out": "/etc"}}, "asks for no number '--out'"),
+        ({**HEADING, "numbers": {"step": "30; rm"}}, "is no number"),
+        ({**HEADING, "numbers": ["step"]}, "no object"),
+        ({**HEADING, "connect": "udpin:\n--yes"}, "no connection string"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name_before_anything_starts(
+    client: TestClient, tmp_path: Path, chosen: dict[str, Any], said: str
+) -> None:
+    answer = client.post("/start", json=chosen, headers=OURS)
+    assert answer.status_code == 400
+    assert said in answer.json()["error"]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("body", [b"", b"[]", b"{", b"x" * 100_000, b"null"])
+def test_what_is_not_understood_is_said_and_harms_nothing(client: TestClient, body: bytes) -> None:
+    for where in ("/start", "/answer"):
+        answer = client.post(where, content=body, headers=OURS)
+        assert answer.status_code == 400
+        assert answer.json()["error"]
+
+
+def test_only_the_page_s_own_files_are_served(client: TestClient) -> None:
+    for name in ("..%2Fapp.py", "%2e%2e/app.py", "index.html", "%2Fetc%2Fpasswd"):
+        assert client.get(f"/static/{name}").status_code == 404
+    assert {path.name for path in STATIC.iterdir()} == {*FILES, "index.html"}
+    assert [client.get(f"/static/{name}").status_code for name in FILES] == [200] * len(FILES)
+
+
+def test_the_page_is_small_and_asks_nobody_else() -> None:
+    sizes = {path.name: path.stat().st_size for path in STATIC.iterdir()}
+    assert sum(sizes.values()) < 300_000
+    for path in STATIC.iterdir():
+        text = path.read_text(encoding="utf-8")
+        if path.name.startswith("uPlot"):
+            continue
+        assert "http://" not in text
+        assert "https://" not in text
+        assert "innerHTML" not in text
+        assert 'src="/' not in text
+        assert 'href="/' not in text

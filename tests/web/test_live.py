@@ -1,0 +1,99 @@
+"""What viewers are told: everything once, then what changed; nobody's slowness is another's."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+
+from gcs_autotune.web.live import BEHIND, MOST_VIEWERS, ROWS, WORDS, Live
+
+ROW = [0.0] * 8
+
+
+def samples(count: int, signal: str = "psi") -> bytes:
+    value = {"stage": "a", "manoeuvre": "b", "signal": signal, "rows": [ROW] * count}
+    return json.dumps({"samples": value}).encode()
+
+
+async def told(viewer: Any) -> dict[str, Any]:
+    return json.loads(await asyncio.wait_for(anext(viewer), 5.0))
+
+
+def test_one_who_comes_later_gets_everything_once() -> None:
+    async def scene() -> None:
+        live = Live()
+        live.begin({"name": "one"})
+        live.take(samples(3))
+        live.say("hello")
+        viewer = live.watch()
+        whole = (await told(viewer))["whole"]
+        assert len(whole["rows"]) == 3
+        assert [w["text"] for w in whole["words"]] == ["hello"]
+        assert not live.tell()  # nothing of it comes a second time
+        live.take(samples(2, "z"))
+        live.tell()
+        delta = await told(viewer)
+        assert [leg["signal"] for leg in delta["+legs"]] == ["z"]
+        assert [row[0] for row in delta["+rows"]] == [1, 1]
+
+    asyncio.run(scene())
+
+
+def test_one_who_falls_behind_gets_everything_again_and_others_every_delta() -> None:
+    async def scene() -> None:
+        live = Live()
+        live.begin({"name": "one"})
+        slow, quick = live.watch(), live.watch()
+        await told(slow)
+        await told(quick)
+        for k in range(3 * BEHIND):
+            live.put("now", {"k": k})
+            live.tell()
+            assert (await told(quick))["now"]["k"] == k
+        assert (await told(slow))["whole"]["now"]["k"] == 3 * BEHIND - 1
+
+    asyncio.run(scene())
+
+
+def test_memory_does_not_grow_with_a_run() -> None:
+    live = Live()
+    live.begin({"name": "one"})
+    for k in range(60):
+        live.take(samples(500))
+        live.say(f"sentence {k}")
+        live.take(json.dumps({"words": {"severity": 2, "text": "x" * 100_000}}).encode())
+        for _ in range(20):
+            live.say("again")
+    whole = json.loads(live.whole())["whole"]
+    assert len(whole["rows"]) == ROWS
+    assert len(whole["words"]) == WORDS
+    assert len(live.whole()) < 1_500_000
+
+
+def test_what_is_none_of_its_words_is_ignored() -> None:
+    live = Live()
+    live.begin({"name": "one"})
+    for line in (b"", b"no json", b"[]", b"{}", b'{"run": {"name": "other"}}', b'{"samples": 3}', b'{"question": "a"}'):
+        live.take(line)
+    assert live.get("run") == {"name": "one"}
+    assert live.get("question") is None
+
+
+def test_characters_that_act_do_not_reach_a_viewer() -> None:
+    live = Live()
+    live.take(json.dumps({"words": {"severity": 4, "text": "\x1b[2J\u202ekept"}}).encode())
+    assert json.loads(live.whole())["whole"]["words"][0]["text"] == "\\x1b[2J\\u202ekept"
+
+
+def test_there_is_an_end_to_how_many_may_look() -> None:
+    async def scene() -> None:
+        live = Live()
+        viewers = [live.watch() for _ in range(MOST_VIEWERS)]
+        for viewer in viewers:
+            await told(viewer)
+        assert [text async for text in live.watch()] == []
+        await viewers[0].aclose()
+        assert "whole" in await told(live.watch())
+
+    asyncio.run(scene())
