@@ -264,7 +264,7 @@ _BY_AXIS = (
 _FLOWN = (
     Limit(
         "step-duration",
-        "time given to each step",
+        "longest time given to each step",
         "s",
         1.0,
         300.0,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.models import SingleDof
 
-__all__ = ["predict", "predict_metrics"]
+__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_metrics"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,14 @@ class _Flown(NamedTuple):
     t: Array
     position: Array
     output: Array
+
+
+class PairAsFlown(NamedTuple):
+    """Metrics of a step with one and with the other settings, both read over ``windows`` [s] of step and step back."""
+
+    one: StepMetrics
+    other: StepMetrics
+    windows: tuple[float, float]
 
 
 def predict(
@@ -49,6 +59,38 @@ def predict_metrics(problem: DesignProblem, settings: Settings, step: float, dur
     """Return what :func:`predict` would measure for a step of *step* [rad or m] on the identified model."""
     pair = _there_and_back(problem, problem.model, settings, step, duration)
     return combine([_measure(problem, flown) for flown in pair])
+
+
+def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:
+    """Return what steps flown with each of a *pair* of settings will be read as, over what both will record.
+
+    A flown half ends once the craft stands at its target, at most after *duration* [s], and the steps of a pair are
+    compared over the time both lasted: ``Spec.windows`` of the one that has been flown, and what is simulated here.
+    """
+    flown = [_there_and_back(problem, problem.model, settings, problem.step, duration) for settings in pair]
+    known = (*problem.spec.windows, *[duration] * 2)[:2]
+    ends = [min(known[half], *(_over_at(problem, steps[half]) for steps in flown)) for half in (0, 1)]
+    metrics = [
+        combine([_measure(problem, _cut(half, end)) for half, end in zip(steps, ends, strict=True)]) for steps in flown
+    ]
+    return PairAsFlown(metrics[0], metrics[1], (ends[0], ends[1]))
+
+
+def _over_at(problem: DesignProblem, half: _Flown) -> float:
+    """Return when a simulated *half* has stood at its target for as long as ends a flown one [s], else its length."""
+    spec = problem.spec
+    away = np.flatnonzero(np.abs(half.size - half.position) > spec.settled_band)
+    since = float(half.t[min(int(away[-1]) + 1, len(half.t) - 1)]) if len(away) else 0.0
+    for one, other in itertools.pairwise([-1, *away.tolist()]):
+        if half.t[other] - half.t[one + 1] >= spec.settled_time:
+            since = float(half.t[one + 1])
+            break
+    return min(since + spec.settled_time, float(half.t[-1]))
+
+
+def _cut(half: _Flown, end: float) -> _Flown:
+    kept = int(np.searchsorted(half.t, end + 1e-9))
+    return _Flown(half.size, half.t[:kept], half.position[:kept], half.output[:kept])
 
 
 def _there_and_back(

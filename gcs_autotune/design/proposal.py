@@ -16,7 +16,7 @@ from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import notes_on, said
 from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
-from gcs_autotune.design.prediction import predict
+from gcs_autotune.design.prediction import predict, predict_as_flown
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
 from gcs_autotune.design.refinement import any_better, refine
@@ -96,6 +96,11 @@ def design(
     shown = after if changes else before
     remarks = () if reduction is None else reduction.remarks
     left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
+    told, windows = (before.prediction, shown.prediction), tuple[float, ...]()
+    if math.isfinite(spec.settled_time):
+        read = predict_as_flown(problem, (before.settings, shown.settings), span)
+        told = replace(told[0], metrics=read.one), replace(told[1], metrics=read.other)
+        windows = read.windows
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
         axis=axis.name,
@@ -105,8 +110,8 @@ def design(
         margins=shown.margins,
         worst_margins=shown.worst_margins,
         bound=_bound(law, model, chosen.wanted, covariance, velocity),
-        before=before.prediction,
-        after=shown.prediction,
+        before=told[0],
+        after=told[1],
         notes=(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
@@ -116,6 +121,7 @@ def design(
         left=left,
         loops=(problem.loops(before.settings, chosen.wanted), problem.loops(shown.settings, chosen.wanted)),
         actuator=actuator,
+        windows=windows,
     )
 
 

@@ -104,6 +104,8 @@ class Proposal:
     effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
     ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
     ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.
+    ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read; empty: as long
+    as the predictions.
     """
 
     axis: str
@@ -120,6 +122,7 @@ class Proposal:
     left: tuple[Hunting, ...] = ()
     loops: tuple[tuple[OpenLoop, ...], tuple[OpenLoop, ...]] = ((), ())
     actuator: Actuator | None = None
+    windows: tuple[float, ...] = ()
 
     @property
     def new(self) -> Mapping[str, float]:
@@ -197,6 +200,7 @@ class Proposal:
             "worst_margins": _plain(self.worst_margins),
             "bound": [b if math.isfinite(b) else None for b in self.bound],
             "predicted": {"before": _plain(self.before.metrics), "after": _plain(self.after.metrics)},
+            **({"windows": list(self.windows)} if self.windows else {}),
             "notes": list(self.notes),
             **({"effects": [_plain(r) for r in self.remarks]} if self.remarks else {}),
             **(

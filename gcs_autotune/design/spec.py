@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gcs_autotune.design.reference_model import REFERENCE_MODELS
@@ -27,6 +27,9 @@ class Spec:
     full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
     step_duration : how long each flown step is recorded [s]; predictions then start and last as the flown ones do.
         None: steps of a loop that has long settled, as long as they take.
+    windows : how long [s] step and step back were recorded with the present gains; empty: ``step_duration``.
+    settled_band, settled_time : a flown half is over when the signal has been so near its target [rad or m] for so
+        long [s]. Gains are chosen over ``step_duration`` all the same; only what is told of them is of such halves.
     hold : how long [s] the craft is held before that step, by a loop whose integral is empty at first; 0: one that
         has long settled.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
@@ -51,6 +54,9 @@ class Spec:
     speed: float | None = None
     full_scale: float | None = None
     step_duration: float | None = None
+    windows: Sequence[float] = ()
+    settled_band: float = math.inf
+    settled_time: float = math.inf
     hold: float = 3.0
     noise_std: float = 0.0
     jitter_std: float | None = None

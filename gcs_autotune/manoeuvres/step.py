@@ -1,22 +1,37 @@
 """Step in heading, depth, speed or turn rate under the autopilot's own loop: the before/after proof.
 
 The craft holds where it is until it is steady, follows a step one way, then the step back: both directions,
-because thrusters, rudders and buoyancy are not symmetric.
+because thrusters, rudders and buoyancy are not symmetric. Each of these halves ends early once the signal has stood at
+its target for long enough; how long each lasted is kept, for only what both of two proofs recorded can be compared.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
 
+Array = NDArray[np.float64]
+
 __all__ = ["Step", "StepSettings"]
+
+SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
+"""Chosen: a signal within this share of the step of its target, or within so many standard deviations of its noise,
+stands there."""
+ONE_QUANTUM = 1.01
+"""A reading one quantum off is as near as the sensor can tell."""
+LEAST_SAMPLES = 5
+"""Second differences fewer than this tell no noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +44,7 @@ class StepSettings:
     ``steady_time``; ``hold`` is the shortest, steady or not: what an integral has come to decides how the step begins.
     ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as running
     away and the manoeuvre stops by itself.
+    ``duration`` is the longest that each half lasts; it is over once the signal has stood at its target for ``enough``.
     """
 
     signal: str
@@ -41,6 +57,7 @@ class StepSettings:
     steady_band: float = 0.07
     hold: float = 0.0
     diverged: float = 2.5
+    enough: float = math.inf
 
 
 class Step(Manoeuvre):
@@ -50,16 +67,24 @@ class Step(Manoeuvre):
 
     def __init__(self, settings: StepSettings, name: str = "step") -> None:
         super().__init__(name, signal=settings.signal, force=SIGNAL_FORCES[settings.signal])
+        from gcs_autotune.identify import quantum  # a second to import, which nobody waits for in flight
+
         self._settings = settings
+        self._quantum = quantum
         self._step = 0
         self._step_start = math.nan
         self._steady_since = math.nan
         self._base = math.nan
         self._course = math.nan
+        self._held: list[float] = []
+        self._latest: deque[float] = deque(maxlen=3)
+        self._there_since = math.inf
+        self._band = math.nan
+        self._lasted: list[float] = []
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """The step's settings, for the trial's meta."""
+        """The step's settings, and how long each half ``lasted``, for the trial's meta."""
         s = self._settings
         return {
             "dof": next(d.name for d in DOFS.values() if d.force == SIGNAL_FORCES[s.signal]),
@@ -72,6 +97,9 @@ class Step(Manoeuvre):
             "steady_band": s.steady_band,
             "hold": s.hold,
             **({} if s.base is None else {"base": s.base}),
+            **({"enough": s.enough} if math.isfinite(s.enough) else {}),
+            **({"band": self._band} if math.isfinite(self._band) else {}),
+            "lasted": list(self._lasted),
         }
 
     def commands(self, now: Observation) -> Commands:
@@ -96,10 +124,21 @@ class Step(Manoeuvre):
             self._step = 3
             self._end("stopped", "the loop runs away from its target: these gains are not stable here")
         elif self._step == 0:
+            self._held.append(error)
             self._wait_for_steadiness(observation, error, elapsed)
-        elif elapsed >= s.duration:
+        elif elapsed >= s.duration or self._stands_there(observation.t, error):
+            self._lasted.append(min(elapsed, s.duration))
             self._next(observation.t)
         return self._command()
+
+    def _stands_there(self, t: float, error: float) -> bool:
+        """Whether the signal has been at its target for long enough; a lone wild sample is no motion."""
+        self._latest.append(error)
+        if abs(float(np.median(self._latest))) > self._band:
+            self._there_since = math.inf
+        else:
+            self._there_since = min(self._there_since, t)
+        return t - self._there_since >= self._settings.enough
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
         s = self._settings
@@ -107,7 +146,14 @@ class Step(Manoeuvre):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
         if elapsed >= s.hold and (steady or elapsed >= s.settle):
+            self._band = self._band_about(np.array(self._held))
             self._next(observation.t)
+
+    def _band_about(self, held: Array) -> float:
+        """Return how near [SI] is there, by the noise of what was *held* (n,) before the step."""
+        noise = np.diff(held, n=2)
+        std = math.sqrt(float(np.mean(noise**2)) / 6.0) if len(noise) >= LEAST_SAMPLES else 0.0
+        return max(SETTLED_BAND * abs(self._settings.size), SETTLED_NOISES * std, ONE_QUANTUM * self._quantum(held))
 
     def _next(self, t: float) -> None:
         if self._step == 2:
@@ -119,6 +165,8 @@ class Step(Manoeuvre):
 
     def _enter(self, number: int, t: float, target: float) -> None:
         self._step, self._step_start, self.target = number, t, target
+        self._there_since = math.inf
+        self._latest.clear()
         self.phase = ("settling", "step", "step back")[number]
         self._mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[number]})
 

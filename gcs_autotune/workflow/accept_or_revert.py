@@ -8,18 +8,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better
 from gcs_autotune.link import Journal, ParameterTransaction
 from gcs_autotune.report import format_factor
+from gcs_autotune.trial import Trial
 from gcs_autotune.watch import NewValue, ProposedGains
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
-from gcs_autotune.workflow.experiments import measure
+from gcs_autotune.workflow.experiments import common_windows
 
 __all__ = ["accept_or_revert", "accept_or_revert_supplied"]
 
 
 def accept_or_revert(
-    context: TuneContext, proposal: Proposal, before: StepMetrics, criteria: StepCriteria, journal: Journal
+    context: TuneContext, proposal: Proposal, before: Trial, criteria: StepCriteria, journal: Journal
 ) -> None:
     """End the tune with *proposal*, as it deserves and the operator wants; *before* is the step with present gains.
+
+    Both steps are compared over what both recorded: each ends by itself once the craft stands at its target.
 
     Raises
     ------
@@ -36,7 +39,7 @@ def accept_or_revert(
             "unchanged",
             "no gains found inside the documented ranges do better than the present ones; nothing was written",
         )
-    elif _is_hopeless(proposal, before):
+    elif _is_hopeless(proposal, criteria.read(before, proposal.windows)):
         log.end(
             "unchanged",
             "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
@@ -49,9 +52,7 @@ def accept_or_revert(
         _prove(context, proposal.new, before, criteria, journal)
 
 
-def accept_or_revert_supplied(
-    context: TuneContext, before: StepMetrics, criteria: StepCriteria, journal: Journal
-) -> None:
+def accept_or_revert_supplied(context: TuneContext, before: Trial, criteria: StepCriteria, journal: Journal) -> None:
     """End the tune with the gains given by file, likewise; errors as those of :func:`decide`."""
     log, changes = context.log, context.log.given_changes
     log.note(ProposedGains(_values(changes)))
@@ -64,7 +65,7 @@ def accept_or_revert_supplied(
 
 
 def _prove(
-    context: TuneContext, new: Mapping[str, float], before: StepMetrics, criteria: StepCriteria, journal: Journal
+    context: TuneContext, new: Mapping[str, float], before: Trial, criteria: StepCriteria, journal: Journal
 ) -> None:
     log = context.log
     with ParameterTransaction(context.craft.parameters, journal) as loan:
@@ -72,9 +73,13 @@ def _prove(
         loan.set(new)
         log.say("written and read back")
         context.come_about("step-after")
-        after = context.fly(criteria.proof.step("step-after"), "step with new gains")
-        log.metrics_after = measure(after.trial, criteria.noise, criteria.grain)
-        verdict = is_better(before, log.metrics_after, context.law.free_overshoot)
+        after = context.fly(criteria.proof.step("step-after"), "step with new gains").trial
+        alike = common_windows(before, after)
+        if min(alike, default=math.inf) < criteria.proof.settings.duration:
+            there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
+            log.say(f"both are read over the first {there_and_back} of step and step back: what both recorded")
+        log.metrics_before, log.metrics_after = (criteria.read(trial, alike) for trial in (before, after))
+        verdict = is_better(log.metrics_before, log.metrics_after, context.law.free_overshoot)
         log.verdict = (verdict.better, verdict.reasons)
         if verdict.better:
             loan.keep()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.design import Proposal, Spec, design, design_from
+from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.experiments import measure, windows_of
 from gcs_autotune.workflow.identification import Identified
 from gcs_autotune.workflow.proof import Proof, reduction_of
 from gcs_autotune.workflow.supplied_model import STRANGE, SuppliedModel, explained
@@ -29,12 +31,19 @@ class StepCriteria:
     grain: float
     jitter: float | None = None
 
+    def read(self, step: Trial, windows: Sequence[float] = ()) -> StepMetrics:
+        """Return the metrics of a flown *step*, each half read over its first *windows* [s]."""
+        return measure(step, self.noise, self.grain, windows)
 
-def design_from_fit(context: TuneContext, found: Identified, criteria: StepCriteria) -> Proposal:
-    """Return gains for the model just identified, with its thrust curve where gains can be found for that."""
+
+def design_from_fit(context: TuneContext, found: Identified, criteria: StepCriteria, flown: Trial) -> Proposal:
+    """Return gains for the model just identified, with its thrust curve where gains can be found for that.
+
+    flown : the step with the present gains.
+    """
     log, axis, fit = context.log, context.axis, found.fit
     log.say("designing")
-    spec, reduction = _spec(context, log.relay_speed(), criteria), reduction_of(fit)
+    spec, reduction = _spec(context, log.relay_speed(), criteria, flown), reduction_of(fit)
     curved = found.curved
     if curved is not None:
         try:
@@ -57,7 +66,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
         strange = "" if share >= STRANGE else ": is it a model of this craft, at this speed, with this full scale?"
         log.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
     log.say(f"designing from the model '{file.name}'")
-    spec = replace(_spec(context, log.speed_of([flown]), criteria), full_scale=given.full_scale)
+    spec = replace(_spec(context, log.speed_of([flown]), criteria, flown), full_scale=given.full_scale)
     log.proposal = context.run_in_background(
         design_from,
         file.model,
@@ -73,7 +82,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
     return log.proposal
 
 
-def _spec(context: TuneContext, speed: float, criteria: StepCriteria) -> Spec:
+def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Trial) -> Spec:
     s, proof, flown = context.settings, criteria.proof, criteria.proof.settings
     speed = speed if proof.design_speed is None else proof.design_speed
     by_thrust = context.craft.skid or context.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0
@@ -84,6 +93,9 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria) -> Spec:
         step=abs(flown.size),
         speed=speed if context.axis.needs_speed and speed > 0.0 else None,
         step_duration=flown.duration,
+        windows=windows_of(before),
+        settled_band=float(before.meta.get("band", math.inf)),
+        settled_time=flown.enough,
         hold=flown.hold,
         noise_std=criteria.noise,
         jitter_std=criteria.jitter,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ CALMED: Mapping[str, float] = {a.stepped: a.calmed for a in AXES.values() if a.c
 
 __all__ = [
     "SHALLOW",
+    "common_windows",
     "dive_for",
     "measure",
     "noise_in",
@@ -45,6 +46,7 @@ __all__ = [
     "steering_throttle",
     "throttle_steps_for",
     "turn_for",
+    "windows_of",
 ]
 
 
@@ -173,8 +175,28 @@ def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
     return mean, 1.0 / math.sqrt(width)
 
 
-def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> StepMetrics:
+def windows_of(trial: Trial) -> tuple[float, ...]:
+    """Return how long [s] the step and the step back of a step *trial* were recorded, as far as they were flown.
+
+    One that was stopped because the loop ran away counts as recorded to its end (:func:`measure`).
+    """
+    flown = len([m for m in trial.marks if m.kind == "target"]) - 1
+    lasted = [float(seconds) for seconds in trial.meta.get("lasted", ())]
+    longest = float(trial.meta["duration"])
+    return tuple(lasted[i] if i < len(lasted) else longest for i in range(max(flown, 0)))
+
+
+def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
+    """Return how long [s] both of two step trials recorded the step and the step back: what can be compared."""
+    return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))
+
+
+def measure(
+    trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
+) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
+
+    Each is read over its first ``windows`` [s], or as long as it was recorded; never beyond that.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
     ran away before the target even moved there is nothing to measure, and all numbers are NaN. *noise_std* and the
@@ -184,10 +206,11 @@ def measure(trial: Trial, noise_std: float = 0.0, resolution: float = 0.0) -> St
     signal = str(trial.meta["signal"])
     force, late = SIGNAL_FORCES[signal], _seen_late(trial, signal)
     targets = [m for m in trial.marks if m.kind == "target"]
-    found = []
-    for before, after in itertools.pairwise(targets):
+    own, found = windows_of(trial), []
+    read = (*map(min, own, windows), *own[len(windows) :])
+    for (before, after), window in zip(itertools.pairwise(targets), read, strict=True):
         values = float(before.detail["value"]), float(after.detail["value"])
-        found.append(_one_step(trial, signal, force, *values, after.t + late, noise_std, resolution))
+        found.append(_one_step(trial, signal, force, *values, after.t + late, window, noise_std, resolution))
     return combine(found)
 
 
@@ -201,9 +224,17 @@ def _seen_late(trial: Trial, signal: str) -> float:
 
 
 def _one_step(
-    trial: Trial, signal: str, force: str, before: float, after: float, start: float, noise_std: float, quantum: float
+    trial: Trial,
+    signal: str,
+    force: str,
+    before: float,
+    after: float,
+    start: float,
+    window: float,
+    noise_std: float,
+    quantum: float,
 ) -> StepMetrics:
-    end = start + float(trial.meta["duration"])
+    end = start + window
     position = trial[signal].between(start - 1.0, end)
     t, x = position.t, position.values
     if signal in CALMED:

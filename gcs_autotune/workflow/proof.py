@@ -53,6 +53,9 @@ SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """A speed step is given so many time constants of the craft, within these bounds [s]."""
 HOLD = 10.0
 """Chosen: a craft that can stay where it is is held so long [s] before its step, for its integral to come to rest."""
+ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
+"""Chosen: a half of a proof is over once the craft has stood at its target for so long [s], under way and at rest.
+What creeps on behind a thruster's dead band does so for longer."""
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
 """The turn-rate step, with way on and without, from half of it to port to half of it to starboard; less where the craft
 cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead band. There it is a matter
@@ -131,6 +134,7 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
         duration=settings.step_duration or d.step_duration,
         speed=speed,
         hold=0.0 if axis.needs_speed else HOLD,
+        enough=ENOUGH if axis.needs_speed else ENOUGH_AT_REST,
     )
     return Proof(step, None, {})
 
@@ -167,7 +171,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
     duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
-    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND)
+    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=ENOUGH)
     if top < NEAR * kept:
         throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
     return Proof(step, top - size, _cruise_pair(known, throttle, present))

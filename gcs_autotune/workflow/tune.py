@@ -166,12 +166,12 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         found = identify(context, before) if found is None else again_with_step(context, found, before)
         noise = noise_behind(before, found.fit, moving, grain)
         criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
-        proposal = design_from_fit(context, found, criteria)
+        proposal = design_from_fit(context, found, criteria, before)
     else:
         criteria = StepCriteria(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)
         proposal = design_from_file(context, given, before, criteria)
-    log.metrics_before = measure(before, criteria.noise, grain)
-    accept_or_revert(context, proposal, log.metrics_before, criteria, journal)
+    log.metrics_before = criteria.read(before, proposal.windows)
+    accept_or_revert(context, proposal, before, criteria, journal)
 
 
 def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -> None:
@@ -182,8 +182,8 @@ def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -
     grain = resolution(before)
     noise = _noise_in_proof(before, gains, context.law.controls_velocity, grain)
     criteria = StepCriteria(proof.after(before), noise, grain)
-    metrics = context.log.metrics_before = measure(before, criteria.noise, criteria.grain)
-    accept_or_revert_supplied(context, metrics, criteria, journal)
+    context.log.metrics_before = criteria.read(before)
+    accept_or_revert_supplied(context, before, criteria, journal)
 
 
 def _noise_in_proof(before: Trial, gains: SuppliedGains, moving: bool, grain: float) -> float:

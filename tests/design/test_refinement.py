@@ -111,3 +111,18 @@ def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm
     rough = {change.parameter: change.new for change in noisy.changes}
     assert rough.get("ATC_STR_RAT_D", 0.0) < 0.5 * gains["ATC_STR_RAT_D"]
     assert any("documented ranges hold back ATC_STR_RAT_P (most 2)" in note for note in calm.notes)
+
+
+def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains_are_chosen_over_all_of_it() -> None:
+    step = math.radians(30.0)
+    ends = {"settled_band": 0.03 * step, "settled_time": 5.0}
+    whole, flown = propose("slow boat", step_duration=FLOWN), propose("slow boat", step_duration=FLOWN, **ends)
+    assert whole.windows == ()
+    assert flown.new == whole.new
+    there, back = flown.windows
+    settles = flown.after.metrics.settling
+    assert settles + 5.0 <= there < FLOWN and settles + 5.0 <= back < FLOWN
+    assert 0.8 < flown.after.metrics.itae / whole.after.metrics.itae <= 1.0
+    assert flown.before.metrics.itae <= whole.before.metrics.itae
+    known = propose("slow boat", step_duration=FLOWN, windows=(0.5 * there, FLOWN), **ends)
+    assert known.windows == (pytest.approx(0.5 * there), pytest.approx(back))

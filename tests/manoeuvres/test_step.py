@@ -60,3 +60,44 @@ def test_an_unsteady_craft_is_not_stepped_before_its_hold_is_over_either():
 def test_speed_goes_into_the_heading_target():
     step = Step(StepSettings("psi", 0.5, 5.0, speed=1.2))
     assert next(step.commands(at_rest())) == HeadingTarget(0.0, 1.2)
+
+
+def test_a_half_ends_once_the_signal_has_stood_at_its_target_for_long_enough():
+    step = Step(StepSettings("psi", 0.5, 30.0, enough=5.0))
+    targets = []
+    seen, commands, psi = 0, None, 0.0
+    while step.outcome is None:
+        now = at_rest(t=0.1 * seen, psi=psi)
+        commands, command = (step.commands(now), None) if commands is None else (commands, now)
+        targets.append(commands.send(command).psi)
+        psi += 0.1 * (targets[-1] - psi)
+        seen += 1
+    there, back = step.asked["lasted"]
+    assert there == pytest.approx(5.0 + 1.0 * math.log(1.0 / 0.03), abs=0.5)
+    assert back == pytest.approx(there, abs=0.2)
+    assert step.outcome.ending == "completed"
+
+
+def test_a_half_that_never_settles_runs_to_its_end():
+    step = Step(StepSettings("psi", 0.5, 12.0, enough=5.0))
+    fly(step, [0.0] * 31 + [0.5 + 0.05 * math.sin(0.2 * i) for i in range(120)] + [0.02] * 200)
+    assert step.asked["lasted"] == [pytest.approx(12.0, abs=0.11), pytest.approx(12.0, abs=0.11)]
+
+
+def test_a_lone_wild_sample_does_not_make_a_half_longer_and_two_do():
+    path = [0.0] * 31 + [0.5] * 20 + [0.7] + [0.5] * 29
+    one, two = (Step(StepSettings("psi", 0.5, 30.0, enough=5.0)) for _ in range(2))
+    fly(one, [*path, *[0.0] * 300])
+    fly(two, [*path[:51], 0.7, 0.7, *path[53:], *[0.5] * 50])
+    assert one.asked["lasted"][0] == pytest.approx(5.0, abs=0.21)
+    assert two.asked["lasted"][0] == pytest.approx(7.2, abs=0.31)
+
+
+def test_noise_and_a_coarse_compass_widen_what_counts_as_there():
+    quiet, coarse = (Step(StepSettings("psi", 0.5, 30.0, enough=5.0)) for _ in range(2))
+    rough = [0.0, 0.03, -0.03, 0.0, 0.03, 0.0, -0.03, 0.03]
+    for step, held in ((quiet, [0.0]), (coarse, rough)):
+        fly(step, [*held * 31][:60] + [0.52] * 60)
+    assert quiet.asked["band"] == pytest.approx(0.015)
+    assert coarse.asked["band"] > 0.03
+    assert quiet.asked["lasted"] == [] and coarse.asked["lasted"] != []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,6 +11,7 @@ import pytest
 from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal
+from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow import accept_or_revert as accept_or_revert_module
 from gcs_autotune.workflow.accept_or_revert import (
     _is_hopeless,
@@ -91,19 +93,41 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0),
         come_about=lambda name: done.append(f"back for {name}"),
-        fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=None),
+        fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
     monkeypatch.setattr(accept_or_revert_module, "ParameterTransaction", Loan)
-    monkeypatch.setattr(accept_or_revert_module, "measure", lambda *args: step(context.flies))
+    read.clear()
     return context
 
 
-CRITERIA: Any = SimpleNamespace(proof=SimpleNamespace(step=lambda name: name), noise=0.0, grain=0.0)
+def recorded(itae: float, *lasted: float) -> Trial:
+    """A flown step, its halves of so many seconds, that will be read as *itae*."""
+    marks = [Mark(t, "target") for t in (0.0, 3.0, 33.0)]
+    return Trial("step", {}, marks, meta={"duration": 30.0, "lasted": list(lasted), "itae": itae})
+
+
+read: list[Sequence[float]] = []
+BEFORE = recorded(1.0, 30.0, 6.0)
+
+
+def ruler(trial: Trial, windows: Sequence[float]) -> StepMetrics:
+    read.append(windows)
+    return step(trial.meta["itae"])
+
+
+PROOF = SimpleNamespace(step=lambda name: name, settings=SimpleNamespace(duration=30.0))
+CRITERIA: Any = SimpleNamespace(proof=PROOF, read=ruler)
 
 
 def supplied(context: Any) -> list[str]:
-    accept_or_revert_supplied(context, step(1.0), CRITERIA, cast(Journal, None))
+    accept_or_revert_supplied(context, BEFORE, CRITERIA, cast(Journal, None))
     return done
+
+
+def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
+    supplied(context)
+    assert read == [(8.0, 6.0), (8.0, 6.0)]
+    assert "both are read over the first 8 s and 6 s of step and step back: what both recorded" in context.log.said
 
 
 def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context: Any) -> None:
@@ -133,6 +157,7 @@ def proposed(promised: float, changes: list[Change]) -> Any:
         before=SimpleNamespace(metrics=step(1.0)),
         after=SimpleNamespace(metrics=step(promised)),
         worst_margins=margins,
+        windows=(9.0, 9.0),
     )
 
 
@@ -149,13 +174,13 @@ def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_
     context: Any, promised: float, changes: list[Change], dry: bool, answer: bool, ending: list[str]
 ) -> None:
     context.settings.dry_run, context.answer = dry, answer
-    accept_or_revert(context, proposed(promised, changes), step(1.0), CRITERIA, cast(Journal, None))
+    accept_or_revert(context, proposed(promised, changes), BEFORE, CRITERIA, cast(Journal, None))
     assert done == ending
     assert ("predicted: error over time 1 -> " in " ".join(context.log.said)) is bool(changes)
 
 
 def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
-    accept_or_revert(context, proposed(0.5, [CHANGE]), step(1.0), CRITERIA, cast(Journal, None))
+    accept_or_revert(context, proposed(0.5, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
     assert done[-3:] == ["kept", "kept", "left"]
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.experiments import measure, resolution, steering_throttle
+from gcs_autotune.workflow.experiments import common_windows, measure, resolution, steering_throttle, windows_of
 
 QUANTUM = math.radians(2.0)
 STEP = math.radians(30.0)
@@ -54,6 +55,26 @@ def test_a_step_that_never_began_measures_as_nothing() -> None:
     trial = flown(QUANTUM)
     held = Trial(trial.name, trial.channels, trial.marks[:1], "stopped", meta=trial.meta)
     assert math.isnan(measure(held).itae)
+
+
+def test_steps_are_compared_over_what_both_recorded_and_nothing_is_made_up() -> None:
+    long, short = flown(0.0, 0.05), flown(0.0, 0.05)
+    short = replace(short.between(0.0, 41.0), meta={**short.meta, "lasted": [8.0, 9.0]})
+    early = [replace(m, t=11.0) if m.t == 33.0 else m for m in short.marks]
+    short = replace(short, marks=tuple(m for m in early if m.t < 30.0))
+    assert windows_of(long) == (29.0, 29.0) and windows_of(short) == (8.0, 9.0)
+    assert common_windows(long, short) == common_windows(short, long) == (8.0, 9.0)
+    there = [
+        measure(replace(trial, marks=trial.marks[:2]), 0.0, 0.0, common_windows(long, short)) for trial in (long, short)
+    ]
+    assert there[0].itae == pytest.approx(there[1].itae, rel=1e-9)
+    assert measure(long).itae > 5.0 * there[0].itae
+
+
+def test_a_half_that_only_one_of_two_steps_has_is_read_all_the_same() -> None:
+    ran_away = Trial("step-before", {}, flown(0.0).marks[:2], "stopped", meta={"signal": "psi", "duration": 29.0})
+    assert common_windows(ran_away, flown(0.0)) == (29.0,)
+    assert measure(flown(0.0), windows=(29.0,)) == measure(flown(0.0))
 
 
 def quick(phase: float, late: float = 0.0, told: float = 0.0, lag: float = 0.0) -> Trial:
