@@ -143,21 +143,33 @@ def errors_of(
         errors = {}
         for dof, axis in axes.items():
             errors.update(axis.errors(fitted[dof], file))
-        track = {n: e / sizes[n] for n, e in _reckoned(craft, file, errors, sizes).items()}
+        track = {n: e / sizes[n] for n, e in _reckoned(craft, file, errors, sizes, adrift=of is not None).items()}
         found += [e for n, e in (*errors.items(), *track.items()) if of is None or n in of]
     return found
 
 
-def _reckoned(craft: Craft, file: File, errors: Mapping[str, Array], sizes: Mapping[str, float]) -> dict[str, Array]:
-    """Return the errors of x and y dead reckoned, when the craft moves on the plane."""
+def _reckoned(
+    craft: Craft, file: File, errors: Mapping[str, Array], sizes: Mapping[str, float], *, adrift: bool
+) -> dict[str, Array]:
+    """Return the errors of x and y dead reckoned, when the craft moves on the plane.
+
+    *adrift*: no speed is measured, so that a model may begin with any drift sideways and a slightly wrong heading:
+    what these make of the track is no error.
+    """
     if len(craft.dofs) == 1 or "x" not in craft.signals or not {"u", "psi"} <= errors.keys():
         return {}
     u, psi = (file[n] - errors[n] * sizes[n] for n in ("u", "psi"))
     v = file["v"] - errors["v"] * sizes["v"] if "v" in errors else 0.0 * u
     steps = np.diff(file["t"])
-    found = {}
+    found, paths = {}, {}
     for name, rate in (("x", u * np.cos(psi) - v * np.sin(psi)), ("y", u * np.sin(psi) + v * np.cos(psi))):
         path = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)])
-        left = file[name] - path
-        found[name] = left - left.mean()
+        paths[name], found[name] = path, file[name] - path
+    slide = {"x": -np.sin(psi), "y": np.cos(psi)}
+    for name, left in found.items():
+        free = [np.ones_like(left)]
+        if adrift:
+            free += [np.cumsum(slide[name]), paths["y" if name == "x" else "x"]]
+        table = np.column_stack(free)
+        found[name] = left - table @ np.linalg.lstsq(table, left, rcond=None)[0]
     return found

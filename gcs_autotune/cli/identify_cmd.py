@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,6 +16,7 @@ from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
+    from gcs_autotune.identify import ModelFile
     from gcs_autotune.trial import Trial
 
 __all__ = ["COMMAND"]
@@ -84,6 +85,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="intervals of parameters by profile likelihood: alpha_r,beta_r",
     )
     add_loudness(parser)
+    check.add_argument(
+        "--compare",
+        metavar="MODEL",
+        help="a model file, or a method: where a step settles and how soon, beside what is found here",
+    )
     out = parser.add_argument_group("output")
     out.add_argument(
         "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
@@ -124,6 +130,7 @@ def _run(args: argparse.Namespace) -> int:
         check=not args.no_check,
         choose=args.choose,
         plan_next=args.plan_next,
+        compare=_other(args.compare, load_model),
         profile=tuple(n.strip() for n in args.profile.split(",") if n.strip()),
     )
     with progress_bar(args) as bar:
@@ -160,6 +167,13 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
     else:
         Console().print(plan_summary(result))
     return 0
+
+
+def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
+    """Return the model to compare with: of a file, or the name of a method."""
+    if text is None or not (Path(text).suffix or Path(text).exists()):
+        return text
+    return load(Path(text))
 
 
 def _numbers(pairs: list[str]) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """What runs can and cannot tell, which manoeuvre to fly next, and which structure they justify.
 
 ==================  ===================================================================================
+comparison          two models by where a step settles and how soon
 identifiability     parameters that move together, parameters the runs hardly see
 scales              how much of a parameter would be felt: what makes a standard error large
 profile_likelihood  of one parameter: an interval that is honest where it is not closed
@@ -17,6 +18,7 @@ The information itself is the fit's own: :mod:`gcs_autotune.identify.information
 
 from __future__ import annotations
 
+from gcs_autotune.experiments.comparison import DofComparison, compare_dof, compare_models
 from gcs_autotune.experiments.drag_choice import weigh_drags
 from gcs_autotune.experiments.form_choice import FormChoice, choose_form, eliminate
 from gcs_autotune.experiments.identifiability import identifiability
@@ -31,10 +33,13 @@ from gcs_autotune.experiments.pictures import correlation_picture, profile_pictu
 from gcs_autotune.experiments.profile_likelihood import Profile, profile
 
 __all__ = [
+    "DofComparison",
     "FormChoice",
     "Profile",
     "RankedManoeuvre",
     "choose_form",
+    "compare_dof",
+    "compare_models",
     "correlation_picture",
     "eliminate",
     "identifiability",

@@ -51,7 +51,14 @@ from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.model_file import ModelFile, load_model, model_document, save_model, whole_model
+from gcs_autotune.identify.model_file import (
+    ModelFile,
+    load_model,
+    model_document,
+    model_file_of,
+    save_model,
+    whole_model,
+)
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
 from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
 from gcs_autotune.identify.open_loop.readings import (
@@ -203,6 +210,7 @@ __all__ = [
     "mean_reading",
     "model_delay",
     "model_document",
+    "model_file_of",
     "motion_of",
     "nomoto_of",
     "overlooked",

@@ -23,7 +23,7 @@ from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["ModelFile", "load_model", "model_document", "save_model", "whole_model"]
+__all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_model", "whole_model"]
 
 Array = NDArray[np.float64]
 
@@ -104,6 +104,15 @@ def load_model(path: Path) -> ModelFile:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise BadFile(f"{path} cannot be read as a model file: {error}") from error
+    return _file(data, path)
+
+
+def model_file_of(fit: Fit) -> ModelFile:
+    """Return what the model file of *fit* would hold, under the name of its method."""
+    return _file(model_document(fit), Path(fit.method))
+
+
+def _file(data: Any, path: Path) -> ModelFile:
     inner, around = _model_in(data, path)
     model, axis = _built(inner, path)
     names, covariance = _uncertainty(around, model.base.form.dofs, path)

@@ -47,6 +47,19 @@ class SingleDof:
             return force / b if b else math.copysign(math.inf, force)
         return math.copysign((-b + math.sqrt(b * b + 4.0 * c * abs(force))) / (2.0 * c), force)
 
+    def rise_time(self, tau: float, share: float) -> float:
+        """Return the seconds from rest to *share* of the steady velocity under *tau*, ``delta`` and ``delay`` left out.
+
+        Of linear drag ``alpha / beta`` after ``share = 1 - 1/e``, of quadratic ``alpha / sqrt(beta_nn |tau|)`` after
+        ``tanh(1)``: Miskovic2010, (7.8), (7.10). NaN where there is no steady velocity.
+        """
+        sign = math.copysign(1.0, self.alpha)
+        b, c = sign * self.beta, sign * self.beta_quadratic
+        rate = math.sqrt(max(b * b + 4.0 * c * abs(tau), 0.0))
+        if rate <= 0.0 or rate + b <= 0.0:
+            return math.nan
+        return 2.0 * abs(self.alpha) / rate * math.atanh(share * rate / (rate + b - share * b))
+
     def equivalent_drag(self, amplitude: float) -> float:
         """Return the constant drag that loses the same first harmonic at velocity *amplitude*; (6.43)."""
         return self.beta + 8.0 / (3.0 * math.pi) * self.beta_quadratic * abs(amplitude)

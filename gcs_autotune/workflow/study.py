@@ -16,16 +16,19 @@ from gcs_autotune.identify import (
     METHODS,
     AxisFit,
     Fit,
+    ModelFile,
     Structure,
     Validation,
     fit,
     fit_surge,
     form_of,
     join,
+    model_file_of,
     validate,
     whole_model,
 )
 from gcs_autotune.models import Form
+from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.study_sections import (
@@ -34,6 +37,7 @@ from gcs_autotune.workflow.study_sections import (
     Weighed,
     cannot_tell,
     chosen_form,
+    compared,
     drags_weighed,
     forms_weighed,
     next_manoeuvres,
@@ -58,7 +62,8 @@ class StudySettings:
 
     ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
     terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds;
-    ``profile``: parameters whose intervals are to be found by profile likelihood.
+    ``profile``: parameters whose intervals are to be found by profile likelihood; ``compare``: a model, or a method
+    whose model of the same runs, what is found is to be compared with.
     """
 
     dof: str | None = None
@@ -75,6 +80,7 @@ class StudySettings:
     choose: bool = False
     plan_next: float | None = None
     profile: tuple[str, ...] = ()
+    compare: ModelFile | str | None = None
 
 
 Stage = Callable[[str, int, int], None]
@@ -122,6 +128,7 @@ def study(
     if settings.profile:
         stage("profiling the likelihood", 0, 1)
         stated = profiled(answer.fit, runs, settings.profile)
+    beside = None if settings.compare is None else _other_model(settings, runs, stage)
     flown = Proposed() if settings.plan_next is None else next_manoeuvres(answer.fit, runs, settings.plan_next)
     return Study(
         title=f"Identification of {answer.fit.dof}: {', '.join(dict.fromkeys(t.name for t in runs))}",
@@ -133,6 +140,8 @@ def study(
         choice_verdict=drags.verdict or forms.verdict,
         cannot_tell=cannot_tell(answer.fit, runs),
         intervals=stated.sentences,
+        compared_with="" if beside is None else beside.name,
+        comparisons=() if beside is None else compared(answer.fit, beside, runs),
         proposals=flown.rows,
         proposal_verdict=flown.verdict,
         figures=(*response_pictures(fitted), *stated.pictures, *flown.pictures),
@@ -150,6 +159,17 @@ def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Stud
         cannot_tell=cannot_tell(fit, runs),
         trials=tuple(runs),
     )
+
+
+def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -> ModelFile:
+    """Return the model to compare with, fitted to the same runs where a method was named."""
+    if isinstance(settings.compare, ModelFile):
+        return settings.compare
+    method = str(settings.compare)
+    lookup(METHODS, method, "identification method")
+    stage(f"{method}: fitting, to compare with", 0, 1)
+    other = fit(runs, structure_of(settings), method, dof=settings.dof, delay=settings.delay, use=settings.use)
+    return model_file_of(other)
 
 
 class _Pieces:

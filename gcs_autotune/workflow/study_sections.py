@@ -11,7 +11,9 @@ import numpy as np
 
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.experiments import (
+    DofComparison,
     FormChoice,
+    compare_models,
     correlation_picture,
     eliminate,
     identifiability,
@@ -21,7 +23,16 @@ from gcs_autotune.experiments import (
     proposal_picture,
     weigh_drags,
 )
-from gcs_autotune.identify import METHODS, AxisFit, Fit, FrequencyResponse, frequency_picture, scaled_form
+from gcs_autotune.identify import (
+    METHODS,
+    AxisFit,
+    Fit,
+    FrequencyResponse,
+    ModelFile,
+    frequency_picture,
+    model_file_of,
+    scaled_form,
+)
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.trial import Trial
 
@@ -34,6 +45,7 @@ __all__ = [
     "Weighed",
     "cannot_tell",
     "chosen_form",
+    "compared",
     "drags_weighed",
     "forms_weighed",
     "next_manoeuvres",
@@ -84,6 +96,18 @@ def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     except AutotuneError:
         return ()
     return tuple(f"{d.cause}: {d.cure}." for d in doubts)
+
+
+def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
+    """Return how the model of *fit* and the *other* move under the inputs of *runs*, axis by axis.
+
+    Raises
+    ------
+    UsageError
+        They have nothing in common that these runs drive, or forces of different units.
+    """
+    own = model_file_of(fit)
+    return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
 
 
 def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs_autotune.identify import AxisFit, Trace
-from gcs_autotune.report.study.study import Study, structure_title, unseen_remarks, verdict_headline
+from gcs_autotune.report.study.study import (
+    Study,
+    comparison_sentences,
+    structure_title,
+    unseen_remarks,
+    verdict_headline,
+)
 from gcs_autotune.report.study.tables import (
     choice_table,
     estimate_tables,
@@ -64,6 +70,7 @@ def _context(study: Study) -> dict[str, Any]:
         "choice": choice_table(study) if study.choice else None,
         "methods": method_table(study) if len(study.outcomes) > 1 else None,
         "estimates": estimate_tables(study) if len(study.outcomes) > 1 else (),
+        "comparisons": comparison_sentences(study),
         "proposals": proposal_table(study) if study.proposals else None,
         "pictures": {
             kind: [p for p in pictures if p.kind == kind] for kind in ("fit", "unseen", "model", "extra", "track")

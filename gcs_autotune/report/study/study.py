@@ -6,11 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from gcs_autotune.experiments import DofComparison
 from gcs_autotune.identify import AxisFit, Fit, Validation
 from gcs_autotune.models import FORMS
 from gcs_autotune.report.toolkit.axis_fit import explains, model_sentences, model_words
-from gcs_autotune.report.toolkit.wording import Headline, Tone, format_error, format_percent
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.report.toolkit.wording import (
+    Headline,
+    Tone,
+    format_error,
+    format_number,
+    format_percent,
+    format_quantity,
+)
+from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -18,6 +26,7 @@ __all__ = [
     "RunRow",
     "Study",
     "answer_sentences",
+    "comparison_sentences",
     "fits_sentence",
     "structure_title",
     "study_to_dict",
@@ -57,6 +66,7 @@ class Study:
     ``outcomes``: one per method, the first fitted one is the answer. ``how_unseen`` says which data the check used.
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
     ``trials``: the runs themselves, for the pictures of inputs and track.
+    ``comparisons``: how it moves beside the model ``compared_with``, axis by axis.
     ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra pictures as (caption,
     matplotlib figure).
     """
@@ -70,6 +80,8 @@ class Study:
     choice_verdict: str = ""
     cannot_tell: tuple[str, ...] = ()
     intervals: tuple[str, ...] = ()
+    compared_with: str = ""
+    comparisons: tuple[DofComparison, ...] = ()
     proposals: tuple[tuple[str, ...], ...] = ()
     proposal_verdict: str = ""
     figures: tuple[tuple[str, Any], ...] = ()
@@ -101,11 +113,35 @@ def study_to_dict(study: Study) -> dict[str, Any]:
         data["cannot_tell"] = list(study.cannot_tell)
     if study.intervals:
         data["intervals"] = list(study.intervals)
+    if study.comparisons:
+        rows = [c.to_dict() for c in study.comparisons]
+        data["comparison"] = {"with": study.compared_with, "dofs": rows}
     if study.proposals:
         data["plan_next"] = {"verdict": study.proposal_verdict, "rows": [list(row) for row in study.proposals]}
     if len(study.outcomes) > 1:
         data["methods"] = {o.method: _outcome(o) for o in study.outcomes}
     return data
+
+
+def comparison_sentences(study: Study) -> tuple[str, ...]:
+    """Return where and how soon both models settle, two sentences per degree of freedom."""
+    return tuple(s for c in study.comparisons for s in _compared(c, study.compared_with))
+
+
+def _compared(c: DofComparison, other: str) -> tuple[str, str]:
+    unit = f"{DOFS[c.dof].position_unit}/s"
+    largest, smallest = (format_quantity(x, c.input_unit) for x in (c.largest, c.smallest))
+    settles = [format_quantity(v, unit) for v in c.steady]
+    said = f"{c.dof}: under {largest}, the most there was, it settles at {settles[0]}, by {other} at {settles[1]}: "
+    said += f"{format_quantity(c.steady_apart, unit)} apart"
+    if c.quantum > 0.0:
+        step = format_quantity(c.quantum, unit)
+        said += f", {'within' if c.same_steady else 'more than'} the {step} the sensor resolves"
+        said += ": their drags count as the same" if c.same_steady else ""
+    rise = [format_number(t) for t in c.rise]
+    soon = f"{c.dof}: under {smallest}, the least there was, it takes {rise[0]} s to {100.0 * c.share:.0f} % of that, "
+    soon += f"by {other} {rise[1]} s: {format_number(c.rise_apart)} s apart, {format_number(c.samples, 2)} samples"
+    return f"{said}.", f"{soon}."
 
 
 def _outcome(outcome: MethodOutcome) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from gcs_autotune.report.study.study import (
     MethodOutcome,
     Study,
     answer_sentences,
+    comparison_sentences,
     fits_sentence,
     structure_title,
     unseen_remarks,
@@ -242,6 +243,8 @@ def study_summary(study: Study) -> Group:
         parts += [title("What these runs cannot tell"), *(paragraph(s) for s in study.cannot_tell)]
     if study.intervals:
         parts += [title("Intervals by profile likelihood"), *(paragraph(s) for s in study.intervals)]
+    if study.comparisons:
+        parts += [title(f"Beside {study.compared_with}"), *(paragraph(s) for s in comparison_sentences(study))]
     if study.proposals:
         parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
         parts.append(grid(proposal_table(study)))

@@ -1,0 +1,187 @@
+"""Two models of one degree of freedom compared by what they do: where a step settles, and how soon.
+
+Numbers of two models can differ much and their motion little, where the sensor is coarse or slow beside the craft:
+Miskovic2010, section 7.2, (7.4)-(7.11) (of (7.11) the factor is ``1/sqrt(|tau|)``, of (7.10) the share tanh(1) = 76 %).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.design import reduce
+from gcs_autotune.effects import ExtendedModel, grid_step
+from gcs_autotune.errors import UsageError
+from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Trial
+
+__all__ = ["DofComparison", "compare_dof", "compare_models"]
+
+Array = NDArray[np.float64]
+
+SETTLING = 1.0 - math.exp(-1.0)
+"""Share of the steady state reached after ``alpha / beta`` where drag is linear."""
+SETTLING_QUADRATIC = math.tanh(1.0)
+"""The same after ``alpha / sqrt(beta_nn |tau|)`` where it is quadratic."""
+
+SMALLEST = 0.05
+"""Quantile of the inputs applied that counts as the smallest: single samples on the way to a step do not."""
+
+
+@dataclass(frozen=True, slots=True)
+class DofComparison:
+    """What two models make of the largest and of the smallest input applied, SI and radians.
+
+    ``steady``: velocity each settles at under ``largest``; ``quantum``: what the sensor resolves of a velocity, 0 where
+    it is not coarse. ``rise``: seconds each takes to ``share`` of its steady state under ``smallest``; ``interval``:
+    seconds between samples.
+    """
+
+    dof: str
+    input_unit: str
+    largest: float
+    smallest: float
+    steady: tuple[float, float]
+    quantum: float
+    rise: tuple[float, float]
+    share: float
+    interval: float
+
+    @property
+    def steady_apart(self) -> float:
+        """Difference of the steady states; Miskovic2010, (7.5), (7.7)."""
+        return abs(self.steady[0] - self.steady[1])
+
+    @property
+    def rise_apart(self) -> float:
+        """Difference of the time constants [s]; Miskovic2010, (7.9), (7.11)."""
+        return abs(self.rise[0] - self.rise[1])
+
+    @property
+    def same_steady(self) -> bool:
+        """Whether the sensor does not tell the two steady states apart."""
+        return self.steady_apart <= self.quantum
+
+    @property
+    def samples(self) -> float:
+        """Difference of the time constants in samples."""
+        return self.rise_apart / self.interval
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data, SI and radians."""
+        return {
+            "dof": self.dof,
+            "input_unit": self.input_unit,
+            "largest_input": self.largest,
+            "smallest_input": self.smallest,
+            "steady_state": list(self.steady),
+            "steady_state_apart": self.steady_apart,
+            "sensor_step": self.quantum,
+            "time_constant": list(self.rise),
+            "time_constant_apart": self.rise_apart,
+            "share_of_steady_state": self.share,
+            "samples_apart": self.samples,
+        }
+
+
+def compare_dof(
+    models: tuple[SingleDof, SingleDof], largest: float, smallest: float, *, quantum: float = 0.0, interval: float = 0.1
+) -> DofComparison:
+    """Compare two models of one degree of freedom, their constant forces left out.
+
+    Where both have linear drag only, or both quadratic drag only, time constants are the thesis' own; any other pair is
+    compared by the time to 63 % of its steady state.
+
+    Raises
+    ------
+    UsageError
+        Models of two degrees of freedom, or in two units of input; or an input of nothing.
+    """
+    one, other = models
+    if (one.dof, one.input_unit) != (other.dof, other.input_unit):
+        raise UsageError(
+            f"a model of {one.dof} per [{one.input_unit}] and one of {other.dof} per [{other.input_unit}] cannot be "
+            "compared: their forces have no common unit (--full-scale turns shares of full into forces)"
+        )
+    if not largest >= smallest > 0.0:
+        raise UsageError(f"steps of {largest:g} and {smallest:g}: inputs above 0 are needed, the larger one first")
+    both_quadratic = all(m.beta == 0.0 and m.beta_quadratic != 0.0 for m in models)
+    share = SETTLING_QUADRATIC if both_quadratic else SETTLING
+    steady, rise = [], []
+    for model in (replace(m, delta=0.0) for m in models):
+        steady.append(abs(model.steady_velocity(largest)))
+        rise.append(model.rise_time(smallest, share))
+    return DofComparison(
+        dof=one.dof,
+        input_unit=one.input_unit,
+        largest=largest,
+        smallest=smallest,
+        steady=(steady[0], steady[1]),
+        quantum=quantum,
+        rise=(rise[0], rise[1]),
+        share=share,
+        interval=interval,
+    )
+
+
+def compare_models(
+    one: ExtendedModel,
+    other: ExtendedModel,
+    units: tuple[Mapping[str, str], Mapping[str, str]],
+    runs: Sequence[Trial],
+) -> tuple[DofComparison, ...]:
+    """Compare two models, axis by axis, under the inputs of *runs*; coupling is left out.
+
+    units : of the inputs of each.
+
+    Raises
+    ------
+    UsageError
+        They have no degree of freedom in common that something recorded drives.
+    """
+    found = []
+    for dof in (d for d in one.base.form.dofs if d in other.base.form.dofs):
+        try:
+            pair = tuple(reduce(m, dof, u) for m, u in zip((one, other), units, strict=True))
+        except UsageError:
+            continue  # nothing drives it in one of them
+        inputs = [np.abs(run[pair[0].channel].values) for run in runs if pair[0].channel in run]
+        pushes = np.concatenate([u[np.isfinite(u) & (u > 0.0)] for u in inputs]) if inputs else np.zeros(0)
+        if not len(pushes):
+            continue
+        quantum, interval = _resolved(dof, runs)
+        found.append(
+            compare_dof(
+                (pair[0].model, pair[1].model),
+                float(pushes.max()),
+                float(np.quantile(pushes, SMALLEST)),
+                quantum=quantum,
+                interval=interval,
+            )
+        )
+    if not found:
+        raise UsageError(
+            f"a model of {', '.join(one.base.form.dofs)} and one of {', '.join(other.base.form.dofs)} have no degree "
+            "of freedom in common that these runs drive: nothing to compare"
+        )
+    return tuple(found)
+
+
+def _resolved(dof: str, runs: Sequence[Trial]) -> tuple[float, float]:
+    """Return what the sensor tells of a velocity at most, 0 if it is not coarse, and the seconds between samples.
+
+    A velocity that is not measured is a difference of two positions: a step of the compass between two samples.
+    """
+    axis = DOFS[dof]
+    for name in (axis.velocity, axis.position):
+        channels = [run[name] for run in runs if name in run and len(run[name]) > 2]
+        if channels:
+            interval = float(np.median(np.concatenate([np.diff(c.t) for c in channels])))
+            step = max(grid_step(c.values) for c in channels)
+            return (step if name == axis.velocity else step / interval), interval
+    return 0.0, float("nan")
