@@ -77,6 +77,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     said: list[str] = []
     log = SimpleNamespace(
         say=said.append,
+        note=lambda fact: None,
         said=said,
         end=lambda ending, why: done.append(ending),
         given_changes=[CHANGE],
