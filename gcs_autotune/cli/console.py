@@ -47,11 +47,14 @@ class ConsoleOperator:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Catch the stop signals while inside; the previous handlers come back afterwards."""
+        """Catch the stop signals while inside; the previous handlers come back afterwards. Rings for a bad end."""
         numbers = [getattr(signal, name) for name in _STOP_SIGNALS if hasattr(signal, name)]
         previous = {number: signal.signal(number, self._note) for number in numbers}
         try:
             yield
+        except BaseException:
+            self.ring()
+            raise
         finally:
             for number, handler in previous.items():
                 signal.signal(number, handler)
