@@ -28,10 +28,11 @@ from gcs_autotune.cli import (
 )
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
+from gcs_autotune.cli.tune_cmd import tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
 from gcs_autotune.foreign_text import visible
 
-__all__ = ["COMMANDS", "main", "make_parser"]
+__all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_settings"]
 
 COMMANDS: Mapping[str, Command] = {
     c.name: c

@@ -31,9 +31,9 @@ from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, SuppliedGains
+    from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND"]
+__all__ = ["COMMAND", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth")
 """Reference models, by name: the table itself takes a second to import."""
@@ -79,6 +79,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    _see(args)
+    args.connect = args.connect or args.configured_link or None
+    with connected(args, args.connect or AXES[args.axis].example) as connection:
+        return _tune(args, connection)
+
+
+def _see(args: argparse.Namespace) -> None:
+    """See that the options agree, before anything is opened."""
     see_axis_limits(args, ("step", "relay-hysteresis"))
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
@@ -87,26 +95,47 @@ def _run(args: argparse.Namespace) -> int:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     see_model_file(args.model)
-    args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or AXES[args.axis].example) as connection:
-        return _tune(args, connection)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over a link that is open, and tell of it."""
     from rich.console import Console
 
-    from gcs_autotune.identify import load_model
     from gcs_autotune.report import show_tune, summarise
-    from gcs_autotune.workflow import TuneSettings, tune
+    from gcs_autotune.workflow import tune
 
     now = datetime.now()
+    settings = tune_settings(args, connection, now)
+    with attending(args, "or --dry-run to change nothing") as (operator, watcher):
+        story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
+    if args.remote:
+        pass  # standard output is the program's
+    elif args.json:
+        sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
+    else:
+        show_tune(Console(), story)
+    operator.ring()
+    return RESTORED if story.ending == "restored" else 0
+
+
+def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
+    """Return what was asked for on the command line, over a link that is open.
+
+    Raises
+    ------
+    UsageError
+        Options contradict each other, or a number is out of range.
+    """
+    from gcs_autotune.identify import load_model
+    from gcs_autotune.workflow import TuneSettings
+
+    _see(args)
     angular = AXES[args.axis].angular
 
     def inside(value: float | None) -> float | None:
         return math.radians(value) if angular and value is not None else value
 
-    settings = TuneSettings(
+    return TuneSettings(
         axis=args.axis,
         connection=connection,
         directory=run_directory(args, connection.uri, now),
@@ -132,16 +161,6 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
         gains=_gains(args),
         proving=_proving(args),
     )
-    with attending(args, "or --dry-run to change nothing") as (operator, watcher):
-        story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
-    if args.remote:
-        pass  # standard output is the program's
-    elif args.json:
-        sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
-    else:
-        show_tune(Console(), story)
-    operator.ring()
-    return RESTORED if story.ending == "restored" else 0
 
 
 DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
