@@ -215,12 +215,14 @@ def measure(
 
 
 def _seen_late(trial: Trial, signal: str) -> float:
-    """Return how much [s] later than it was sent a command can show at best, as far as that was measured.
+    """Return how much [s] later than its mark a command can show at best, as far as that was measured.
 
-    What a link and a gyro's filter take is no doing of the loop.
+    What a link and a gyro's filter take is no doing of the loop. A mark has the stamp of the attitude that its command
+    answers, so both ways of the link lie between: that is the whole loop's time, not only the command's way up.
     """
     link = trial.meta.get("link_times", {})
-    return float(link.get("command_to_servo", 0.0)) + (float(trial.meta.get("rate_lag", 0.0)) if signal == "r" else 0.0)
+    late = float(link.get("loop", link.get("command_to_servo", 0.0)))
+    return late + (float(trial.meta.get("rate_lag", 0.0)) if signal == "r" else 0.0)
 
 
 def _one_step(

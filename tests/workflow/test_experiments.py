@@ -83,7 +83,7 @@ def quick(phase: float, late: float = 0.0, told: float = 0.0, lag: float = 0.0) 
     rise = -0.5 + np.where(t < 4.0 + late, 0.0, 1.0 - np.exp(-np.maximum(t - 4.0 - late, 0.0) / 0.15))
     targets = [Mark(at, "target", {"value": value}) for at, value in ((0.0, -0.5), (4.0, 0.5))]
     channels = {"r": Channel("r", "rad/s", t, rise), "N": Channel("N", "1", t, np.zeros_like(t))}
-    times = {"command_to_servo": told} if told else {}
+    times = {"loop": told, "command_to_servo": 0.4 * told} if told else {}
     meta = {"signal": "r", "duration": 6.0, "rate_lag": lag, "link_times": times}
     return Trial("step", channels, targets, "completed", meta=meta)
 
