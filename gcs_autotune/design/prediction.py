@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -65,10 +67,14 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
     """Return what steps flown with each of a *pair* of settings will be read as, over what both will record.
 
     A flown half ends once the craft stands at its target, at most after *duration* [s], and the steps of a pair are
-    compared over the time both lasted: ``Spec.windows`` of the one that has been flown, and what is simulated here.
+    compared over the time both lasted: ``Spec.windows`` of the one that has been flown, and what is simulated here. The
+    step back begins where its own step ended, with what the integral held by then.
     """
-    flown = [_there_and_back(problem, problem.model, settings, problem.step, duration) for settings in pair]
     known = (*problem.spec.windows, *[duration] * 2)[:2]
+    fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
+    lasted = [_over_at(problem, fly(settings=settings)[0]) for settings in pair]
+    lasted[:1] = problem.spec.windows[:1] or lasted[:1]
+    flown = [fly(settings=settings, turn=turn) for settings, turn in zip(pair, lasted, strict=True)]
     ends = [min(known[half], *(_over_at(problem, steps[half]) for steps in flown)) for half in (0, 1)]
     metrics = [
         combine([_measure(problem, _cut(half, end)) for half, end in zip(steps, ends, strict=True)]) for steps in flown
@@ -94,18 +100,21 @@ def _cut(half: _Flown, end: float) -> _Flown:
 
 
 def _there_and_back(
-    problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float
+    problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float, turn: float = math.inf
 ) -> tuple[_Flown, _Flown]:
-    """Return both steps: in one flight where that is known, else each of a loop that has long settled."""
+    """Return both steps: in one flight where that is known, else each of a loop that has long settled.
+
+    The step back comes after *duration* [s], or after *turn*.
+    """
     if problem.spec.step_duration is None:
         there, back = (
             _Flown(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
         )
         return there, back
-    lead = problem.spec.hold
-    turn = lead + duration
-    t, position, output = _fly(problem, model, settings, Scenario(step, turn + duration, lead=lead, back_at=turn), lead)
-    first = int(np.searchsorted(t, duration - 1e-9))
+    lead, turn = problem.spec.hold, min(turn, duration)
+    scenario = Scenario(step, lead + turn + duration, lead=lead, back_at=lead + turn)
+    t, position, output = _fly(problem, model, settings, scenario, lead)
+    first = int(np.searchsorted(t, turn - 1e-9))
     return (
         _Flown(step, t[: first + 1], position[: first + 1], output[: first + 1]),
         _Flown(-step, t[first:] - t[first], position[first:] - step, output[first:]),

@@ -16,7 +16,7 @@ from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import sample_region
-from gcs_autotune.design.prediction import _there_and_back, predict_metrics
+from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_metrics
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
@@ -123,6 +123,32 @@ def test_a_prediction_says_what_a_step_will_be_read_as_through_the_noise_at_the_
     assert predict_metrics(problem, gains, 30.0 * DEG, 30.0).itae == pytest.approx(flown, rel=0.06)
     unlike = replace(problem, spec=replace(spec, noise_bandwidth=25.0))
     assert predict_metrics(unlike, gains, 30.0 * DEG, 30.0).itae != pytest.approx(flown, rel=0.06)
+
+
+def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_longest_it_may_last() -> None:
+    """By then the integral has not worked off a constant moment, which the step back then begins with."""
+    craft = yaw(0.2, 0.75, 0.025, delta=0.05)
+    spec = replace(STEP, settled_band=3.0 * DEG, settled_time=1.0, hold=1.0)
+    law, region, gains = LAWS["sub-heading"], sample_region(craft, SPREAD), {**SLOW, "ATC_RAT_YAW_I": 0.02}
+    problem = DesignProblem(law, (), region, SLOW, spec, 30.0 * DEG, 0.004)
+    read = predict_as_flown(problem, (gains, gains), 30.0)
+    there, back = read.windows
+    assert there < 10.0
+
+    def error_back(turn: float) -> float:
+        whole = Scenario(30.0 * DEG, 1.0 + turn + back, lead=1.0, back_at=1.0 + turn)
+        flight = law.simulate(craft, gains, whole, None, 0.004)
+        late = flight.t >= 1.0 + turn - 1e-9
+        t, psi = flight.t[late] - flight.t[late][0], flight.position[late]
+        t, psi = np.concatenate([[-0.1], t]), np.concatenate([[30.0 * DEG], psi])
+        target = np.where(t < 0.0, 30.0 * DEG, 0.0)
+        return step_metrics(t, target, psi, 0.0 * t, noise_std=spec.noise_std, noise_time=0.1).itae
+
+    there_alone = _there_and_back(problem, craft, gains, 30.0 * DEG, there)[0]
+    alone = combine([_measure(problem, there_alone)]).itae
+    assert read.one.itae == read.other.itae
+    assert 2.0 * read.one.itae - alone == pytest.approx(error_back(there), rel=0.03)
+    assert error_back(30.0) != pytest.approx(error_back(there), rel=0.15)
 
 
 def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
