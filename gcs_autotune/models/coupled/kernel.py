@@ -532,8 +532,7 @@ def _advance(
     return True, fastest
 
 
-@_outer
-def carry(
+def _carry(
     P: Program,
     theta: Array,
     M: Array,
@@ -583,6 +582,12 @@ def carry(
     return True, fastest, row, spent
 
 
+carry = _outer(_carry)
+_carried = _inner(_carry)
+"""The same inlined, for simulations: to hand over the hundreds of words that ``P`` and ``W`` are, once a sample, is a
+third of their time."""
+
+
 @njit(cache=True, nogil=True)
 def _sweep(
     P: Program,
@@ -605,7 +610,7 @@ def _sweep(
     n, q = S.shape
     t, fastest, left = t_out[0], 0.0, max_steps
     for s in range(len(t_out)):
-        finite, rate, row, spent = carry(
+        finite, rate, row, spent = _carried(
             P, theta, M, M_inverse, x, S, t, t_out[s], row, t_in, inputs, free, max_rate, left, W
         )
         fastest = max(fastest, rate)
