@@ -14,6 +14,7 @@ from typing import Protocol
 
 __all__ = [
     "Fact",
+    "Intentions",
     "LeftAs",
     "NewValue",
     "Progress",
@@ -99,6 +100,13 @@ class Words:
 
 
 @dataclass(frozen=True, slots=True)
+class Intentions:
+    """What is going to be done, a sentence without its "will" each, told before anybody is asked and anything moves."""
+
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class NewValue:
     """One parameter to be written, as the vehicle calls it: old value, new one, why."""
 
@@ -132,7 +140,7 @@ class LeftAs:
     differs: Mapping[str, str]
 
 
-Fact = Room | Vitals | Words | ProposedGains | LeftAs
+Fact = Intentions | Room | Vitals | Words | ProposedGains | LeftAs
 """What is told besides ticks and sentences."""
 
 

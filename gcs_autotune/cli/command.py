@@ -338,16 +338,7 @@ def connection_of(args: argparse.Namespace, uri: str) -> Connection:
 def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) -> Connection:
     from gcs_autotune.workflow import Connection
 
-    return Connection(
-        uri,
-        args.baud,
-        args.system_id,
-        args.source_system,
-        args.seed,
-        args.backend,
-        signing,
-        telling_texts=args.verbose,
-    )
+    return Connection(uri, args.baud, args.system_id, args.source_system, args.seed, args.backend, signing)
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:

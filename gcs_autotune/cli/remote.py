@@ -1,8 +1,8 @@
 """A program in the operator's place: JSON lines on standard output and input instead of a terminal (docs/serve.md).
 
-Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``vitals``, ``room``, ``proposal``,
-``left``, ``question``, ``dropped``; numbers in SI and radians, null where unknown. In: ``stop`` and ``answer``. Once
-standard input ends nobody can stop the craft any more, so that is a request to stop as well.
+Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
+``room``, ``proposal``, ``left``, ``question``, ``dropped``; numbers in SI and radians, null where unknown. In: ``stop``
+and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a request to stop as well.
 
 What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
 own writes them out.
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from gcs_autotune.cli.command import watching
 from gcs_autotune.cli.console import ConsoleOperator
-from gcs_autotune.watch import Fact, LeftAs, Progress, ProposedGains, Room, Vitals, Watcher, Words
+from gcs_autotune.watch import Fact, Intentions, LeftAs, Progress, ProposedGains, Room, Vitals, Watcher, Words
 
 if TYPE_CHECKING:
     import argparse
@@ -38,7 +38,14 @@ MOST_TICKS, MOST_FACTS = 1000, 500
 """Chosen: what is kept for a listener who is slow; older ones are forgotten and counted."""
 _GRACE = 2.0
 """Chosen [s]: what a listener who is slow may take at the end."""
-_KEYS: Mapping[type, str] = {Vitals: "vitals", Room: "room", Words: "words", ProposedGains: "proposal", LeftAs: "left"}
+_KEYS: Mapping[type, str] = {
+    Intentions: "intentions",
+    Vitals: "vitals",
+    Room: "room",
+    Words: "words",
+    ProposedGains: "proposal",
+    LeftAs: "left",
+}
 
 
 class RemoteWatcher:

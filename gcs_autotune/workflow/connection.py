@@ -9,7 +9,6 @@ from contextlib import contextmanager, suppress
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
 from gcs_autotune.watch import Vitals, Watcher, Words
@@ -56,29 +55,14 @@ def connect(
             interrupt=operator.stop_requested,
             signing=connection.signing,
         ) as session:
-            if connection.telling_texts:
-                _tell_texts(session, watcher)
+            _pass_words_on(session, watcher)
             session.discover(system_id=connection.system_id)
             watcher.say(f"vehicle: {session.vehicle}")
-            _pass_words_on(session, watcher)
             try:
                 yield session
             finally:
                 if session.port.refusals:
                     watcher.say(session.port.refusals)
-
-
-def _tell_texts(session: Session, watcher: Watcher) -> None:
-    """Have each STATUSTEXT told as it comes."""
-    told = session.texts.count
-
-    def tell(message: object) -> None:
-        nonlocal told
-        new, told = session.texts.since(told), session.texts.count
-        for said in new:
-            watcher.say(f"the vehicle says: {quoted([said.text])}")
-
-    session.listen("STATUSTEXT", tell)  # after the session itself, which puts the pieces together
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from gcs_autotune.manoeuvres import (
     preview,
 )
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
+from gcs_autotune.watch import Intentions, Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import TWITCHING, connect_craft
@@ -280,7 +280,7 @@ class _Flight:
         used += [manual] * (True in in_manual or bool(dofs))
         modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
         armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
-        for text in (
+        intentions = (
             f"{armed_now}; {TWITCHING}",
             f"{modes}, and go back to {now.mode} at the end",
             f"move: {''.join(excitation_of(dof).check for dof in dofs)}{self._movements()}",
@@ -290,7 +290,9 @@ class _Flight:
             battery(now, s.envelope, self._itinerary.seconds),
             *after_a_silence(s, now),
             "write no parameter",
-        ):
+        )
+        self._watcher.note(Intentions(intentions))
+        for text in intentions:
             self._watcher.say(f"will {text}")
         if not agreed(craft, self._operator, self._watcher, "Go ahead?"):
             raise OperatorStopped("not started: the answer was no; nothing was armed or moved")

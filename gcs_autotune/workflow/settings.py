@@ -35,8 +35,7 @@ def _see_limits(settings: object, fields: Sequence[str], axis: str = "") -> None
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How to reach the vehicle; ``opened`` is the link itself where it was opened already, ``telling_texts`` whether
-    what the vehicle says in words is told as it comes.
+    """How to reach the vehicle; ``opened`` is the link itself where it was opened already.
 
     Raises
     ------
@@ -52,7 +51,6 @@ class Connection:
     backend: str = "pymavlink"
     signing: SigningKey | None = None
     opened: Transport | None = None
-    telling_texts: bool = False
 
     def __post_init__(self) -> None:
         """See that the numbers may be used."""

@@ -12,7 +12,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Fact, Progress, Watcher
+from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -75,6 +75,7 @@ class TuneLog:
     def announce(self, intentions: tuple[str, ...]) -> None:
         """Say, before anything moves, what is going to be done."""
         self._announced = intentions
+        self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")
 

@@ -21,6 +21,7 @@ def main() -> int:
     OUT.mkdir(parents=True)
     parameters = {"ATC_STR_RAT_P": 0.2}
     (OUT / "parameters_before.json").write_text(json.dumps(parameters))
+    tell("intentions", {"texts": ["arm the vehicle, and disarm it at the end"]})
     tell("say", "will arm the vehicle, and disarm it at the end")
     tell("words", {"severity": 4, "text": "<img src=x onerror=alert(1)>\x1b[2J"})
     tell("samples", {"stage": "first self-oscillation", "manoeuvre": "relay", "signal": "psi", "rows": [ROW] * 3})

@@ -18,9 +18,9 @@ from rich.segment import ControlType
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.foreign_text import quoted, visible
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
-from gcs_autotune.watch import Fact, Progress
+from gcs_autotune.watch import Fact, Progress, Words
 
 __all__ = ["StageBar", "TerminalWatcher", "describe_progress"]
 
@@ -126,7 +126,7 @@ def _unit_of_swing(signal: str) -> str:
 class TerminalWatcher:
     """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
-    quiet : no progress, sentences only. verbose : plain lines in a terminal, too, that stay.
+    quiet : no progress, sentences only. verbose : plain lines in a terminal, too, that stay, and the vehicle's words.
     """
 
     def __init__(
@@ -134,6 +134,7 @@ class TerminalWatcher:
     ) -> None:
         self._console = console
         self._quiet = quiet
+        self._verbose = verbose
         self._kept = verbose or not console.is_terminal
         self._clock = clock or WallClock()
         self._drawn = -math.inf
@@ -167,7 +168,9 @@ class TerminalWatcher:
         self._console.print(Text(visible(text)))
 
     def note(self, fact: Fact) -> None:
-        """Show nothing: a line has no room for it."""
+        """Show what the vehicle says in words, where that is wanted; a line has no room for the rest."""
+        if self._verbose and isinstance(fact, Words):
+            self.say(f"the vehicle says: {quoted([fact.text])}")
 
     def close(self) -> None:
         """End the live line, so that other output begins on a fresh one; harmless when there is none."""

@@ -11,10 +11,10 @@ export const about = (signal) => SIGNALS[signal] || { name: signal || "signal", 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 let plots = null;
 
-function makePlot(node, series, least) {
+function makePlot(node, series, least, legend) {
   const axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
   return new uPlot({
-    width: node.clientWidth, height: 205, cursor: { show: false }, legend: { live: false },
+    width: node.clientWidth, height: 205, cursor: { show: false }, legend: { show: legend, live: false },
     scales: { x: { time: false }, y: { range: (u, low, high) => spread(low, high, least()) } },
     axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }],
     series: [{}, ...series],
@@ -38,8 +38,8 @@ function made() {
   const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false } });
   plots = {
     signal: makePlot(document.getElementById("chart-signal"),
-      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least),
-    output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10),
+      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least, true),
+    output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10, false),
   };
   return plots;
 }

@@ -59,13 +59,23 @@ function showQuestion() {
   $("question").hidden = !question;
   if (!question) { asked = null; return; }
   say("question-text", question.text);
+  $("intentions").hidden = !state.intentions || Boolean(state.now);
   $("offer").hidden = !state.proposal;
   if (asked === question.id) return;
   asked = question.id;
   $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
+  $("intentions-list").replaceChildren(...(state.intentions ? items(state.intentions.texts) : []));
   $("yes").disabled = $("no").disabled = !mayTouch;
   $("question").tabIndex = -1;
   $("question").focus();
+}
+
+function items(texts) {
+  return texts.map((text) => {
+    const item = document.createElement("li");
+    item.textContent = text;
+    return item;
+  });
 }
 
 // --- gains ----------------------------------------------------------------------------------------------------------
@@ -144,13 +154,14 @@ function showAlarm() {
 }
 
 function showTiles() {
-  const now = state.now || {}, vitals = state.vitals || {}, kind = about(now.signal);
+  const now = (running() && state.now) || {}, vitals = state.vitals || {}, kind = about(now.signal);
   const reading = (v) => {
     if (v === null || v === undefined) return "–";
     const shown = v * kind.factor;
     return now.signal === "psi" ? `${(((shown % 360) + 360) % 360).toFixed(1)}°` : `${shown.toFixed(2)} ${kind.unit}`;
   };
   const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
+  $("charts").hidden = !state.rows.length;
   say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, wanted ${reading(now.target)}` : ""}` : "–");
   say("tile-output", percent(now.output));
   say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} alike` : "–");
@@ -186,14 +197,10 @@ function showEnd() {
   if (!end) return;
   $("end").classList.toggle("bad", !end.fine);
   say("end-title", `${state.run.title}: ${end.meaning}`);
-  say("end-reason", end.reason || "");
+  say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.name) return;
   $("put-back").dataset.of = state.run.name;
-  $("put-back").replaceChildren(...end.put_back.map((text) => {
-    const item = document.createElement("li");
-    item.textContent = text;
-    return item;
-  }));
+  $("put-back").replaceChildren(...items(end.put_back));
 }
 
 let drawn = 0;
@@ -214,7 +221,7 @@ function show() {
     $("gains").dataset.of = JSON.stringify(state.proposal);
     $("gains-table").replaceChildren(...gains(state.proposal));
   }
-  if (fresh && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
+  if (fresh && state.rows.length && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
 }
 
 function take(delta) {

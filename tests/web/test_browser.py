@@ -1,0 +1,275 @@
+"""The page in a real browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from .serving import served
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+CONTRAST = Path(__file__).with_name("contrast.js").read_text(encoding="utf-8").partition("\n")[2]
+LONG = 120_000.0
+"""Milliseconds that a run may take on a busy machine."""
+
+
+class Page:
+    """A page that remembers what went wrong on it and whom it called."""
+
+    def __init__(self, browser: Any, link: str, **context: Any) -> None:
+        self.context = browser.new_context(**context)
+        self.page = self.context.new_page()
+        self.troubles: list[str] = []
+        self.called: set[str] = set()
+        self.page.on("console", lambda m: m.type == "error" and self.troubles.append(m.text))
+        self.page.on("pageerror", lambda error: self.troubles.append(str(error)))
+        self.page.on("request", lambda request: self.called.add(urlsplit(request.url).netloc))
+        self.page.on("websocket", lambda socket: self.called.add(urlsplit(socket.url).netloc))
+        self.link = link
+        self.page.goto(link)
+        self.page.locator("#stage", has_text="No run").or_(self.page.locator("#stage", has_text="over")).wait_for()
+
+    def shows(self, selector: str, text: str, timeout: float = LONG) -> None:
+        self.page.locator(selector, has_text=text).first.wait_for(timeout=timeout)
+
+    def start(self, *, dry: bool = False, **fields: str) -> None:
+        self.page.click("#tab-start")
+        for name, value in fields.items():
+            (self.page.select_option if name in ("job", "axis") else self.page.fill)(f"#{name}", value)
+        self.page.set_checked("#dry", dry)
+        self.page.click("#start")
+
+    def stopped(self) -> str:
+        """Wait for the end that STOP brings and return what was put back."""
+        self.shows("#end-title", "stopped by the operator")
+        return str(self.page.inner_text("#put-back"))
+
+    def contrast(self) -> dict[str, Any]:
+        return dict(self.page.evaluate(CONTRAST))
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Any]:
+    """Open pages; none may log an error, or call anybody but the server."""
+    pages: list[Page] = []
+
+    def opened(link: str, **context: Any) -> Page:
+        pages.append(Page(browser, link, **context))
+        return pages[-1]
+
+    yield opened
+    for page in pages:
+        page.context.close()
+        assert page.troubles == []
+        assert page.called == {urlsplit(page.link).netloc}
+
+
+@pytest.fixture
+def asking(visit: Any, scripted: str) -> Iterator[Page]:
+    """A page on which a run has just asked its question; the run is stopped in the end."""
+    page = visit(scripted)
+    page.start()
+    page.shows("#question-text", "Go ahead?")
+    yield page
+    if page.page.is_enabled("#stop"):
+        page.page.click("#stop")
+    page.page.locator("#end").wait_for()
+
+
+# --- the whole thing, flown ---------------------------------------------------------------------------------------
+
+
+def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flying: tuple[str, Path]) -> None:
+    link, runs = flying
+    before = set(runs.iterdir())
+    page = visit(link)
+    page.start()
+    page.shows("#tile-periods", "alike")
+    page.shows("#gains-table", "ATC_STR_RAT_FF")
+    page.shows("#end-title", "tune heading: done")
+    put_back = page.page.inner_text("#put-back")
+    assert "mode HOLD, disarmed, as it was found" in put_back
+    assert "->" in put_back  # the gains that stay
+    (run,) = set(runs.iterdir()) - before
+    assert json.loads((run / "summary.json").read_text())["ending"] == "kept"
+    assert not page.page.is_enabled("#stop")
+
+
+@pytest.mark.parametrize(
+    "stage", ["sign check", "step with present gains", "first self-osc", "second self-osc", "step with new gains"]
+)
+def test_stop_in_every_stage_puts_everything_back(visit: Any, flying: tuple[str, Path], stage: str) -> None:
+    page = visit(flying[0])
+    page.start()
+    page.shows("#stage", stage)
+    page.page.keyboard.press("Space")
+    put_back = page.stopped()
+    assert "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found" in put_back
+    assert "as they were before" in put_back
+    assert "NOT" not in put_back
+
+
+# --- STOP and questions -------------------------------------------------------------------------------------------
+
+
+def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking: Page) -> None:
+    assert asking.page.inner_text("#offer td >> nth=3") == "quicker <b>turns</b>"
+    assert "1.5 to 3" in asking.page.inner_text("#offer")
+    asking.page.click("#no")
+    asking.page.locator("#end").wait_for()
+
+
+def test_yes_goes_on(asking: Page) -> None:
+    asking.page.click("#yes")
+    asking.shows("#end-title", "done")
+    assert "ATC_STR_RAT_P 0.2 -> 0.4" in asking.page.inner_text("#put-back")
+
+
+def test_words_of_the_vehicle_are_text_and_never_html(asking: Page) -> None:
+    asking.shows("#words", "<img src=x onerror=alert(1)>\\x1b[2J")
+    assert asking.page.locator("#words img").count() == 0
+
+
+def test_a_reload_changes_nothing_about_the_run_and_shows_it_again(asking: Page) -> None:
+    asking.page.reload()
+    asking.shows("#question-text", "Go ahead?")
+    asking.shows("#stage", "Step 3 of 8: first self-oscillation")
+    asking.page.click("#stop")
+    assert "as it was found" in asking.stopped()
+
+
+def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
+    second = asking.context.new_page()
+    second.goto(asking.link)
+    second.locator("#question-text", has_text="Go ahead?").wait_for()
+    second.click("#stop")
+    assert "as it was found" in asking.stopped()
+    second.locator("#end-title", has_text="stopped by the operator").wait_for()
+
+
+def test_the_keyboard_alone_starts_answers_and_stops(visit: Any, scripted: str) -> None:
+    page = visit(scripted)
+    keyboard = page.page.keyboard
+
+    def to(selector: str) -> None:
+        for _ in range(60):
+            keyboard.press("Tab")
+            if page.page.locator(selector).evaluate("node => node === document.activeElement"):
+                return
+        raise AssertionError(f"{selector} is not reached by Tab")
+
+    to("#tab-start")
+    keyboard.press("Enter")
+    to("#start")
+    keyboard.press("Enter")
+    page.shows("#question-text", "Go ahead?")
+    to("#yes")
+    keyboard.press("Space")  # stops; it does not press the button
+    assert "as they were before" in page.stopped()
+
+
+def test_a_space_in_a_text_field_is_a_space(asking: Page) -> None:
+    asking.page.click("#tab-start")
+    asking.page.fill("#connect", "udpin:")
+    asking.page.press("#connect", "Space")
+    assert asking.page.input_value("#connect") == "udpin: "
+    assert asking.page.inner_text("#stop") == "STOP"
+
+
+def test_stop_is_on_screen_wherever_one_has_scrolled(visit: Any, scripted: str) -> None:
+    page = visit(scripted, viewport={"width": 390, "height": 700})
+    page.start()
+    page.shows("#question-text", "Go ahead?")
+    page.page.mouse.wheel(0, 5000)
+    page.page.locator("footer").scroll_into_view_if_needed()
+    box = page.page.locator("#stop").bounding_box()
+    assert 0.0 <= box["y"] <= 120.0
+    assert box["height"] >= 60.0
+    page.page.click("#stop")
+    page.stopped()
+
+
+def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, tmp_path: Path) -> None:
+    with served(tmp_path, scripted=True) as link:
+        page = visit(link)
+        page.start()
+        page.shows("#question-text", "Go ahead?")
+        page.page.route("**/stop", lambda route: route.abort())
+        page.page.click("#stop")
+        page.shows("#alarm", "STOP is not confirmed yet: trying again")
+        page.page.unroute("**/stop")
+        page.stopped()
+    page.shows("#alarm", "No connection to the server")
+    page.troubles.clear()  # the browser says as much
+
+
+# --- who looks, and with what ---------------------------------------------------------------------------------------
+
+
+def test_without_the_token_one_looks_and_does_not_touch(visit: Any, tmp_path: Path) -> None:
+    with served(tmp_path, scripted=True, host="0.0.0.0") as link:
+        owner = visit(link)
+        assert "#" not in owner.page.url  # it does not stay in the address
+        owner.start()
+        owner.shows("#question-text", "Go ahead?")
+        stranger = owner.page.context.browser.new_context()
+        page = stranger.new_page()
+        page.goto(link.partition("#")[0])
+        page.locator("#question-text", has_text="Go ahead?").wait_for()
+        assert not page.is_enabled("#stop")
+        assert not page.is_enabled("#yes")
+        page.click("#tab-start")
+        page.locator("#look-only").wait_for()
+        assert not page.is_enabled("#start")
+        page.keyboard.press("Space")
+        owner.page.reload()
+        owner.shows("#question-text", "Go ahead?")
+        owner.page.click("#stop")
+        owner.stopped()
+        stranger.close()
+
+
+def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, scripted: str) -> None:
+    context = browser.new_context()
+    context.add_init_script("delete window.WebSocket")
+    for _ in range(40):  # more than may look at once: those who left have made room
+        page = context.new_page()
+        page.goto(scripted)
+        page.locator("#stage", has_text="over").or_(page.locator("#stage", has_text="No run")).wait_for()
+        page.close()
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_it_fits_and_can_be_read(visit: Any, scripted: str, scheme: str, width: int) -> None:
+    page = visit(scripted, color_scheme=scheme, viewport={"width": width, "height": 800})
+
+    def see() -> None:
+        found = page.contrast()
+        assert found["poor"] == []
+        assert found["looked"] > 10
+        assert page.page.evaluate("document.documentElement.scrollWidth") <= width
+
+    page.page.click("#tab-start")
+    for summary in page.page.locator("summary").all():
+        summary.click()
+    see()
+    page.start()
+    page.shows("#question-text", "Go ahead?")
+    see()
+    page.page.click("#stop")
+    page.stopped()
+    see()
+
+
+def test_the_measure_of_contrast_finds_what_cannot_be_read(visit: Any, scripted: str) -> None:
+    page = visit(scripted)
+    page.page.evaluate("document.getElementById('stage').style.color = '#ddd'")
+    assert [text for text, _ in page.contrast()["poor"]] == [page.page.inner_text("#stage")]
