@@ -14,7 +14,7 @@ from gcs_autotune.errors import UsageError
 if TYPE_CHECKING:
     from gcs_autotune.trial import Trial
 
-__all__ = ["add_parameters", "add_reading", "add_runs", "read_others", "read_parameters", "read_runs"]
+__all__ = ["add_parameters", "add_reading", "add_runs", "full_scale", "read_others", "read_parameters", "read_runs"]
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +97,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
     from gcs_autotune.logs import load_runs, parse_columns
 
     columns = parse_columns(args.columns) if args.columns else None
-    given, full = read_parameters(args), _full_scale(args.full_scale)
+    given, full = read_parameters(args), full_scale(args.full_scale)
     return [
         trial.with_full_scale(full)
         for path in paths
@@ -105,7 +105,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
     ]
 
 
-def _full_scale(text: str) -> dict[str, float]:
+def full_scale(text: str) -> dict[str, float]:
     """Read ``X=8,N=0.17``."""
     found = {}
     for piece in text.split(",") if text else ():

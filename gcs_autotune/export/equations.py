@@ -1,0 +1,219 @@
+"""A model as numbers: ``M nu_dot + C(nu) nu = sum of terms``, ``C`` from ``M`` (Fossen2011, (3.46)) or none."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, ExtendedSimulator
+from gcs_autotune.errors import BadFile
+from gcs_autotune.identify import ModelFile
+from gcs_autotune.models import (
+    DEPTH,
+    ETA,
+    INPUT,
+    INPUT_SIZE,
+    NU_SIZE,
+    PAYLOAD,
+    SPECIAL,
+    STATES,
+    inertia_matrix,
+    program_of,
+)
+
+__all__ = ["Equations", "ForceTerm", "equations_of"]
+
+Array = NDArray[np.float64]
+
+POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
+SHAPES = ("sin(phi)", "sin(theta)", "sin(psi)", "cos(psi)")
+WITHIN = ("delay", "lag")
+"""Constants that are no forces and are carried over."""
+AT_THE_INPUT = {"input-delay": "delay", "actuator-lag": "time_constant"}
+"""Effects that are carried over as a delay or lag of their input."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForceTerm:
+    """A force ``coefficient * factors`` in row 0 (X) to 5 (N); factors like ``u``, ``abs(r)``, ``sin(phi)``, ``N``."""
+
+    row: int
+    coefficient: float
+    factors: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The product as Python and MATLAB both read it."""
+        return " * ".join((f"({self.coefficient!r})", *self.factors))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """The equations of motion in SNAME axes, SI units and radians.
+
+    Attributes
+    ----------
+    rows : which of the six equations there are. inertia : M (6, 6), zero outside them. rigid : share of M that is the
+        rigid body's (6, 6), zero where only the sum is known.
+    terms : all forces, those of the inputs too. inputs : channel -> unit. full : channel -> value at full output, where
+        that is known. delay, lag : channel -> seconds.
+    parameters : (name, value, unit, standard error) of the model, the error NaN where unknown.
+    left : sentences about what of the model is not in these equations.
+    """
+
+    name: str
+    rows: tuple[int, ...]
+    inertia: Array
+    rigid: Array
+    coriolis: bool
+    terms: tuple[ForceTerm, ...]
+    inputs: Mapping[str, str]
+    full: Mapping[str, float]
+    delay: Mapping[str, float]
+    lag: Mapping[str, float]
+    parameters: tuple[tuple[str, float, str, float], ...]
+    left: tuple[str, ...]
+
+    @property
+    def identifier(self) -> str:
+        """The name as programs want it."""
+        plain = re.sub(r"\W+", "_", self.name).strip("_").lower() or "craft"
+        return plain if plain[0].isalpha() else f"craft_{plain}"
+
+    def acceleration(self, nu: Array, eta: Array, inputs: Mapping[str, float]) -> Array:
+        """Return nu_dot (6,) at velocity *nu* (6,), position *eta* (6,) and inputs; zero outside :attr:`rows`."""
+        known = dict(zip(STATES, nu, strict=True)) | dict(zip(POSITIONS, eta, strict=True)) | dict(inputs)
+        force = np.zeros(6)
+        for term in self.terms:
+            force[term.row] += term.coefficient * np.prod([_value(f, known) for f in term.factors])
+        if self.coriolis:
+            a, b = np.split(self.inertia @ nu, 2)
+            force[:3] -= np.cross(nu[3:], a)
+            force[3:] -= np.cross(nu[:3], a) + np.cross(nu[3:], b)
+        found, rows = np.zeros(6), list(self.rows)
+        found[rows] = np.linalg.solve(self.inertia[np.ix_(rows, rows)], force[rows])
+        return found
+
+
+_CALL = re.compile(r"(abs|sin|cos)\((\w+)\)")
+
+
+def _value(factor: str, known: Mapping[str, float]) -> float:
+    call = _CALL.fullmatch(factor)
+    return float(getattr(np, call[1])(known[call[2]]) if call else known[factor])
+
+
+def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> Equations:
+    """Return the equations of the model in *file*; effects that are forces, delays or lags are among them.
+
+    full_scale : input -> value at full output, before what the file says of it.
+
+    Raises
+    ------
+    BadFile
+        An input has a name that no program could have.
+    """
+    model = file.model
+    simulator = ExtendedSimulator(model.base.form, model.effects)
+    form, theta = simulator.form, simulator.extended_theta(model.base.theta, model.effects)
+    program, inputs = program_of(form), tuple(form.inputs)
+    strange = [c for c in inputs if not _NAME.fullmatch(c)]
+    if strange:
+        raise BadFile(f"{_plain(', '.join(strange))}: no name of an input")
+    units = {c: _plain(file.inputs.get(c, "")) for c in inputs}
+    values = dict(zip(form.parameters, (float(v) for v in theta), strict=True))
+    left = [f"{n} = {values[n]:.6g} {SPECIAL[n]}" for n in SPECIAL if values.get(n) and n not in WITHIN]
+    left += [f"the input {c}" for c in (PAYLOAD, DEPTH) if c in inputs]
+    terms = []
+    for row, par, scale, coefficient, factors in zip(
+        program.rows, program.pars, program.scales, program.coefs, program.factors, strict=True
+    ):
+        size = float(coefficient) * (theta[par] if par >= 0 else 1.0) * (theta[scale] if scale >= 0 else 1.0)
+        names = tuple(_factor(int(code), inputs) for code in factors if code >= 0)
+        if "" in names:
+            left.append(f"a force {'XYZKMN'[row]} of {size:.6g} that grows towards the bottom")
+        elif size:
+            terms.append(ForceTerm(int(row), float(size), names))
+    delay = dict.fromkeys(inputs, values.get("delay", 0.0))
+    lag = dict.fromkeys(inputs, values.get("lag", 0.0))
+    for effect in model.effects:
+        entry = EFFECTS[effect.slug]
+        channels = [c for c in inputs if effect.place in (c, "")]
+        if effect.slug in AT_THE_INPUT and channels:
+            late = delay if effect.slug == "input-delay" else lag
+            late.update({c: late[c] + effect.values[AT_THE_INPUT[effect.slug]] for c in channels})
+        elif not entry.derivatives(effect) or "motion" not in entry.acts_on:
+            numbers = ", ".join(f"{n} {v:.6g}" for n, v in effect.values.items())
+            left.append(f"{effect.slug}@{effect.place} ({numbers})")
+    return Equations(
+        name=_plain(file.name),
+        rows=tuple(int(r) for r in program.active),
+        inertia=inertia_matrix(form, theta),
+        rigid=_rigid(values, tuple(int(r) for r in program.active)),
+        coriolis=form.coriolis,
+        terms=tuple(terms),
+        inputs=units,
+        full=_full(file, inputs, units, full_scale),
+        delay=delay,
+        lag=lag,
+        parameters=_parameters(file),
+        left=tuple(map(_plain, left)),
+    )
+
+
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_STRANGE = re.compile(r"[^\w .,;:=@()^/*|+-]+", re.ASCII)
+
+
+def _plain(text: str) -> str:
+    """Return a file's words without what could end a comment or a string of a program."""
+    return _STRANGE.sub("_", text).replace("*/", "* /").replace("--", "- -")
+
+
+def _factor(code: int, inputs: tuple[str, ...]) -> str:
+    """Return a factor's text; empty for what is left out."""
+    if code >= INPUT_SIZE:
+        return f"abs({inputs[code - INPUT_SIZE]})"
+    if code >= INPUT:
+        return inputs[code - INPUT]
+    if code >= ETA + 6:
+        return SHAPES[code - ETA - 6] if code - ETA - 6 < len(SHAPES) else ""
+    if code >= ETA:
+        return POSITIONS[code - ETA]
+    return f"abs({STATES[code - NU_SIZE]})" if code >= NU_SIZE else STATES[code]
+
+
+def _rigid(values: Mapping[str, float], rows: tuple[int, ...]) -> Array:
+    """Return the rigid body's part of the inertia, as far as the model knows it, its centre in the middle."""
+    own = np.zeros((6, 6))
+    for row, name in enumerate(("m", "m", "m", "I_x", "I_y", "I_z")):
+        if row in rows:
+            own[row, row] = values.get(name, 0.0)
+    return own
+
+
+def _full(
+    file: ModelFile, inputs: tuple[str, ...], units: Mapping[str, str], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Return what is known of each input at full output."""
+    told = {c: float(v) for c, v in file.model.amplitude.items() if c in inputs}
+    shares = {c: 1.0 for c in inputs if units[c] == "1"}
+    return {**told, **shares, **{c: v for c, v in given.items() if c in inputs}}
+
+
+def _parameters(file: ModelFile) -> tuple[tuple[str, float, str, float], ...]:
+    """Return (name, value, unit, standard error) of the base, then of the effects."""
+    base = file.model.base
+    std = dict(zip(file.names, np.sqrt(np.maximum(np.diag(file.covariance), 0.0)), strict=False))
+    units = {c: file.inputs.get(c, "") for c in base.form.inputs}
+    rows = [(n, float(base[n]), base.form.unit_of(n, units), std.get(n, np.nan)) for n in base.form.parameters]
+    for effect in file.model.effects:
+        quantities = {q.name: q.unit for q in EFFECTS[effect.slug].parameters}
+        for name, value in effect.values.items():
+            label = f"{effect.slug}@{effect.place}.{name}"
+            rows.append((label, float(value), quantities.get(name, ""), std.get(label, np.nan)))
+    return tuple((n, v, u, float(s)) for n, v, u, s in rows)

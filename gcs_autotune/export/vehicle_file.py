@@ -1,0 +1,140 @@
+"""A vehicle file of our simulator: under our autopilot, or as external physics of ArduPilot's own (--ardupilot-json).
+
+The hull is the model's; sensors, link and parameters are those of a craft of the table: the BlueROV2 for one that
+dives, the BlueBoat for one that floats and is steered by two thrusters.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.export.equations import Equations, ForceTerm
+from gcs_autotune.models import FORCES
+
+__all__ = ["to_vehicle_file"]
+
+AXES = {"surge": (0, "u", "X"), "sway": (1, "v", "Y"), "heave": (2, "w", "Z"), "yaw": (5, "r", "N")}
+"""Table of the file -> row, velocity, input."""
+PLANE = ("u", "v", "r")
+
+
+def to_vehicle_file(equations: Equations) -> tuple[str, tuple[str, ...]]:
+    """Return the TOML, and what is not in it.
+
+    Raises
+    ------
+    UsageError
+        Our simulated frames cannot be driven like that, or full output of an input is not known.
+    """
+    _see(equations)
+    dives, left = 2 in equations.rows, []
+    blocks = [
+        f"# {equations.name}, identified by gcs-autotune.",
+        f"title = {_quoted(equations.name)}",
+        f'like = "{"bluerov2" if dives else "blueboat"}"',
+    ]
+    own: set[int] = set()
+    for table, (row, velocity, _) in AXES.items():
+        if row not in equations.rows:
+            continue
+        linear = _sum(equations, row, (velocity,), own)
+        square = _sum(equations, row, (f"abs({velocity})", velocity), own)
+        constant = _sum(equations, row, (), own)
+        values = {"alpha": float(equations.inertia[row, row]), "beta": -linear, "beta2": -square}
+        if table == "yaw" or (table == "heave" and dives):
+            values["bias"] = constant
+        elif constant:
+            left.append(f"the constant force {FORCES[row]} = {constant:.6g}")
+        if dives and table in ("yaw", "surge", "heave"):
+            values["authority"] = _authority(equations, row, own)
+        blocks.append(_table(table, values))
+    blocks += _thrusters(equations, own, dives=dives)
+    if 1 in equations.rows:
+        blocks.append(_coupling(equations, own, left))
+    left += [f"the force {FORCES[t.row]} = {t.text}" for k, t in enumerate(equations.terms) if k not in own]
+    for slug, name, late in (
+        ("input-delay", "delay", equations.delay),
+        ("actuator-lag", "time_constant", equations.lag),
+    ):
+        left += [f"{slug} (start it with --effect {slug}@{c}.{name}={s:.6g})" for c, s in late.items() if s]
+    return "\n".join(blocks) + "\n", tuple(left)
+
+
+def _see(equations: Equations) -> None:
+    strange = [c for c in equations.inputs if c not in FORCES]
+    if strange:
+        raise UsageError(
+            f"the model is driven by {', '.join(strange)}; a vehicle file of ours has thrusters. Fly the model itself: "
+            "gcs-autotune sitl charlie --model FILE --ardupilot-json"
+        )
+    unknown = [c for c in equations.inputs if c not in equations.full]
+    if unknown:
+        told = ",".join(f"{c}=..." for c in unknown)
+        raise UsageError(f"full output of {', '.join(unknown)} is not known: give --full-scale {told} [N, N m]")
+    if any(row in equations.rows for row in (3, 4)):
+        raise UsageError("the simulator models no roll and pitch")
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _sum(equations: Equations, row: int, factors: tuple[str, ...], own: set[int]) -> float:
+    """Return the coefficient of all terms with these factors, noted as taken."""
+    total = 0.0
+    for k, term in enumerate(equations.terms):
+        if term.row == row and tuple(sorted(term.factors)) == tuple(sorted(factors)):
+            total += term.coefficient
+            own.add(k)
+    return total
+
+
+def _authority(equations: Equations, row: int, own: set[int]) -> float:
+    """Return the force of the row's own input at full output; 0 when nothing drives it."""
+    channel = FORCES[row]
+    return abs(_sum(equations, row, (channel,), own) * equations.full.get(channel, 0.0))
+
+
+def _thrusters(equations: Equations, own: set[int], *, dives: bool) -> list[str]:
+    if dives:
+        return ["[thruster]", _number("odd", [1.0]), _number("dead", 0.0)]
+    ahead, turning = _authority(equations, 0, own), _authority(equations, 5, own)
+    values = {"astern": 1.0}
+    if ahead:
+        values["full_thrust"] = 0.5 * ahead
+    if turning:  # one full ahead and one full astern; the BlueBoat's thrusters give 55.2 N each
+        values["arm"] = 0.5 * turning / (0.5 * ahead or 55.2)
+    return [_table("thruster", values)]
+
+
+def _coupling(equations: Equations, own: set[int], left: list[str]) -> str:
+    """Return what ties surge, sway and yaw."""
+    values: dict[str, float] = {}
+    for name, (i, j) in {"Y_rdot": (1, 5), "N_vdot": (5, 1)}.items():
+        if equations.inertia[i, j]:
+            values[name] = -float(equations.inertia[i, j])
+    for k, term in enumerate(equations.terms):
+        name = _derivative(term)
+        if k not in own and name:
+            values[name] = values.get(name, 0.0) + term.coefficient
+            own.add(k)
+    sideways = _authority(equations, 1, own)
+    if sideways:
+        left.append(f"the input Y ({sideways:.6g} at full): no boat of ours pushes sideways")
+    lines = [f'coriolis = {{ value = {str(equations.coriolis).lower()}, unit = "1", source = "identified" }}']
+    return "\n".join(["[coupling]", *lines, *(_number(f'"{n}"', v) for n, v in values.items())])
+
+
+def _derivative(term: ForceTerm) -> str:
+    """Return the SNAME name of a product of u, v, r in X, Y or N; empty for anything else."""
+    plain = [f.replace("abs(", "|").replace(")", "|") for f in term.factors]
+    if term.row not in (0, 1, 5) or not plain or any(f.strip("|") not in PLANE for f in plain):
+        return ""
+    return f"{FORCES[term.row]}_{''.join(sorted(plain, reverse=True))}"
+
+
+def _table(name: str, values: dict[str, float]) -> str:
+    return "\n".join([f"[{name}]", *(_number(n, v) for n, v in values.items())])
+
+
+def _number(name: str, value: object) -> str:
+    return f'{name} = {{ value = {value!r}, unit = "SI", source = "identified" }}'
