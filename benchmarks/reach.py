@@ -42,8 +42,10 @@ from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE, Axis, Gain
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.report import TuneStory
+from gcs_autotune.trial import load_trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
+from gcs_autotune.workflow.experiments import common_windows
 from sitl import Server, open_vehicle
 from sitl.vehicle import Vehicle
 
@@ -143,6 +145,7 @@ def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
     began = time.monotonic()
     server = open_vehicle(vehicle, seed=seed)
     ending, before, predicted, after = "aborted", math.nan, math.nan, math.nan
+    windows: tuple[float, ...] = ()
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(axis, Aboard(server=server), Path(folder) / "run")
         try:
@@ -153,11 +156,18 @@ def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
             ending = story.ending
             predicted = math.nan if story.proposal is None else story.proposal.after.metrics.itae
             before, after = (math.nan if m is None else m.itae for m in (story.metrics_before, story.metrics_after))
+            windows = _windows(settings.directory)
     gains = BEST.get((vehicle, axis))
     beside = EARLIER.get((vehicle, axis), math.nan)
     if gains is not None:
-        beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(gains).itae
+        beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(gains, windows).itae
     return Tuned(vehicle, axis, seed, ending, before, predicted, after, beside, time.monotonic() - began)
+
+
+def _windows(run: Path) -> tuple[float, ...]:
+    """Return over how long [s] step and step back of a tune were read; empty where it proved nothing."""
+    steps = [load_trial(path) for path in sorted(run.glob("trials/*-step-*.csv"))]
+    return common_windows(steps[0], steps[-1]) if len(steps) > 1 else ()
 
 
 def _axis_of(vehicle: str, axis: str) -> Axis:
@@ -177,8 +187,8 @@ class Bench:
         sensors = open_vehicle(name).vehicle.data.sensors
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
 
-    def fly(self, gains: Mapping[str, float]) -> StepMetrics:
-        """Return the metrics of the step and the step back, as a tune reads them."""
+    def fly(self, gains: Mapping[str, float], windows: Sequence[float] = ()) -> StepMetrics:
+        """Return the metrics of the step and the step back, as a tune reads them: over *windows* [s] where it did."""
         vehicle = open_vehicle(self.name, seed=self.seed, parameters=gains).vehicle
         sub = vehicle.autopilot
         for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK"):
@@ -190,8 +200,8 @@ class Bench:
         high = -low if self.signal == "r" else low + self.size
         _hold(vehicle, self.signal, low, _HELD[self.signal])
         parts = []
-        for start, end in ((low, high), (high, low)):
-            t, x, u = _hold(vehicle, self.signal, end, self.duration)
+        for start, end, seconds in zip((low, high), (high, low), windows or [self.duration] * 2, strict=True):
+            t, x, u = _hold(vehicle, self.signal, end, seconds)
             t, x, u = (np.concatenate([v[:1], v]) for v in (t, x, u))
             target = np.full_like(t, end)
             target[0] = start
