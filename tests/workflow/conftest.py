@@ -8,5 +8,10 @@ import pytest
 @pytest.fixture
 def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take the gains as matched, without refining them, and leave the pictures out of the report."""
+    taken_plainly(monkeypatch)
+
+
+def taken_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do as :func:`plainly`."""
     monkeypatch.setattr("gcs_autotune.design.proposal.refine", lambda problem, chosen, duration: chosen)
     monkeypatch.setattr("gcs_autotune.report.tune.page.draw_pictures", lambda story: ())
