@@ -284,6 +284,13 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     add_number(group, "relay-output", "C")
     add_number(group, "relay-hysteresis", "X_A")
     add_number(group, "relays", "N")
+    group.add_argument(
+        "--stop-rule",
+        choices=("design", "settled"),
+        default="design",
+        help="end when the gains are known (design), or when five periods agree within 10 %%, every step run to its "
+        "end and a boat turning about before each manoeuvre (settled); default design",
+    )
     add_number(group, "throttle")
     add_number(group, "speed")
     add_number(group, "control-rate", "HZ")

@@ -73,6 +73,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         delay=args.delay,
         control_rate=args.control_rate,
         most_relays=args.relays,
+        stop_rule=args.stop_rule,
         patience=args.patience,
         envelope=envelope_from(args),
     )

@@ -155,6 +155,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         dry_run=args.dry_run,
         control_rate=args.control_rate,
         most_relays=args.relays,
+        stop_rule=args.stop_rule,
         patience=args.patience,
         resume=args.resume,
         envelope=envelope_from(args),

@@ -19,7 +19,7 @@ from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_regi
 from gcs_autotune.design.prediction import predict, predict_as_flown
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
-from gcs_autotune.design.refinement import any_better, refine
+from gcs_autotune.design.refinement import MIN_ERROR, any_better, refine
 from gcs_autotune.design.result import Change, Proposal, ReferenceModel
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
@@ -122,6 +122,7 @@ def design(
         loops=(problem.loops(before.settings, chosen.wanted), problem.loops(shown.settings, chosen.wanted)),
         actuator=actuator,
         windows=windows,
+        spread=_spread(problem, shown, span),
     )
 
 
@@ -163,6 +164,13 @@ def _best(
             return found, False
     other = any_better(problem, before, span)
     return (refined, is_tolerable(before)) if other is None else (other, False)
+
+
+def _spread(problem: DesignProblem, shown: GainCandidate, span: float) -> float:
+    """Return by what share the error over time is larger than predicted at the worst of the 95 % region."""
+    nominal = max(predict(problem, problem.model, shown.wanted, shown.settings, span).metrics.itae, MIN_ERROR)
+    each = (predict(problem, m, shown.wanted, shown.settings, span).metrics.itae for m in problem.region.samples)
+    return max(max(each, default=nominal) / nominal - 1.0, 0.0)
 
 
 def _bound(

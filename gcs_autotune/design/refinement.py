@@ -33,7 +33,7 @@ from gcs_autotune.design.selection import (
 from gcs_autotune.design.step_metrics import noise_floor
 from gcs_autotune.design.verdict import is_better
 
-__all__ = ["DIMENSIONS", "any_better", "refine", "sobol"]
+__all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "refine", "sobol"]
 
 Array = NDArray[np.float64]
 

@@ -105,7 +105,8 @@ class Proposal:
     ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
     ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.
     ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read; empty: as long
-    as the predictions.
+    as the predictions. ``spread``: by what share the error over time of the gains shown is larger than predicted, at
+    worst over the 95 % region.
     """
 
     axis: str
@@ -123,6 +124,7 @@ class Proposal:
     loops: tuple[tuple[OpenLoop, ...], tuple[OpenLoop, ...]] = ((), ())
     actuator: Actuator | None = None
     windows: tuple[float, ...] = ()
+    spread: float = math.nan
 
     @property
     def new(self) -> Mapping[str, float]:
@@ -200,6 +202,7 @@ class Proposal:
             "worst_margins": _plain(self.worst_margins),
             "bound": [b if math.isfinite(b) else None for b in self.bound],
             "predicted": {"before": _plain(self.before.metrics), "after": _plain(self.after.metrics)},
+            **({"spread": self.spread} if math.isfinite(self.spread) else {}),
             **({"windows": list(self.windows)} if self.windows else {}),
             "notes": list(self.notes),
             **({"effects": [_plain(r) for r in self.remarks]} if self.remarks else {}),

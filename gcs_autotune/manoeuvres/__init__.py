@@ -21,7 +21,7 @@ from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, PaperCraft, Preview, preview
-from gcs_autotune.manoeuvres.relay import Relay, RelaySettings
+from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, StopRule
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
@@ -64,6 +64,7 @@ __all__ = [
     "Steering",
     "Step",
     "StepSettings",
+    "StopRule",
     "ThrottleSteps",
     "ThrottleStepsSettings",
     "ThrustCheck",

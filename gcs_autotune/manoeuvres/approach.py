@@ -91,8 +91,13 @@ class Approach:
         self._x: list[float] = []
         self._speeds = Steadiness()
 
+    def skip(self, noise_std: float) -> None:
+        """Be done at once: the way is on, and the noise [rad or m] known."""
+        self.noise_std, self.done = noise_std, True
+
     def start(self, observation: Observation) -> None:
-        """Take the time of the first observation."""
+        """Take the time of the first observation, and its speed."""
+        self.speed = observation.speed
         self._start = observation.t
 
     def update(self, t: float, x: float, speed: float) -> None:

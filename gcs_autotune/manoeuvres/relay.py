@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import UsageError
@@ -24,7 +24,7 @@ from gcs_autotune.watch import Progress
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["Relay", "RelaySettings", "WallRelay"]
+__all__ = ["Relay", "RelaySettings", "StopRule", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -63,6 +63,7 @@ class RelaySettings:
         given is widened by ``growth``, so many times at most.
     patience : longest time without a switching [s].
     least_distance : nearest to a wall ahead [m], of a relay on ``d``.
+    noise_std : noise of the signal where it is known, and the way is on: there is no approach then.
     least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
 
     Raises
@@ -90,6 +91,7 @@ class RelaySettings:
     patience: float = 30.0
     least_period: float = 0.0
     least_distance: float = 0.0
+    noise_std: float | None = None
 
     def __post_init__(self) -> None:
         """See that a relay can be made of it: it switches, and pushes no harder than there is."""
@@ -108,18 +110,33 @@ class RelaySettings:
             raise UsageError(f"relay: throttle {self.throttle:g}, speed {self.reference_speed:g} m/s: no such numbers")
 
 
+class StopRule(Protocol):
+    """Who knows before the limit cycle has settled that a relay has told enough. It is asked at every tick."""
+
+    def begin(self) -> None:
+        """The oscillation begins, or begins anew with another size."""
+        ...
+
+    def update(self, relay: Relay, reversals: int) -> str:
+        """Return why *relay* may end after so many *reversals*, empty while it may not. Returns at once."""
+        ...
+
+
 class Relay(Manoeuvre):
-    """Approach (way on, noise measured), then the relay until the limit cycle has settled."""
+    """Approach (way on, noise measured), then the relay until the limit cycle has settled, or *rule* says enough."""
 
     kind = "relay"
 
-    def __init__(self, settings: RelaySettings, name: str = "relay") -> None:
+    def __init__(self, settings: RelaySettings, name: str = "relay", rule: StopRule | None = None) -> None:
         super().__init__(name, signal=settings.signal, force=settings.force)
         self._settings = settings
         self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
         self._output = settings.output if settings.output is not None else settings.first_output
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
+        self._rule = rule
+        if settings.noise_std is not None:
+            self._approach.skip(settings.noise_std)
         self._high = True
         self._reference = math.nan
         self._began = math.nan
@@ -240,6 +257,10 @@ class Relay(Manoeuvre):
         ):
             self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
             return
+        enough = self._rule.update(self, state.switchings) if self._rule is not None and state.proper else ""
+        if enough:
+            self._end("completed", enough)
+            return
         if state.settled:
             self._end("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
@@ -307,6 +328,8 @@ class Relay(Manoeuvre):
     def _reset_monitor(self) -> None:
         self._judged = 0
         self._monitor = self._new_monitor()
+        if self._rule is not None:
+            self._rule.begin()
 
     def _new_monitor(self) -> LimitCycleMonitor:
         from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take

@@ -77,6 +77,10 @@ class Sequencer:
             raise
         return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
 
+    def away(self, now: Observation) -> float:
+        """Return how far [m] the craft is from where the first manoeuvre began; NaN while nobody knows."""
+        return math.nan if self._home is None else math.hypot(now.x - self._home.x, now.y - self._home.y)
+
     def go_on(self) -> None:
         """What ended the last manoeuvre is over, and the craft is neutral: more may be flown."""
         self._broken = ""

@@ -12,7 +12,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import NewValue, ProposedGains
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
-from gcs_autotune.workflow.experiments import common_windows
+from gcs_autotune.workflow.experiments import STEP_AHEAD, common_windows
 
 __all__ = ["accept_or_revert", "accept_or_revert_supplied"]
 
@@ -72,7 +72,7 @@ def _prove(
         log.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
         loan.set(new)
         log.say("written and read back")
-        context.come_about("step-after")
+        context.come_about("step-after", STEP_AHEAD)
         after = context.fly(criteria.proof.step("step-after"), "step with new gains").trial
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:

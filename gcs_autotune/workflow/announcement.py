@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
@@ -10,9 +11,10 @@ from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow.connection import TWITCHING
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
+from gcs_autotune.workflow.experiments import STEP_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.runner import FAR_OUT
+from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
 __all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
 
@@ -60,8 +62,15 @@ def _legs(context: TuneContext, now: Observation) -> tuple[Leg, ...]:
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
     """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
-    if speed:
+    if speed and settings.stop_rule == SETTLED:
         return f"need about {100.0 * speed:.0f} m of free water around"
+    if speed:
+        limit = replace(settings.envelope, cruise=speed).distance_limit
+        reach = min(FAR_OUT * limit + STEP_AHEAD * speed, limit)
+        return (
+            f"need up to {reach:.0f} m of free water around: it turns about once it is {FAR_OUT * limit:.0f} m away, "
+            "sooner with a smaller --max-distance"
+        )
     below = ""
     if excitation_of(dof).below_surface:
         step = abs(settings.step) if settings.step is not None else position_axis(dof).step

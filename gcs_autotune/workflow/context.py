@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from gcs_autotune.workflow.preflight import STAGE, make_ready, see_signs, sign_c
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import Connection, TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, Connection, TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.worker import Worker
@@ -75,10 +76,14 @@ class TuneContext:
         self.log.say(stage)
         return self.runner.fly(manoeuvre, stage)
 
-    def come_about(self, before: str) -> None:
-        """Bring a boat back before the trial *before*; not before one that an earlier run has flown."""
-        if not self.earlier.has(before):
-            self.runner.come_about(self.throttle)
+    def come_about(self, before: str, ahead: float) -> bool:
+        """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
+
+        Not before a trial that an earlier run has flown; with the thesis' stop rule in any case.
+        """
+        if self.earlier.has(before):
+            return False
+        return self.runner.come_about(self.throttle, math.inf if self.settings.stop_rule == SETTLED else ahead)
 
     def begin(self) -> None:
         """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""

@@ -11,12 +11,13 @@ from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import measure, windows_of
-from gcs_autotune.workflow.identification import Identified
+from gcs_autotune.workflow.identification import Identified, delay_of
 from gcs_autotune.workflow.proof import Proof, reduction_of
+from gcs_autotune.workflow.stop_rule import DesignQuestion
 from gcs_autotune.workflow.supplied_model import STRANGE, SuppliedModel, explained
 from gcs_autotune.workflow.thrust_curve import design_with_curve
 
-__all__ = ["StepCriteria", "design_from_file", "design_from_fit"]
+__all__ = ["StepCriteria", "design_from_file", "design_from_fit", "question_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,13 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
         design, fit.model, fit.craft_covariance, axis, context.present, spec, reduction
     )
     return log.proposal
+
+
+def question_of(context: TuneContext, criteria: StepCriteria, flown: Trial) -> DesignQuestion:
+    """Return what experiments are flown for: the gains that *criteria* ask for. *flown*: step with present gains."""
+    spec = _spec(context, context.log.speed_of([flown]), criteria, flown)
+    s = context.settings
+    return DesignQuestion(context.axis, context.present, spec, flown, s.structure, delay_of(s))
 
 
 def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, criteria: StepCriteria) -> Proposal:

@@ -20,6 +20,7 @@ from gcs_autotune.manoeuvres import (
     DiveSettings,
     Relay,
     RelaySettings,
+    StopRule,
     ThrottleSteps,
     ThrottleStepsSettings,
     TurnAbout,
@@ -35,6 +36,8 @@ CALMED: Mapping[str, float] = {a.stepped: a.calmed for a in AXES.values() if a.c
 
 __all__ = [
     "SHALLOW",
+    "STEP_AHEAD",
+    "SWING_AHEAD",
     "common_windows",
     "dive_for",
     "measure",
@@ -94,11 +97,14 @@ def relay_for(
     *,
     keep_still: bool,
     least_period: float = 0.0,
+    noise_std: float | None = None,
+    rule: StopRule | None = None,
 ) -> Relay:
     """Return a relay experiment on *dof*; *keep_still*: the craft's other axes are held meanwhile.
 
     *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest. ``least_period``
-    [s] is that of the quickest oscillation that the link can carry.
+    [s] is that of the quickest oscillation that the link can carry; ``noise_std`` [rad or m] is known of a craft that
+    needs no approach; *rule* may end it before five periods agree.
     """
     d = excitation_of(dof)
     return Relay(
@@ -114,8 +120,10 @@ def relay_for(
             keep_still=keep_still,
             least_hysteresis=d.least_hysteresis,
             least_period=least_period,
+            noise_std=noise_std,
         ),
         name,
+        rule,
     )
 
 
@@ -143,6 +151,8 @@ def _is_hasty(relay: Trial) -> bool:
     return bool(np.median(np.diff(switches)) < 10.0 * np.median(ticks))
 
 
+STEP_AHEAD, SWING_AHEAD = 60.0, 30.0
+"""Chosen [s]: what a proof, and an experiment that swings or is over soon, take of going straight ahead at most."""
 WORKING_DEPTH, SHALLOW = 1.5, 1.0
 """Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
 

@@ -22,7 +22,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.thrust_curve import reduction_with_curve
 
@@ -134,9 +134,14 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
         duration=settings.step_duration or d.step_duration,
         speed=speed,
         hold=0.0 if axis.needs_speed else HOLD,
-        enough=ENOUGH if axis.needs_speed else ENOUGH_AT_REST,
+        enough=_enough(settings, ENOUGH if axis.needs_speed else ENOUGH_AT_REST),
     )
     return Proof(step, None, {})
+
+
+def _enough(settings: TuneSettings, seconds: float) -> float:
+    """Return how long the craft stands at its target before a half is over: for ever with the thesis' stop rule."""
+    return math.inf if settings.stop_rule == SETTLED else seconds
 
 
 def proof_of_velocity(
@@ -171,7 +176,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
     duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
-    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=ENOUGH)
+    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=_enough(settings, ENOUGH))
     if top < NEAR * kept:
         throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
     return Proof(step, top - size, _cruise_pair(known, throttle, present))

@@ -26,7 +26,7 @@ USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
 """Trials that a later run may use."""
 _SHAPING = (
     *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
-    "full_scale",
+    *("full_scale", "stop_rule"),
 )
 """Settings that say what is flown."""
 

@@ -20,7 +20,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW, turn_for
 
-__all__ = ["MOST", "ManoeuvreRunner", "Patience"]
+__all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
 
 
 class ManoeuvreRunner:
@@ -86,13 +86,27 @@ class ManoeuvreRunner:
         if self._dive is not None and not isinstance(before, Dive) and self._craft.observe().z < SHALLOW:
             self._sequencer.fly(deepcopy(self._dive), "diving")
 
-    def come_about(self, throttle: float) -> None:
-        """Turn a boat round, so that it does not run away in one direction; other craft stay where they are."""
+    def come_about(self, throttle: float, ahead: float = math.inf) -> bool:
+        """Turn a boat round when the room asks for it, and return whether; other craft stay where they are.
+
+        ahead : how long [s] the manoeuvre takes that comes next; infinite: turn in any case.
+        """
         turn = turn_for(self._craft.firmware, throttle)
-        if turn is not None:
-            self.attempt(turn, "turning about", replace(self._envelope, heading_excursion=math.inf))
+        if turn is None or not self._is_far_out(ahead):
+            return False
+        self.attempt(turn, "turning about", replace(self._envelope, heading_excursion=math.inf))
+        return True
+
+    def _is_far_out(self, ahead: float) -> bool:
+        """Whether the boat must come back: far from where it began, perhaps too far at the end of what comes next."""
+        envelope, limit = self._envelope, self._envelope.distance_limit
+        away = self._sequencer.away(self._craft.observe())
+        near = envelope.area is None and away <= FAR_OUT * limit and away + envelope.cruise * ahead <= NEARLY * limit
+        return not near
 
 
+FAR_OUT, NEARLY = 0.4, 0.9
+"""Chosen: shares of the distance limit beyond which a boat comes back first, and that no manoeuvre may lead it to."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
 _TELLING = 1.5

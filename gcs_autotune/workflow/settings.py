@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import ModelFile, Structure
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import Transport, open_link
@@ -16,7 +17,11 @@ from gcs_autotune.mavlink import SigningKey
 if TYPE_CHECKING:
     from gcs_autotune.workflow.supplied_gains import SuppliedGains
 
-__all__ = ["Connection", "TuneSettings"]
+__all__ = ["SETTLED", "STOP_RULES", "Connection", "TuneSettings"]
+
+SETTLED = "settled"
+STOP_RULES = ("design", SETTLED)
+"""When experiments end: once the design is known, or once five periods agree within 10 % (Miskovic2010, 6.7)."""
 
 
 _NUMBERS = (
@@ -80,7 +85,8 @@ class TuneSettings:
     ``gains``: gains to prove instead of designing any; ``proving``: the command that proves the gains of a file as they
     would be here, less the file.
     ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
-    ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
+    ``stop_rule`` one of :data:`STOP_RULES`; with ``settled`` steps run to their end, too, and a boat turns about before
+    each manoeuvre. ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
     directory of a run that ended early, to go on from.
 
     Raises
@@ -108,6 +114,7 @@ class TuneSettings:
     dry_run: bool = False
     control_rate: float | None = None
     most_relays: int = 3
+    stop_rule: str = STOP_RULES[0]
     gains: SuppliedGains | None = None
     proving: str = ""
     patience: float = 60.0
@@ -115,5 +122,7 @@ class TuneSettings:
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:
-        """See that the numbers may be used."""
+        """See that the numbers may be used, and that there is such a rule."""
         _see_limits(self, _NUMBERS, self.axis)
+        if self.stop_rule not in STOP_RULES:
+            raise UsageError(f"there is no stop rule '{self.stop_rule}'; there are {' and '.join(STOP_RULES)}")

@@ -25,8 +25,8 @@ from gcs_autotune.workflow.announcement import announce
 from gcs_autotune.workflow.background import agreed
 from gcs_autotune.workflow.connection import axis_of, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
-from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit
-from gcs_autotune.workflow.experiments import measure, noise_in, resolution, speed_for, steering_throttle
+from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
+from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, speed_for, steering_throttle
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
@@ -36,11 +36,12 @@ from gcs_autotune.workflow.preflight import (
     see_depth_is_told,
     see_throttle_is_free,
 )
-from gcs_autotune.workflow.proof import known_of, proof_about_rest, proof_of_velocity
+from gcs_autotune.workflow.proof import Proof, known_of, proof_about_rest, proof_of_velocity
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.stop_rule import KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, changes_of, step_of
 from gcs_autotune.workflow.supplied_model import supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
@@ -149,7 +150,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     if context.law.controls_velocity:
         if given is None:
             found = identify(context)
-            context.come_about("step-before")
+            context.come_about("step-before", STEP_AHEAD)
             known = known_of(found, axis)
         else:
             known = known_of(given, axis)
@@ -163,7 +164,10 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     log.metrics_before = measure(before, resolution=grain)
     if given is None:
         moving = context.law.controls_velocity
-        found = identify(context, before) if found is None else again_with_step(context, found, before)
+        if found is None:
+            found = identify(context, before, _rule(context, proof, before, grain))
+        else:
+            found = again_with_step(context, found, before)
         noise = noise_behind(before, found.fit, moving, grain)
         criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(context, found, criteria, before)
@@ -172,6 +176,15 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         proposal = design_from_file(context, given, before, criteria)
     log.metrics_before = criteria.read(before, proposal.windows)
     accept_or_revert(context, proposal, before, criteria, journal)
+
+
+def _rule(context: TuneContext, proof: Proof, before: Trial, grain: float) -> KnownDesign | None:
+    """Return what ends the oscillations once the gains are known, by what the step *before* has told; None: nothing."""
+    noise = noise_while_held(before, grain)
+    if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
+        return None
+    criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
+    return KnownDesign(context.craft, context.worker, question_of(context, criteria, before))
 
 
 def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from typing import Any
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.craft import Actuate, Command, Observation
@@ -281,9 +283,17 @@ class MavlinkCraft:
 
     def stop_recording(self, ending: str, reason: str = "") -> Trial:
         """End the running trial and return it."""
+        return self._recorder.stop(ending, reason, self._described())
+
+    def recorded_so_far(self, settings: Mapping[str, Any]) -> Trial:
+        """Return the running trial as far as it has come, with the *settings* of what is flown among its ``meta``."""
+        return self._recorder.so_far("", "", {**self._described(), **settings})
+
+    def _described(self) -> dict[str, Any]:
+        """Return what every trial tells of the vehicle and the link."""
         vehicle = self.session.vehicle
         assert vehicle is not None
-        meta = {
+        return {
             "vehicle": vehicle.to_dict(),
             "link": self.session.transport.description,
             "firmware": self._firmware.name,
@@ -292,4 +302,3 @@ class MavlinkCraft:
             "rate_lag": self._config.rate_lag,
             "link_times": self.link_times.to_dict(),
         }
-        return self._recorder.stop(ending, reason, meta)

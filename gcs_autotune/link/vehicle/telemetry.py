@@ -65,15 +65,20 @@ class Recorder:
         if self._name is not None:
             self._marks.append(mark)
 
-    def stop(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
-        """End the trial and return it; an empty one when none was running."""
+    def so_far(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
+        """Return the trial as far as it has come; an empty one when none is running."""
         channels = {
             name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
             for name, (times, column) in self._samples.items()
         }
-        name, self._name = self._name or "", None
         details = {**meta, "late_samples": self.late} if self.late else dict(meta)
-        return Trial(name, channels, tuple(self._marks), ending, reason, details)
+        return Trial(self._name or "", channels, tuple(self._marks), ending, reason, details)
+
+    def stop(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
+        """End the trial and return it; an empty one when none was running."""
+        trial = self.so_far(ending, reason, meta)
+        self._name = None
+        return trial
 
 
 _SAME_MOMENT = 0.005

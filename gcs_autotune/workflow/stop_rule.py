@@ -1,0 +1,192 @@
+"""When an experiment has told enough: once the gains that would be designed from it are known.
+
+Five periods that agree (Miskovic2010, 6.7) are needed to read a limit cycle by its first harmonic. Here the record is
+fitted exactly, together with the step flown before, so an experiment may end as soon as what is left in doubt about the
+craft hardly matters to the gains. After each half period the model is fitted and designed for, and the predicted error
+over time of those gains looked at all over the 95 % region of its parameters.
+
+An actuator with a dead zone or a bent curve makes the step another craft's than the oscillation. Each of two sizes is
+then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
+fits badly otherwise (waves) is left to the five periods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.design import Spec, design
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.firmware import Axis
+from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Relay
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.thrust_curve import left
+from gcs_autotune.workflow.worker import Worker
+
+__all__ = ["SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
+
+UNEXPLAINED = 4.0
+"""Chosen [percent]: of the motion, at most so much may be left unexplained by a model that is designed from early."""
+BY_ITSELF = 6.0
+"""Chosen [percent]: an oscillation of one size that leaves less than this needs no waves to be explained."""
+SPREAD = 0.10
+"""Chosen: gains are known when the worst predicted error over time is at most this share more than the nominal one."""
+MOVED = 2.0
+"""Chosen: a number that the last half period moved by so many standard errors is not known yet."""
+TWICE = 2
+"""So many times running the design must be known."""
+LEAST_REVERSALS = 3
+"""Chosen: fewer tell nothing of how the craft answers either way."""
+LEAST_SAMPLES = 2 * MIN_SAMPLES
+"""Of a run that is to count in a fit: shorter ones are left out of it silently."""
+LEFT_OUT = "run-left-out"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignQuestion:
+    """What gains are wanted for: the ``axis`` with its ``present`` gains and the wish, and what is known already.
+
+    ``step``: flown before under the autopilot's own loop. ``structure``, ``delay`` [s]: as asked for.
+    """
+
+    axis: Axis
+    present: Mapping[str, float]
+    spec: Spec
+    step: Trial
+    structure: Structure | None = None
+    delay: float | Literal["auto"] = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What is known after a half period.
+
+    ``lacks``: what the design still lacks, in words, empty when it is known. ``another_size``: the run is explained by
+    itself but not together with the step. ``values``, ``stds``: the model's numbers and their standard errors.
+    ``spread``: by what share the predicted error over time is larger at worst.
+    """
+
+    lacks: str
+    another_size: bool = False
+    values: tuple[float, ...] = ()
+    stds: tuple[float, ...] = ()
+    spread: float = float("nan")
+
+    def moved_from(self, last: Assessment) -> bool:
+        """Whether any number is further from what it was in the *last* one than chance explains."""
+        pairs = zip(self.values, last.values, last.stds, strict=True)
+        return any(abs(now - then) > MOVED * std for now, then, std in pairs)
+
+
+def assess(question: DesignQuestion, run: Trial) -> Assessment:
+    """Return what *run*, as far as it has come, and the step tell about the gains that are wanted."""
+    try:
+        return _assess(question, run)
+    except (AutotuneError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        return Assessment(f"no gains can be designed yet ({error})")
+
+
+def _assess(question: DesignQuestion, run: Trial) -> Assessment:
+    signal = str(run.meta["signal"])
+    if len(run[signal]) < LEAST_SAMPLES:
+        return Assessment(f"{len(run[signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
+    fit = _fit(question, question.step, run)
+    if fit is None or left(fit) >= UNEXPLAINED:
+        alone = _fit(question, run)
+        by_itself = alone is not None and left(alone) < BY_ITSELF
+        much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
+        return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
+    covariance = fit.craft_covariance
+    proposal = design(fit.model, covariance, question.axis, question.present, question.spec)
+    m = fit.model
+    values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
+    stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    wide = proposal.spread > SPREAD
+    lacks = f"the predicted error over time is uncertain by {proposal.spread:.0%}" if wide else ""
+    return Assessment(lacks, values=values, stds=stds, spread=proposal.spread)
+
+
+def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
+    """Return the model of all *runs*, None when there is none or when one of them was left out."""
+    try:
+        fit = fit_axis(runs, dof=question.axis.dof, structure=question.structure, delay=question.delay)
+    except AutotuneError:
+        return None
+    return None if any(doubt.slug == LEFT_OUT for doubt in fit.doubts) else fit
+
+
+class KnownDesign:
+    """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
+
+    ``known`` says afterwards whether the last relay ended for that, ``another_size`` whether one of another size is
+    called for.
+    """
+
+    def __init__(self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion) -> None:
+        self._craft, self._worker, self._question = craft, worker, question
+        self._at_work = self._stale = False
+        self._reversals = 0
+        self._last: Assessment | None = None
+        self._times = 0
+        self.known = self.another_size = False
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> KnownDesign:
+        """A relay that is flown again asks the same one."""
+        return self
+
+    def begin(self) -> None:
+        """Forget what was known: a relay begins, or begins again with another size or hysteresis."""
+        self._stale = self._at_work
+        self._reversals = self._times = 0
+        self._last = None
+        self.known = self.another_size = False
+
+    def update(self, relay: Relay, reversals: int) -> str:
+        """Take note of one tick of *relay* after so many *reversals*; return why it may end, empty while it may not."""
+        if self._at_work and self._worker.done:
+            self._at_work = False
+            try:
+                assessment: Assessment = self._worker.result()
+            except AutotuneError as error:
+                assessment = Assessment(str(error))
+            if not self._stale:
+                return self._judged(assessment)
+            self._stale = False
+        if self._at_work or reversals < LEAST_REVERSALS - 1 or reversals <= self._reversals:
+            return ""
+        self._reversals = reversals
+        run = self._craft.recorded_so_far(relay.settings).proper
+        if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
+            return self._judged(assess(self._question, run))
+        self._worker.begin(partial(assess, self._question, run))
+        self._at_work = True
+        return ""
+
+    def _judged(self, now: Assessment) -> str:
+        last, self._last = self._last, now
+        is_known = not now.lacks and (last is None or bool(last.lacks) or not now.moved_from(last))
+        self._times = self._times + 1 if is_known else 0
+        if self._reversals < LEAST_REVERSALS:
+            return ""
+        if self._times >= TWICE:
+            self.known = True
+            return (
+                f"the gains are known: what is unknown of the craft changes their error over time by {now.spread:.0%}"
+            )
+        if now.another_size:
+            self.another_size = True
+            return "this size of oscillation is explained, and not the step: small and large commands act differently"
+        return ""
+
+    def close(self) -> None:
+        """The relay is over; nobody waits for an answer any more."""
+        if self._at_work:
+            self._worker.abandon()
+            self._at_work = False
