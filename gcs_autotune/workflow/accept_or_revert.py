@@ -72,7 +72,7 @@ def _prove(
         log.say("writing " + ", ".join(f"{n} {v:g}" for n, v in new.items()))
         loan.set(new)
         log.say("written and read back")
-        context.come_about("step-after", STEP_AHEAD)
+        context.come_about("step-after", STEP_AHEAD, last=True)
         after = context.fly(criteria.proof.step("step-after"), "step with new gains").trial
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:

@@ -11,9 +11,9 @@ from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow.connection import TWITCHING
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import STEP_AHEAD, WORKING_DEPTH, dive_for
+from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
-from gcs_autotune.workflow.runner import FAR_OUT
+from gcs_autotune.workflow.runner import FAR_OUT, NEARLY
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
 __all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
@@ -66,7 +66,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
         return f"need about {100.0 * speed:.0f} m of free water around"
     if speed:
         limit = replace(settings.envelope, cruise=speed).distance_limit
-        reach = min(FAR_OUT * limit + STEP_AHEAD * speed, limit)
+        reach = min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit)
         return (
             f"need up to {reach:.0f} m of free water around: it turns about once it is {FAR_OUT * limit:.0f} m away, "
             "sooner with a smaller --max-distance"
@@ -82,8 +82,8 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
 def how_long(itinerary: Itinerary) -> str:
     """Return how long it takes of the vehicle's time, stage by stage."""
     return (
-        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}. Steps go by the clock; "
-        "oscillations are guessed from craft of a few metres, and from the first one for the next"
+        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}: guessed from craft "
+        "of a few metres, and while it goes on from the first of each kind for the next"
     )
 
 
@@ -121,7 +121,7 @@ def _movements(context: TuneContext, now: Observation) -> str:
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown
-    turning = ", turning about in between" if speed else ""
+    turning = ", turning about where the room asks" if speed else ""
     under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
     dive = dive_for(axis.dof, context.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""

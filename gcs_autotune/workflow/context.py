@@ -76,14 +76,15 @@ class TuneContext:
         self.log.say(stage)
         return self.runner.fly(manoeuvre, stage)
 
-    def come_about(self, before: str, ahead: float) -> bool:
+    def come_about(self, before: str, ahead: float, *, last: bool = False) -> bool:
         """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
 
         Not before a trial that an earlier run has flown; with the thesis' stop rule in any case.
         """
         if self.earlier.has(before):
             return False
-        return self.runner.come_about(self.throttle, math.inf if self.settings.stop_rule == SETTLED else ahead)
+        ahead = math.inf if self.settings.stop_rule == SETTLED else ahead
+        return self.runner.come_about(self.throttle, ahead, last=last)
 
     def begin(self) -> None:
         """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 from gcs_autotune.axes import excitation_of
@@ -12,7 +13,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.stop_rule import KnownDesign
+from gcs_autotune.workflow.stop_rule import KnownDesign, assess
 from gcs_autotune.workflow.third_relay import fly_third, third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, left, told
 
@@ -92,9 +93,12 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
     noise = noise_in(step, excitation_of(dof).signal) if still else None
     context.come_about("relay-1", SWING_AHEAD)
-    about = {"keep_still": still, "least_period": least, "rule": rule}
-    relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", noise_std=noise, **about)
+    relay_of = partial(relay_for, s, dof, throttle, keep_still=still, least_period=least)
+    relay = relay_of(s.relay_output, "relay-1", noise_std=noise, rule=rule)
+    again = context.earlier.has("relay-1")
     first = context.fly(relay, "first self-oscillation").trial
+    if again:
+        rule.weigh(context.run_in_background(assess, rule.question, first))
     if rule.known:
         log.say("identifying")
         fit = log.fit = _without_cycles(_plain(context, [step, first]))
@@ -103,11 +107,11 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
     turned = context.come_about("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
-    relay = relay_for(s, dof, throttle, output, "relay-2", noise_std=noise, **about)
+    relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
     found = _with_curve(context, _without_cycles(_plain(context, trials)), trials, step)
-    if found.left < BENT_UNEXPLAINED or not (short or rule.another_size):
+    if found.left < BENT_UNEXPLAINED or not short:
         return found
     log.say(f"{found.left:.0f} % of the motion is not explained: flying it again until five periods agree")
     return _by_relays(context, step, turns_first=True)

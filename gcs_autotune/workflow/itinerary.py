@@ -14,7 +14,7 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.watch import Fact, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "Paced", "legs_of_experiment", "legs_of_tune"]
 
@@ -22,8 +22,11 @@ TURNING = "turning about"
 CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
 """Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
 of half a metre to 2.4 m take."""
-HOLD = 10.0
-"""Seconds of holding still before a step."""
+KNOWN_UNDER_WAY, KNOWN_AT_REST = 30.0, 8.0
+"""...and of a self-oscillation that ends once the gains are known: one under way, two of a craft at rest, whose
+thrusters mostly have a dead band."""
+HOLD, SETTLES = 10.0, 14.0
+"""Seconds of holding still before a step, and until a half is over that ends once the craft stands at its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,10 @@ def legs_of_tune(
     step = _step_seconds(settings, dof, moving=moving)
     legs = _first(dives=dives)
     before = Leg("step with present gains", step, kind="step")
-    swings = [] if given else [replace(swing, before=turn) for swing in _swings(dof, under_way)]
+    thorough = moving or settings.stop_rule == SETTLED
+    turn = turn if settings.stop_rule == SETTLED else 0.0
+    flown = _swings(dof, under_way) if thorough else _known(under_way)
+    swings = [] if given else [replace(swing, before=turn) for swing in flown]
     legs += [*swings, replace(before, before=turn if swings else 0.0)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
@@ -76,6 +82,12 @@ def _swings(dof: str, under_way: bool) -> list[Leg]:
     return _two("self-oscillation", RELAY)
 
 
+def _known(under_way: bool) -> list[Leg]:
+    """Return the self-oscillations that end once the gains are known."""
+    legs = _two("self-oscillation", KNOWN_UNDER_WAY if under_way else KNOWN_AT_REST)
+    return legs[:1] if under_way else legs
+
+
 def _two(kind: str, seconds: float) -> list[Leg]:
     return [Leg(f"{n} {kind}", seconds, kind=kind) for n in ("first", "second")]
 
@@ -86,6 +98,8 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
     if each is None:
         kind = axis_kind(settings.axis)
         each = kind.guessed_duration if moving else kind.step_duration
+    if settings.stop_rule != SETTLED:
+        each = min(each, SETTLES)
     return HOLD + 2.0 * each
 
 
@@ -130,6 +144,8 @@ class Itinerary:
             if not self._turning and self._now + 1 < len(self.legs):
                 self._enter(self._now + 1)
                 self._flown = False
+                leg = self.legs[self._now]
+                self.legs[self._now] = replace(leg, before=leg.before or TURN)
             self._turning = True
             return
         self._turning = False

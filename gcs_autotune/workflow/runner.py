@@ -20,7 +20,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW, turn_for
 
-__all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
+__all__ = ["FAR_OUT", "MOST", "NEARLY", "ManoeuvreRunner", "Patience"]
 
 
 class ManoeuvreRunner:
@@ -86,27 +86,28 @@ class ManoeuvreRunner:
         if self._dive is not None and not isinstance(before, Dive) and self._craft.observe().z < SHALLOW:
             self._sequencer.fly(deepcopy(self._dive), "diving")
 
-    def come_about(self, throttle: float, ahead: float = math.inf) -> bool:
+    def come_about(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
         """Turn a boat round when the room asks for it, and return whether; other craft stay where they are.
 
-        ahead : how long [s] the manoeuvre takes that comes next; infinite: turn in any case.
+        ahead : how long [s] what comes next takes; infinite: turn in any case. last : nothing comes after that.
         """
         turn = turn_for(self._craft.firmware, throttle)
-        if turn is None or not self._is_far_out(ahead):
+        if turn is None or not self._is_far_out(ahead, NEARLY if last else FAR_OUT):
             return False
         self.attempt(turn, "turning about", replace(self._envelope, heading_excursion=math.inf))
         return True
 
-    def _is_far_out(self, ahead: float) -> bool:
+    def _is_far_out(self, ahead: float, share: float) -> bool:
         """Whether the boat must come back: far from where it began, perhaps too far at the end of what comes next."""
         envelope, limit = self._envelope, self._envelope.distance_limit
         away = self._sequencer.away(self._craft.observe())
-        near = envelope.area is None and away <= FAR_OUT * limit and away + envelope.cruise * ahead <= NEARLY * limit
+        near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
         return not near
 
 
 FAR_OUT, NEARLY = 0.4, 0.9
-"""Chosen: shares of the distance limit beyond which a boat comes back first, and that no manoeuvre may lead it to."""
+"""Chosen: shares of the distance limit beyond which a boat comes back first, where more than one manoeuvre is to come,
+and that none may lead it to."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
 _TELLING = 1.5

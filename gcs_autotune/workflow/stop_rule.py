@@ -7,7 +7,8 @@ over time of those gains looked at all over the 95 % region of its parameters.
 
 An actuator with a dead zone or a bent curve makes the step another craft's than the oscillation. Each of two sizes is
 then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
-fits badly otherwise (waves) is left to the five periods.
+fits badly otherwise (waves) is left to the five periods, and so is a boat that fits badly: waves show in its steps,
+which turn it gently, before they show in its oscillations.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ def _assess(question: DesignQuestion, run: Trial) -> Assessment:
         return Assessment(f"{len(run[signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
     fit = _fit(question, question.step, run)
     if fit is None or left(fit) >= UNEXPLAINED:
-        alone = _fit(question, run)
+        alone = None if question.axis.needs_speed else _fit(question, run)
         by_itself = alone is not None and left(alone) < BY_ITSELF
         much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
@@ -130,7 +131,7 @@ class KnownDesign:
     """
 
     def __init__(self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion) -> None:
-        self._craft, self._worker, self._question = craft, worker, question
+        self._craft, self._worker, self.question = craft, worker, question
         self._at_work = self._stale = False
         self._reversals = 0
         self._last: Assessment | None = None
@@ -164,8 +165,8 @@ class KnownDesign:
         self._reversals = reversals
         run = self._craft.recorded_so_far(relay.settings).proper
         if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
-            return self._judged(assess(self._question, run))
-        self._worker.begin(partial(assess, self._question, run))
+            return self._judged(assess(self.question, run))
+        self._worker.begin(partial(assess, self.question, run))
         self._at_work = True
         return ""
 
@@ -184,6 +185,10 @@ class KnownDesign:
             self.another_size = True
             return "this size of oscillation is explained, and not the step: small and large commands act differently"
         return ""
+
+    def weigh(self, whole: Assessment) -> None:
+        """Take note of what a run tells that was flown earlier, to its end."""
+        self.known, self.another_size = not whole.lacks, whole.another_size
 
     def close(self) -> None:
         """The relay is over; nobody waits for an answer any more."""

@@ -17,10 +17,47 @@ DEPTH = RelaySettings("z", "Z", least_hysteresis=0.15)
 WIDE = Envelope(heading_excursion=math.radians(170.0))
 
 
-def fly(craft, settings, envelope=WIDE):
+def fly(craft, settings, envelope=WIDE, rule=None):
     kept = []
-    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings))
+    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings, rule=rule))
     return flown, kept[0]
+
+
+class EnoughAfter:
+    """A stop rule that has enough after so many reversals."""
+
+    def __init__(self, reversals):
+        self.reversals, self.begun, self.asked = reversals, 0, []
+
+    def begin(self):
+        self.begun += 1
+
+    def update(self, relay, reversals):
+        self.asked.append(reversals)
+        return "enough is known" if reversals >= self.reversals else ""
+
+
+def test_a_rule_that_knows_enough_ends_it_before_five_periods_agree():
+    rule = EnoughAfter(3)
+    flown, _ = fly(PondCraft(), YAW, rule=rule)
+    assert (flown.outcome.ending, flown.outcome.reason) == ("completed", "enough is known")
+    switches = [m for m in flown.trial.marks if m.kind == "switch" and m.detail["x"] != 0.0]
+    assert len(switches) == 3
+    assert rule.begun == 1
+
+
+def test_a_rule_that_never_knows_enough_leaves_it_to_the_five_periods_and_begins_again_with_each_size():
+    rule = EnoughAfter(math.inf)
+    flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_still=True), rule=rule)
+    assert flown.outcome.reason.startswith("5 periods")
+    assert rule.begun == 1 + sum(m.kind in ("grow", "widen") for m in flown.trial.marks)
+
+
+def test_where_the_noise_is_known_it_begins_at_once():
+    flown, record = fly(PondCraft(), replace(YAW, noise_std=0.05))
+    assert record.start == pytest.approx(flown.trial.start, abs=0.11)
+    assert flown.trial.meta["x_a"] == pytest.approx(0.25)
+    assert flown.trial.meta["noise_std"] == 0.05
 
 
 def test_it_ends_by_itself_after_five_periods_that_agree_and_satisfy_condition_7_12():

@@ -93,7 +93,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         craft=SimpleNamespace(parameters=None, firmware=FIRMWARE["ardusub"]),
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0),
-        come_about=lambda name: done.append(f"back for {name}"),
+        come_about=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
     monkeypatch.setattr(accept_or_revert_module, "ParameterTransaction", Loan)

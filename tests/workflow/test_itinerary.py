@@ -21,6 +21,7 @@ def settings(axis: str = "heading", **given: object) -> TuneSettings:
 
 
 def heading(**given: object) -> Itinerary:
+    given = {"stop_rule": "settled", **given}
     return Itinerary(legs_of_tune(settings(**given), "yaw", under_way=True, moving=False, given=False, dives=False))
 
 
@@ -59,6 +60,21 @@ def test_a_velocity_is_stepped_after_its_experiments():
         "step with present gains",
         "step with new gains",
     ]
+
+
+def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_are_known_take_less():
+    boat, rov = (
+        Itinerary(legs_of_tune(settings(), "yaw", under_way=boat, moving=False, given=False, dives=False))
+        for boat in (True, False)
+    )
+    assert [leg.stage for leg in boat.legs if "oscillation" in leg.stage] == ["first self-oscillation"]
+    assert len([leg for leg in rov.legs if "oscillation" in leg.stage]) == 2
+    assert all(leg.before == 0.0 for leg in boat.legs)
+    assert max(boat.seconds, rov.seconds) < 0.5 * heading().seconds
+    at(boat, 0.0, "sign check")
+    at(boat, 25.0, "step with present gains")
+    seen = at(boat, 65.0, "turning about")
+    assert seen.left == pytest.approx(TURN + boat.legs[2].seconds + boat.legs[3].seconds)
 
 
 def test_time_counts_from_the_start_and_not_from_the_autopilots_boot():
@@ -137,7 +153,12 @@ def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_
 
 def test_the_room_is_that_of_the_craft():
     here = Observation(0.0, 0.0, z=0.2)
-    assert room("yaw", 1.2, settings(), here) == "need about 120 m of free water around"
+    assert room("yaw", 1.2, settings(stop_rule="settled"), here) == "need about 120 m of free water around"
+    assert room("yaw", 1.2, settings(), here).startswith("need up to 228 m of free water around: it turns about once")
+    small = settings(envelope=Envelope(distance=150.0))
+    assert room("yaw", 1.2, small, here).startswith(
+        "need up to 135 m of free water around: it turns about once it is 60 m"
+    )
     assert room("yaw", 0.0, settings(), here) == "need about 2 m of free water around"
     assert room("heave", 0.0, settings("depth"), here) == "need about 2 m of free water around, and 4 m of depth"
     deep = Observation(0.0, 0.0, z=10.0)

@@ -1,0 +1,229 @@
+"""When does a relay end? On craft on paper, and by assessments made up."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.design import Spec, refinement
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.manoeuvres import Relay, RelaySettings
+from gcs_autotune.models import SingleDof
+from gcs_autotune.models.simulation import simulate
+from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.workflow import stop_rule
+from gcs_autotune.workflow.stop_rule import Assessment, DesignQuestion, KnownDesign, assess
+
+AXIS = FIRMWARE["ardusub"].axes["heading"]
+CRAFT = SingleDof("yaw", "1", 0.4, 0.5, 0.0)
+STEP = math.radians(30.0)
+PRESENT = {g.parameter: 0.5 * (g.low + g.high) for g in AXIS.gains}
+
+
+@pytest.fixture(autouse=True)
+def briefly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refine in a few evaluations: what gains are found does not matter here."""
+    for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
+        monkeypatch.setattr(refinement, name, number)
+
+
+def recorded(
+    name: str, seconds: float, output: Any, dead: float = 0.0, waves: float = 0.0, seed: int = 1, **meta: Any
+) -> Trial:
+    """Fly *output* (of the time) on the craft, which does nothing below *dead*, in *waves*; read at 10 Hz."""
+    t = np.arange(0.0, seconds, 0.1)
+    N = np.array([output(moment) for moment in t])
+    acts = np.sign(N) * np.maximum(np.abs(N) - dead, 0.0) + waves * np.sin(1.3 * t)
+    motion = simulate(CRAFT, t, acts, t)
+    noise = np.random.default_rng(seed).normal(0.0, 0.004, (2, len(t)))
+    channels = {
+        "N": Channel("N", "1", t, N),
+        "psi": Channel("psi", "rad", t, motion.eta + noise[0]),
+        "r": Channel("r", "rad/s", t, motion.nu + noise[1]),
+    }
+    return Trial(name, channels, (), "completed", meta={"signal": "psi", "dof": "yaw", **meta})
+
+
+def step(**craft: float) -> Trial:
+    """A step there and back, as a loop of its own drives the craft: hard first, then to and fro about nothing."""
+
+    def output(t: float) -> float:
+        since = t % 12.0
+        side = 1.0 if t < 12.0 else -1.0
+        return float(side * (0.5 * math.exp(-since) * math.cos(1.5 * since) + 0.05 * math.cos(2.0 * since)))
+
+    return recorded("step-before", 24.0, output, **craft)
+
+
+def swing(seconds: float, half: float = 2.0, **craft: float) -> Trial:
+    """A relay with so long a *half* period."""
+    trial = recorded("relay-1", seconds, lambda t: 0.4 if int(t / half + 0.5) % 2 == 0 else -0.4, **craft)
+    switches = np.arange(0.5 * half, seconds, half)
+    return replace(trial, marks=tuple(Mark(float(t), "switch", {"x": 0.0}) for t in switches))
+
+
+def question(**craft: float) -> DesignQuestion:
+    spec = Spec(step=STEP, step_duration=15.0, hold=10.0, noise_std=0.004)
+    return DesignQuestion(AXIS, PRESENT, spec, step(**craft))
+
+
+@pytest.mark.slow
+def test_of_a_linear_craft_a_step_and_three_reversals_tell_the_gains() -> None:
+    found = assess(question(), swing(7.0))
+    assert found.lacks == ""
+    assert found.spread < stop_rule.SPREAD
+    assert found.values[:2] == pytest.approx((0.4, 0.5), rel=0.05)
+
+
+def test_a_dead_zone_shows_as_an_oscillation_that_is_explained_and_a_step_that_is_not() -> None:
+    found = assess(question(dead=0.1), swing(7.0, dead=0.1))
+    assert "one model explains step and oscillation" in found.lacks
+    assert found.another_size
+
+
+def test_a_boat_whose_step_is_not_explained_is_left_to_the_five_periods() -> None:
+    asked = replace(question(dead=0.1), axis=replace(AXIS, needs_speed=True))
+    found = assess(asked, swing(7.0, dead=0.1))
+    assert found.lacks and not found.another_size
+
+
+def test_in_waves_nothing_is_known_and_no_other_size_is_asked_for() -> None:
+    found = assess(question(waves=0.15), swing(7.0, waves=0.15, seed=2))
+    assert found.lacks and not found.another_size
+
+
+def test_a_record_too_short_to_be_fitted_does_not_fall_out_of_the_fit_in_silence() -> None:
+    found = assess(question(), swing(1.8, half=0.5))
+    assert found.lacks == "18 samples of psi, fewer than 40"
+    assert not found.another_size
+
+
+@pytest.mark.slow
+def test_gains_that_the_region_leaves_open_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stop_rule, "SPREAD", 1e-9)
+    assert "the predicted error over time is uncertain by" in assess(question(), swing(7.0)).lacks
+
+
+def test_what_no_gains_can_be_designed_for_is_not_known() -> None:
+    asked = question()
+    lost = replace(asked, spec=replace(asked.spec, gain_margin=1e9, settling_time=0.1))
+    assert assess(lost, swing(7.0)).lacks.startswith("no gains can be designed yet")
+
+
+KNOWN = Assessment("", values=(1.0, 2.0), stds=(0.1, 0.1), spread=0.03)
+MOVED = replace(KNOWN, values=(1.0, 2.3))
+UNKNOWN = Assessment("too little")
+
+
+class Desk:
+    """Gives the answers it was given, each after being looked at so many times."""
+
+    def __init__(self, *answers: Assessment | AutotuneError, looks: int = 0) -> None:
+        self.answers, self.looks, self.left, self.abandoned = list(answers), looks, 0, 0
+
+    def begin(self, work: Any) -> None:
+        self.left = self.looks
+
+    @property
+    def done(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+    def result(self) -> Assessment:
+        answer = self.answers.pop(0)
+        if isinstance(answer, AutotuneError):
+            raise answer
+        return answer
+
+    def abandon(self) -> None:
+        self.abandoned += 1
+
+
+RELAY = Relay(RelaySettings("psi", "N"))
+
+
+def ruled(desk: Desk) -> KnownDesign:
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
+    rule.begin()
+    return rule
+
+
+def ended_after(rule: KnownDesign, reversals: int = 9, ticks: int = 6) -> tuple[int, str]:
+    """Tick through half periods of so many *ticks*; return after how many reversals the relay ended, and why."""
+    for number in range(reversals):
+        for _ in range(ticks):
+            why = rule.update(RELAY, number)
+            if why:
+                return number, why
+    return 0, ""
+
+
+def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
+    rule = ruled(Desk(UNKNOWN, KNOWN, KNOWN, KNOWN))
+    number, why = ended_after(rule)
+    assert number == 4 and rule.known
+    assert why == "the gains are known: what is unknown of the craft changes their error over time by 3%"
+
+
+def test_it_never_ends_before_three_reversals() -> None:
+    assert ended_after(ruled(Desk(*[KNOWN] * 9)))[0] == 3
+
+
+def test_a_number_that_the_last_half_period_moved_by_two_standard_errors_is_not_known() -> None:
+    assert ended_after(ruled(Desk(KNOWN, MOVED, MOVED, MOVED)))[0] == 5
+
+
+def test_a_design_that_is_lost_again_begins_anew() -> None:
+    assert ended_after(ruled(Desk(KNOWN, UNKNOWN, KNOWN, KNOWN)))[0] == 5
+
+
+def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
+    rule = ruled(Desk(UNKNOWN, replace(UNKNOWN, another_size=True)))
+    number, why = ended_after(rule)
+    assert number == 3 and rule.another_size and not rule.known
+    assert why.startswith("this size of oscillation is explained, and not the step")
+
+
+def test_no_tick_waits_for_the_answer_and_half_periods_that_end_meanwhile_are_not_asked_about() -> None:
+    desk = Desk(*[KNOWN] * 9, looks=9)
+    assert ended_after(ruled(desk))[0] == 5
+    assert len(desk.answers) == 7
+
+
+def test_an_answer_about_an_oscillation_that_has_begun_anew_meanwhile_counts_for_nothing() -> None:
+    desk = Desk(replace(UNKNOWN, another_size=True), KNOWN, KNOWN, KNOWN, looks=3)
+    rule = ruled(desk)
+    assert rule.update(RELAY, 3) == ""
+    rule.begin()
+    assert ended_after(rule)[0] == 3
+    assert rule.known
+
+
+def test_a_desk_that_breaks_down_ends_nothing_and_one_at_work_is_told_to_stop() -> None:
+    desk = Desk(AutotuneError("the process that computes has ended"), looks=1)
+    rule = ruled(desk)
+    assert ended_after(rule, reversals=3, ticks=3) == (0, "")
+    rule.update(RELAY, 5)
+    rule.close()
+    rule.close()
+    assert desk.abandoned == 1
+    assert deepcopy(rule) is rule
+
+
+def test_in_simulated_time_the_answer_is_there_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(stop_rule, "assess", lambda question, run: asked.append(len(run["psi"])) or KNOWN)
+    craft: Any = SimpleNamespace(clock=ManualClock(), recorded_so_far=lambda meta: swing(7.0))
+    rule = KnownDesign(craft, Desk(), question())  # type: ignore[arg-type]
+    rule.begin()
+    assert ended_after(rule)[0] == 3
+    assert asked == [70, 70]
