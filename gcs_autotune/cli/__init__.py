@@ -26,6 +26,7 @@ from gcs_autotune.cli import (
     sitl_cmd,
     thrusters_cmd,
     tune_cmd,
+    watch_cmd,
 )
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
@@ -45,6 +46,7 @@ COMMANDS: Mapping[str, Command] = {
         experiment_cmd.COMMAND,
         fly_cmd.COMMAND,
         recheck_cmd.COMMAND,
+        watch_cmd.COMMAND,
         thrusters_cmd.COMMAND,
         logs_cmd.COMMAND,
         export_cmd.COMMAND,

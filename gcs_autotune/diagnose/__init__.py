@@ -17,6 +17,7 @@ simulation        somebody else's simulator, modelled
 result            what comes out
 report_builder    from a finished search to a :class:`Diagnosis`
 workers           work shared among processes
+craft_changes     has a craft changed between two identifications?
 ================  =======================================================================
 
 Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.extended`.
@@ -25,6 +26,7 @@ Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.exte
 from __future__ import annotations
 
 from gcs_autotune.diagnose.api import diagnose
+from gcs_autotune.diagnose.craft_changes import CHANGES, CraftChange, CraftComparison, compare_craft
 from gcs_autotune.diagnose.heldout import METRIC
 from gcs_autotune.diagnose.result import (
     Cause,
@@ -40,8 +42,11 @@ from gcs_autotune.diagnose.result import (
 )
 
 __all__ = [
+    "CHANGES",
     "METRIC",
     "Cause",
+    "CraftChange",
+    "CraftComparison",
     "Diagnosis",
     "ErrorReduction",
     "Number",
@@ -51,5 +56,6 @@ __all__ = [
     "Signature",
     "Value",
     "Verdict",
+    "compare_craft",
     "diagnose",
 ]

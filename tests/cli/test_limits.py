@@ -31,6 +31,9 @@ POSITIONALS = {
     "params save": ("all.param", "--connect", "sitl:charlie"),
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),
+    "watch": ("a.csv", "b.csv"),
+    "doctor": (),
+    "ports": (),
 }
 """Command -> what it cannot do without."""
 RENAMED = {("figures", "speed"): "trial-speed"}

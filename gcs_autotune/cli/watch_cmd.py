@@ -1,0 +1,97 @@
+"""``gcs-autotune watch``: is the craft still the one that was tuned? Each log anew, held against the first."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gcs_autotune.cli.command import Command, add_loudness, add_number
+from gcs_autotune.cli.reading import add_parameters, read_parameters
+from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
+from gcs_autotune.foreign_text import visible
+
+if TYPE_CHECKING:
+    from gcs_autotune.identify import AxisFit
+    from gcs_autotune.trial import Trial
+
+__all__ = ["COMMAND"]
+
+DOFS = ("yaw", "surge", "heave")
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="logs of one craft, the oldest first: .tlog, .bin, run directories, CSV files; the first is the reference",
+    )
+    parser.add_argument("--dof", choices=DOFS, help="one motion only (default: all that each log tells)")
+    add_number(parser, "system-id", "ID", meaning="the vehicle, in a .tlog that heard several")
+    add_parameters(parser.add_argument_group("parameters"))
+    parser.add_argument("--json", action="store_true", help="print JSON on standard output")
+    add_loudness(parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from gcs_autotune.diagnose import compare_craft
+    from gcs_autotune.logs import load_runs
+
+    if len(args.logs) < 2:
+        raise UsageError("give the log that the craft was tuned with, and at least one later log")
+    given = read_parameters(args)
+    references: dict[str, AxisFit] = {}
+    rows = []
+    for path in args.logs:
+        trials = load_runs(path, system=args.system_id, parameters=given)
+        for dof in (args.dof,) if args.dof else DOFS:
+            try:
+                structure = references[dof].structure if dof in references else None
+                fit = _identified(trials, dof, structure)
+            except AutotuneError as error:
+                if args.verbose:
+                    sys.stderr.write(f"{visible(f'{path}, {dof}: {error}')}\n")
+                continue
+            if dof not in references:
+                references[dof] = fit
+                rows.append({"log": str(path), "dof": dof, "told": "the reference", "changed": False})
+            else:
+                rows.append({"log": str(path), **compare_craft(references[dof], fit).to_dict()})
+        if path == args.logs[0] and not references:
+            raise NotInformative(f"{path} tells no motion to hold others against (--verbose says why)")
+    if args.json:
+        sys.stdout.write(json.dumps({"schema": 1, "rows": rows}, indent=1) + "\n")
+        return 0
+    for row in rows:
+        sign = "!" if row["changed"] else " "
+        sys.stdout.write(f"{sign} {visible(str(row['log']))}, {row['dof']}: {row['told']}\n")
+    if not any(row["changed"] for row in rows):
+        sys.stdout.write("Nothing has left its interval.\n")
+    return 0
+
+
+def _identified(trials: list[Trial], dof: str, structure: str | None) -> AxisFit:
+    from typing import cast
+
+    from gcs_autotune.identify import Structure, fit_axis
+    from gcs_autotune.sname import DOFS as NAMES
+
+    own = NAMES[dof]
+    telling = [t for t in trials if own.force in t and (own.position in t or own.velocity in t)]
+    if not telling:
+        raise NotInformative(f"no {own.force} with {own.position} or {own.velocity}")
+    return fit_axis(telling, dof=dof, structure=cast("Structure | None", structure))
+
+
+COMMAND = Command(
+    name="watch",
+    help="tell from later logs whether the craft has changed since it was tuned",
+    description="Identify every log of a craft anew and say when inertia, drag, thrust or trim has left its interval "
+    "(payload, fouling, a weak thruster), by the name that `diagnose` has for it. Any answer ends with exit code 0.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,182 @@
+"""Has a craft changed between two identifications? Inertia, drag, thrust and trim, told apart by how numbers move.
+
+A model whose input is a command knows inertia and drag per thrust: more mass raises the first alone, fouling the second
+alone, a weaker thruster both alike, and trim moves the constant force. Which of these single changes explains all
+differences, given both fits' covariances, is asked by generalised least squares; when none does, two are tried.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.chi_square import threshold
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify import AxisFit
+
+__all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 0.01
+"""Chosen: probability that an unchanged craft is said to have changed, per comparison."""
+LEAST_KNOWN = 0.5
+"""Standard error of a logarithm above which a number tells nothing."""
+MODERATE = 0.02
+"""Chosen: what two days of one craft may differ by anyway (water, load, battery), as a standard deviation of logarithms
+and as a share of the force: standard errors know of noise only."""
+
+
+@dataclass(frozen=True, slots=True)
+class CraftChange:
+    """One way a craft changes: what it does to (ln inertia, ln drag, trim); ``slug`` is diagnosis' effect."""
+
+    name: str
+    direction: tuple[float, float, float]
+    slug: str
+    more: str
+    less: str
+
+
+CHANGES: Sequence[CraftChange] = (
+    CraftChange("inertia", (1.0, 0.0, 0.0), "mass-change", "payload taken on, or flooded", "payload taken off"),
+    CraftChange("drag", (0.0, 1.0, 0.0), "linear-drag", "fouled hull, something towed", "hull cleaned"),
+    CraftChange(
+        "thrust", (-1.0, -1.0, 0.0), "gain-drift", "stronger thrust, fuller battery", "weak thruster, flat battery"
+    ),
+    CraftChange("trim", (0.0, 0.0, 1.0), "input-bias", "trim to the positive side", "trim to the negative side"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CraftComparison:
+    """A fit against the reference of the same motion.
+
+    Attributes
+    ----------
+    ratios : inertia and drag as multiples of the reference's, with standard errors; trim as a change of the constant
+        force [input unit]; only what both fits know.
+    changed : whether they differ more than noise makes them.
+    causes : the changes that explain it, each with its size (a factor; trim: a change of force [input unit]).
+    outside : which of ``ratios`` have left their own interval.
+    """
+
+    dof: str
+    used: tuple[str, ...]
+    ratios: Mapping[str, tuple[float, float]]
+    changed: bool
+    causes: tuple[tuple[CraftChange, float], ...]
+    outside: tuple[str, ...]
+
+    @property
+    def told(self) -> str:
+        """One sentence for a person."""
+        if not self.changed:
+            return "as it was"
+        if not self.causes:
+            return f"changed ({', '.join(self.outside) or 'all together'}), by no single cause: tune again"
+        said = [
+            f"{c.name} {'by ' + format(size, '+.3g') if c.name == 'trim' else 'x ' + format(size, '.2f')} "
+            f"({c.more if (size > 0.0 if c.name == 'trim' else size > 1.0) else c.less}; {c.slug})"
+            for c, size in self.causes
+        ]
+        return " and ".join(said)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "dof": self.dof,
+            "used": list(self.used),
+            "changed": self.changed,
+            "outside": list(self.outside),
+            "ratios": {n: {"value": v, "std": s} for n, (v, s) in self.ratios.items()},
+            "causes": [{"name": c.name, "effect": c.slug, "size": size} for c, size in self.causes],
+            "told": self.told,
+        }
+
+
+NAMES = ("inertia", "drag", "trim")
+
+
+def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
+    """Return how *now* differs from *reference*, drag compared at the speed that both moved at.
+
+    Raises
+    ------
+    UsageError
+        The fits are of different motions, or of inputs in different units.
+    """
+    if (reference.dof, reference.model.input_unit) != (now.dof, now.model.input_unit):
+        raise UsageError(
+            f"a model of {reference.dof} [{reference.model.input_unit}] cannot be held against one of {now.dof} "
+            f"[{now.model.input_unit}]"
+        )
+    speed = min(_speed(reference), _speed(now))
+    scale = reference.model.equivalent_drag(speed) * speed or 1.0
+    (y_0, C_0), (y_1, C_1) = (_numbers(f, speed, scale) for f in (reference, now))
+    y, C = y_1 - y_0, C_0 + C_1 + MODERATE**2 * np.eye(3)
+    known = np.array([math.isfinite(v) and math.isfinite(c) for v, c in zip(y, np.diag(C), strict=True)])
+    known &= np.sqrt(np.where(known, np.diag(C), 0.0)) < LEAST_KNOWN
+    index = np.flatnonzero(known)
+    weight = np.asarray(np.linalg.inv(C[np.ix_(index, index)]), dtype=np.float64)
+    left = float(y[index] @ weight @ y[index]) if len(index) else 0.0
+    changed = len(index) > 0 and left > threshold(FALSE_ALARM, len(index))
+    std = np.sqrt(np.diag(C))
+    limit = math.sqrt(threshold(FALSE_ALARM / max(len(index), 1), 1))
+    ratios = {
+        NAMES[i]: (scale * y[i], scale * std[i]) if i == 2 else (math.exp(y[i]), math.exp(y[i]) * std[i]) for i in index
+    }
+    return CraftComparison(
+        now.dof,
+        now.used,
+        {n: (float(v), float(s)) for n, (v, s) in ratios.items()},
+        changed,
+        _causes(y[index], weight, index, scale) if changed else (),
+        tuple(NAMES[i] for i in index if abs(y[i]) > limit * std[i]),
+    )
+
+
+def _speed(fit: AxisFit) -> float:
+    """Return a typical size of the velocity [m/s or rad/s] in the runs of *fit*."""
+    own = fit.model.axis
+    seen = [t.measured for t in fit.traces if t.signal == own.velocity]
+    seen += [np.gradient(t.fitted, t.t) for t in fit.traces if t.signal == own.position and len(t.t) > 2]
+    return float(np.median([np.sqrt(np.mean(s**2)) for s in seen])) if seen else 0.0
+
+
+def _numbers(fit: AxisFit, speed: float, scale: float) -> tuple[Array, Array]:
+    """Return (ln inertia, ln drag, constant force in shares of *scale*) with their covariance (3, 3)."""
+    m, P = fit.model, fit.craft_covariance[:4, :4]
+    drag, slope = m.equivalent_drag(speed), 8.0 / (3.0 * math.pi) * abs(speed)
+    if not (m.alpha > 0.0 and drag > 0.0):
+        return np.full(3, np.nan), np.full((3, 3), np.nan)
+    J = np.array([[1 / m.alpha, 0, 0, 0], [0, 1 / drag, slope / drag, 0], [0, 0, 0, 1 / scale]], dtype=np.float64)
+    return np.array([math.log(m.alpha), math.log(drag), m.delta / scale]), J @ P @ J.T
+
+
+def _causes(y: Array, weight: Array, index: NDArray[np.intp], scale: float) -> tuple[tuple[CraftChange, float], ...]:
+    """Return the fewest changes that explain *y*, the best of as many; none when even two do not."""
+    usable = [c for c in CHANGES if np.any(np.array(c.direction)[index])]
+    for count in (1, 2):
+        best: tuple[float, tuple[CraftChange, ...], Array] | None = None
+        for chosen in itertools.combinations(usable, count):
+            H = np.array([np.array(c.direction)[index] for c in chosen]).T
+            if np.linalg.matrix_rank(H) < count:
+                continue
+            size = np.linalg.solve(H.T @ weight @ H, H.T @ weight @ y)
+            rest = y - H @ size
+            left = float(rest @ weight @ rest)
+            if best is None or left < best[0]:
+                best = left, chosen, size
+        freedom = len(index) - count
+        if best is not None and (freedom == 0 or best[0] < threshold(FALSE_ALARM, freedom)):
+            return tuple(
+                (c, float(scale * s if c.name == "trim" else math.exp(s)))
+                for c, s in zip(best[1], best[2], strict=True)
+            )
+    return ()
