@@ -269,6 +269,7 @@ def _fly(
     dt, before, v0 = plant.dt, int(start.before), start.velocity
     on_position, angle, leads, shaped = loop.on_position > 0.0, loop.angle > 0.0, loop.leads > 0.0, loop.shaped > 0.0
     nested, frozen, smoothed = loop.nested > 0.0, loop.grows <= 0.0, loop.output_cutoff > 0.0
+    derivative, bent = loop.d != 0.0, loop.least != 0.0 or loop.expo != 0.0
     f_v, f_u = smoothing(loop.velocity_cutoff, dt), smoothing(loop.output_cutoff, dt)
     f_t, f_e, f_d = (
         smoothing(loop.target_cutoff, dt),
@@ -354,7 +355,8 @@ def _fly(
         target += f_t * (wish - target)
         last = error
         error += f_e * (target - measured - error)
-        slope += f_d * ((error - last) / dt - slope)
+        if derivative:  # seldom, and the longest way from a sample to the output
+            slope += f_d * ((error - last) / dt - slope)
         if not limited or integral * error < 0.0:  # what is limited may only be worked off
             integral = clip(integral + loop.i * error * dt, -loop.imax, loop.imax)
         u = loop.cruise * demand + loop.ff * target + loop.p * error + integral + loop.d * slope
@@ -364,7 +366,9 @@ def _fly(
             u, held = 0.0, True
         else:
             held = False
-        free = mixed(clip(u, -loop.most, loop.most), loop.throttle)
+        free = clip(u, -loop.most, loop.most)
+        if loop.throttle > 0.0:
+            free = mixed(free, loop.throttle)
         if smoothed:
             sending += f_u * (free - sending)
             limited = abs(sending) >= SATURATED
@@ -373,7 +377,7 @@ def _fly(
                 clip(free, sending - loop.slew_output, sending + loop.slew_output) if loop.slew_output > 0.0 else free
             )
             limited = frozen or held or sending != u
-        sent[j] = shape(sending, loop.least, loop.expo)
+        sent[j] = shape(sending, loop.least, loop.expo) if bent else sending
         if k >= 0:
             output[k] = sent[j]
         force = actuate(delayed(sent, j, plant.late, trim), actuator, memory)

@@ -90,6 +90,7 @@ class SubHeading(PositionLoop):
         """Return :meth:`angle_loop` on a target that moves within slew and time constant."""
         return self.angle_loop(settings)._replace(
             on_position=1.0,
+            angle=1.0,
             slew=math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0),
             shape_time=max(self._get(settings, "ATC_INPUT_TC"), 0.01),
         )
@@ -99,7 +100,6 @@ class SubHeading(PositionLoop):
         kp, ki, kd, angle = (settings.get(name, 0.0) for name in (P, I, D, ANG))
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
         return Cascade(
-            angle=1.0,
             position_p=angle,
             sqrt_acceleration=min(max(0.5 * shape, ACCELERATION[0]), ACCELERATION[1]) if shape > 0.0 else 0.0,
             leads=1.0,
