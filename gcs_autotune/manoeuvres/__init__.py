@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, read_area
-from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack
+from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
@@ -42,6 +42,7 @@ __all__ = [
     "Area",
     "CalmCheck",
     "ComeBack",
+    "ComeToRest",
     "Dive",
     "DiveSettings",
     "Ending",

@@ -1,4 +1,4 @@
-"""Between two runs of a plan: back to where the first began, and is the water calm?"""
+"""Between two runs: back to where the first began, is the water calm, does the craft lie still?"""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.trial import Purpose
 
-__all__ = ["CalmCheck", "ComeBack"]
+__all__ = ["CalmCheck", "ComeBack", "ComeToRest"]
 
 GAIN, DAMPING, MOST = 0.6, 0.3, 0.5
 """Chosen: steering per bearing error [1/rad] and per yaw rate [s/rad], and the most of it: damped while a boat's turn
@@ -97,3 +98,40 @@ class CalmCheck(Manoeuvre):
                     f"{math.degrees(CALM):.0f} deg: wait for smaller waves, or take calm out of the plan",
                 )
             now = yield Actuate()
+
+
+STILL = math.radians(2.0), 0.05
+"""Chosen [rad/s, m/s]: a craft that turns and climbs no faster lies still, ..."""
+STILL_FOR, REST = 1.0, 20.0
+"""... for so long, and is waited for so long [s]."""
+
+
+class ComeToRest(Manoeuvre):
+    """Holds heading and depth of an ROV by a light hand until it lies still, or for :data:`REST`.
+
+    Its own loop, which takes over next, fills its integral while it catches a craft that still turns from an
+    experiment, and keeps that for as long as it works off a constant force: half a minute where there is little drag.
+    """
+
+    kind, purpose = "come-to-rest", "transit"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["x"]]
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """What counts as still."""
+        return {"still": list(STILL)}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield what holds the craft."""
+        start = moved = now.t
+        while True:
+            if abs(now.r) > STILL[0] or abs(now.w) > STILL[1]:
+                moved = now.t
+            if now.t - moved >= STILL_FOR:
+                self._end("completed", "it lies still")
+            elif now.t - start >= REST:
+                self._end("completed", f"it still moves after {REST:.0f} s")
+            now = yield hold(Actuate(), self._holds, now)

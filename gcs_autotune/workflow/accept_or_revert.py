@@ -16,6 +16,9 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, common_windows
 
 __all__ = ["accept_or_revert", "accept_or_revert_supplied"]
 
+PROVING = "step with new gains"
+"""The stage in which a proposal is proved."""
+
 
 def accept_or_revert(
     context: TuneContext, proposal: Proposal, before: Trial, criteria: StepCriteria, journal: Journal
@@ -73,7 +76,9 @@ def _prove(
         loan.set(new)
         log.say("written and read back")
         context.come_about("step-after", STEP_AHEAD, last=True)
-        after = context.fly(criteria.proof.step("step-after"), "step with new gains").trial
+        if not context.law.controls_velocity:
+            context.runner.come_to_rest(PROVING)
+        after = context.fly(criteria.proof.step("step-after"), PROVING).trial
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)

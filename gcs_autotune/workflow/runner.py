@@ -15,7 +15,7 @@ from dataclasses import replace
 
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Dive, Envelope, Flown, Manoeuvre, Sequencer
+from gcs_autotune.manoeuvres import ComeToRest, Dive, Envelope, Flown, Manoeuvre, Sequencer
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW, turn_for
@@ -103,6 +103,11 @@ class ManoeuvreRunner:
         away = self._sequencer.away(self._craft.observe())
         near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
         return not near
+
+    def come_to_rest(self, stage: str) -> None:
+        """Bring a craft that can stay where it is to rest, as the beginning of *stage*; a boat floats on."""
+        if not self._craft.firmware.floats:
+            self.attempt(ComeToRest(), stage)
 
 
 FAR_OUT, NEARLY = 0.4, 0.9

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate
-from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Envelope, PaperCraft, preview
-from gcs_autotune.manoeuvres.between_runs import CALM, DAMPING, GAIN, LEAST_WAY, LOOK, MOST, SPARE, WAIT
+from gcs_autotune.manoeuvres import CalmCheck, ComeBack, ComeToRest, Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres.between_runs import CALM, DAMPING, GAIN, LEAST_WAY, LOOK, MOST, REST, SPARE, STILL, WAIT
 from gcs_autotune.models import SingleDof
 
-from .pond import answered, at_rest
+from .pond import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 
@@ -99,3 +99,36 @@ def test_water_is_calm_when_roll_and_pitch_are_about_their_means(axis: str, shar
     assert rough.outcome is not None
     assert rough.outcome.ending == "completed"
     assert 20.0 < rows[-1][0].t <= 20.0 + LOOK
+
+
+@pytest.mark.parametrize("rate", [0.6, -0.6])
+def test_a_craft_with_hardly_any_drag_is_brought_to_rest_by_a_light_hand(rate: float) -> None:
+    pond = PondCraft(gain=1.5, drag=0.0)
+    pond.mode, pond.r = "MANUAL", rate
+    rest, begun = ComeToRest(), pond.clock.now()
+    commands = rest.commands(pond.observe())
+    command = next(commands)
+    while rest.outcome is None:
+        pond.send(command)
+        command = commands.send(pond.observe())
+    assert rest.outcome.reason == "it lies still"
+    assert abs(pond.r) <= STILL[0]
+    assert 2.0 < pond.clock.now() - begun < REST
+
+
+@pytest.mark.parametrize(
+    ("seen", "seconds"),
+    [({"r": 0.0, "w": 0.0}, 1.0), ({"r": 0.0, "w": math.nan}, 1.0), ({"r": 0.05}, REST), ({"w": 0.1}, REST)],
+)
+def test_a_craft_that_lies_still_is_not_waited_for_and_one_that_never_does_not_for_ever(
+    seen: dict[str, float], seconds: float
+) -> None:
+    rest = ComeToRest()
+    commands = rest.commands(at_rest(**seen))
+    next(commands)
+    ticks = 0
+    while rest.outcome is None:
+        ticks += 1
+        commands.send(at_rest(t=0.1 * ticks, **seen))
+    assert rest.outcome.ending == "completed"
+    assert 0.1 * ticks == pytest.approx(seconds, abs=0.15)

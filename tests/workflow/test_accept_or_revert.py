@@ -92,7 +92,8 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         flies=0.5,
         craft=SimpleNamespace(parameters=None, firmware=FIRMWARE["ardusub"]),
         axis=FIRMWARE["ardusub"].axes["depth"],
-        law=SimpleNamespace(free_overshoot=0.0),
+        law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
+        runner=SimpleNamespace(come_to_rest=lambda stage: done.append(f"rest in {stage}")),
         come_about=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
@@ -145,7 +146,8 @@ def test_given_gains_stay_when_their_step_is_better_and_go_back_when_it_is_not(
 ) -> None:
     context.flies = flies
     _, *rest = supplied(context)
-    assert rest == ["lent", "set {'P': 2.0}", "back for step-after", "step with new gains", *ending]
+    proof = ["back for step-after", "rest in step with new gains", "step with new gains"]
+    assert rest == ["lent", "set {'P': 2.0}", *proof, *ending]
     assert context.log.verdict[0] is (flies < 1.0)
     assert context.log.metrics_after.itae == flies
 
