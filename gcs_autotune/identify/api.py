@@ -174,9 +174,10 @@ def _fit_coupled(
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
-    """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known, else a doubt.
+    """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known.
 
-    Only the sum of mass and added mass stands in the equations: a mass alone tells no force.
+    Where none is, each equation is per full output of its own force, which is said as a doubt. Only the sum of mass and
+    added mass stands in the equations: a mass alone tells no force.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
     if not form.coriolis or form.normalised or form.per_inertia or units != {"1"} or len(form.dofs) < 2:
@@ -184,14 +185,17 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
     if form.tells_newtons:
         return form.scaling_inputs(), []
     inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
+    own = form.in_shares
+    mixed = "forces between the equations mix shares of different forces"
+    apart = "nothing is in newtons, and an equation that nothing drives is per unit of its inertia"
     doubt = Doubt(
         "forces-in-shares",
-        "the inputs are shares of full output: inertia and drag are per full output of their own equation, and forces "
-        "between the equations mix shares of different forces",
+        "the inputs are shares of full output: inertia and drag are per full output of their own equation, and "
+        + (mixed if own is None else apart),
         f"say what full output is (--full-scale X=85,N=23), or an inertia with its added mass (--known {inertia}=-20), "
         "which tells it",
     )
-    return form, [doubt]
+    return form if own is None else own, [doubt]
 
 
 def fit_axis(

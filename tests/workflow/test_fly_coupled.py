@@ -43,6 +43,12 @@ def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(t
     form = FORMS["horizontal"].without("Y_rdot", "X_uu", "Y_vv", "Y_r", "N_v", "N_rr", "X_0", "Y_0")
     blind = fit(run, form)
     assert "forces-in-shares" in {d.slug for d in blind.doubts}
+    of_full = {"X_udot": 8.0, "X_u": 8.0, "N_rdot": 0.1709, "N_r": 0.1709, "Y_v": -TRUTH["Y_vdot"]}
+    for name, full in of_full.items():
+        p = blind.parameters[name]
+        assert abs(p.value - TRUTH[name] / full) < 4.0 * p.std
+        assert p.value == pytest.approx(TRUTH[name] / full, rel=0.05)
+        assert "N" not in p.unit
     told = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
     assert "forces-in-shares" not in {d.slug for d in told.doubts}
     for name, true in {"k_X": 8.0, "k_N": 0.1709, "X_u": TRUTH["X_u"], "N_r": TRUTH["N_r"]}.items():

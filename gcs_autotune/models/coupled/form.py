@@ -143,6 +143,35 @@ class Form:
                 return True
         return False
 
+    @property
+    def in_shares(self) -> Form | None:
+        """Surge, sway and yaw with each equation per full output of its own force; None where this form cannot be so.
+
+        Momentum is not the same number in two equations then: what Coriolis' term makes of one inertia are products of
+        their own, ``X_vr``, ``Y_ur``, ``N_uv`` (the square of r that an inertia off the diagonal adds to surge is left
+        out). An equation that nothing drives is per unit of its inertia. A mass in kg has no place in it.
+        """
+        forces = {DOFS[d].force: DOFS[d].velocity for d in self.dofs}
+        given = [n for n in self.known if n not in RIGID_BODY and n not in SPECIAL]
+        gains = [g for pairs in self.inputs.values() for _, g in pairs if g != 1.0]
+        if set(self.dofs) != {"surge", "sway", "yaw"} or given or gains:
+            return None
+        driven = {force for pairs in self.inputs.values() for force, _ in pairs}
+        alone = {f"{force}_{nu}dot": -1.0 for force, nu in forces.items() if force not in driven}
+        products = ["X_vr", "Y_ur", "N_uv"]
+        if {"Y_rdot", "N_vdot", "x_G"} & set(self.parameters):
+            products += ["Y_rdot", "N_vdot", "N_ur"]
+        kept = [n for n in self.free if n not in RIGID_BODY and n not in alone]
+        return replace(
+            self,
+            title=f"{self.title}, each force in shares of its own full output",
+            free=tuple(dict.fromkeys((*kept, *products))),
+            known={**{n: v for n, v in self.known.items() if n in SPECIAL}, **alone},
+            coriolis=False,
+            normalised=True,
+            per_inertia=tuple(force for force in forces if force not in driven),
+        )
+
     def without(self, *names: str) -> Form:
         """Return the form without some parameters (their terms are zero)."""
         return replace(
