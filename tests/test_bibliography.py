@@ -18,7 +18,8 @@ def entries() -> list[str]:
 def texts() -> Iterator[tuple[Path, str]]:
     for top in ("gcs_autotune", "sitl", "benchmarks", "docs", "tests"):
         for path in sorted((ROOT / top).rglob("*")):
-            if path.suffix in READ and path != Path(__file__):
+            made = "_build" in path.parts or path.name == "bibliography.md"
+            if path.suffix in READ and path != Path(__file__) and not made:
                 yield path.relative_to(ROOT), path.read_text(encoding="utf-8")
 
 

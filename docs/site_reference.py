@@ -1,0 +1,176 @@
+"""Reference pages made from the code: commands from their parsers, errors, parameters written, limits, bibliography."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from gcs_autotune.cli import make_parser
+from gcs_autotune.errors import EXIT_CODES, AutotuneError
+from gcs_autotune.firmware import ALIASES, FIRMWARE
+from gcs_autotune.limits import LIMITS
+
+__all__ = ["PAGES", "write"]
+
+MADE = "% Made by docs/site_reference.py when the site is built; not to be edited.\n\n"
+
+
+def write(folder: Path) -> None:
+    """Write every page of :data:`PAGES` whose text has changed."""
+    folder.mkdir(exist_ok=True)
+    for name, make in PAGES.items():
+        text, path = MADE + make(), folder / f"{name}.md"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def plain(text: str) -> str:
+    """Return *text* so that Markdown shows it as it is."""
+    return re.sub(r"([\\`*_<>\[\]|$#{}~])", r"\\\1", " ".join(text.split()))
+
+
+def commands() -> str:
+    """Return the page of all commands and their options."""
+    lines = ["# Commands", "", "Made from the parsers: what `--help` says.", ""]
+    for path, parser in _parsers(make_parser(), ()):
+        lines += [f"{'#' * (1 + len(path))} {' '.join(path)}", "", plain(parser.description or ""), ""]
+        for group in parser._action_groups:
+            shown = [a for a in group._group_actions if a.help is not argparse.SUPPRESS and a.dest != "help"]
+            shown = [a for a in shown if not isinstance(a, argparse._SubParsersAction)]
+            if shown and group.title not in ("positional arguments", "options", None):
+                lines += [f"**{plain(group.title)}**", ""]
+            for action in shown:
+                lines += [_option(action), f": {plain(_help(parser, action))}", ""]
+    return "\n".join(lines) + "\n"
+
+
+def _parsers(
+    parser: argparse.ArgumentParser, path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], argparse.ArgumentParser]]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield (*path, name), below
+                yield from _parsers(below, (*path, name))
+
+
+def _option(action: argparse.Action) -> str:
+    word = action.metavar or ("{" + ",".join(map(str, action.choices)) + "}" if action.choices else "")
+    word = word if isinstance(word, str) else " ".join(word)
+    takes = "" if action.nargs == 0 else word.replace("%%", "%") or action.dest.upper()
+    names = ", ".join(action.option_strings)
+    return f"`{' '.join(filter(None, (names, takes)))}`"
+
+
+def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+    return parser._get_formatter()._expand_help(action) if action.help else action.dest
+
+
+def errors() -> str:
+    """Return the page of exit codes and kinds of messages."""
+    lines = ["# Messages and exit codes", "", "| code | meaning |", "|---|---|", "| 0 | done |"]
+    lines += ["| 8 | tuned, but the old gains proved better and are back (`tune`) |"]
+    lines += [f"| {code} | {plain(meaning)} |" for _, code, meaning in sorted(EXIT_CODES, key=lambda row: row[1])]
+    lines += [
+        "",
+        "Every failure is one line on standard error: what happened, to what, and what to try. Each is one of",
+        "these kinds, which are also the exceptions of the Python interface (`gcs_autotune.errors`); the exit code is",
+        "that of the nearest family above it. `--verbose` adds where it came from.",
+        "",
+    ]
+    lines += _family(AutotuneError, 0)
+    return "\n".join(lines) + "\n"
+
+
+def _family(kind: type[BaseException], depth: int) -> list[str]:
+    own = [f"{'  ' * depth}* `{kind.__name__}`: {plain((kind.__doc__ or '').partition(chr(10))[0])}"]
+    return own + [line for below in kind.__subclasses__() for line in _family(below, depth + 1)]
+
+
+def parameters() -> str:
+    """Return the page of parameters that a tune may write."""
+    lines = [
+        "# Parameters written",
+        "",
+        "A tune writes nothing but these, of the axis it tunes, after asking, and only with a journal of the old",
+        "values on disk. Ranges are those that ArduPilot documents; no value outside is proposed. Older and newer",
+        "firmwares call some of them otherwise; the vehicle is asked for what it has.",
+        "",
+    ]
+    others = {name: ", ".join(f"`{a.name}`" for a in aliases) for name, aliases in ALIASES.items()}
+    for firmware in FIRMWARE.values():
+        lines += [f"## {firmware.name}", ""]
+        for axis in firmware.axes.values():
+            lines += [f"### {axis.name}", "", "| parameter | range | what | also called |", "|---|---|---|---|"]
+            lines += [
+                f"| `{g.parameter}` | {g.low:g} to {g.high:g} | {plain(g.meaning)} | {others.get(g.parameter, '')} |"
+                for g in axis.gains
+            ]
+            lines.append("")
+    return "\n".join(lines) + "\n"
+
+
+def limits() -> str:
+    """Return the page of every number's range."""
+    lines = ["# Numbers and their ranges", "", "| option | meaning | range | why it ends there |", "|---|---|---|---|"]
+    for row in LIMITS.values():
+        name = f"`--{row.name}`" + (f" ({row.axis})" if row.axis else "")
+        lines.append(f"| {name} | {plain(row.meaning)} | {plain(row.range)} | {plain(row.reason)} |")
+    return "\n".join(lines) + "\n"
+
+
+_ENTRY = re.compile(r"^@\w+\{(\w+),\s*(.*)\}\s*$", re.MULTILINE)
+_FIELD = re.compile(r"(\w+) = \{((?:[^{}]|\{[^{}]*\})*)\}")
+
+
+def bibliography() -> str:
+    """Return the page of sources, by the keys that docstrings and comments cite."""
+    text = (Path(__file__).parent / "references.bib").read_text(encoding="utf-8")
+    lines = ["# Bibliography", "", "By the keys that docstrings, comments and pages cite.", ""]
+    for key, body in _ENTRY.findall(text):
+        fields = {name: _unbraced(value) for name, value in _FIELD.findall(body)}
+        where = fields.get("journal") or fields.get("booktitle") or fields.get("publisher") or fields.get("school", "")
+        words = ", ".join(filter(None, (fields.get("author", "").replace(" and ", ", "), fields.get("title"), where)))
+        volume = f" {fields['volume']}" if "volume" in fields else ""
+        lines += [f"{key}", f": {plain(words)}{volume}, {fields.get('year', '')}", ""]
+    return "\n".join(lines) + "\n"
+
+
+_ACCENTS = {r"{\o}": "ø", r"{\"u}": "ü", r"{\"o}": "ö", r"{\"a}": "ä", r"{\'c}": "ć", r"{\v{s}}": "š", r"{\v{c}}": "č"}
+
+
+def _unbraced(text: str) -> str:
+    for code, letter in _ACCENTS.items():
+        text = text.replace(code, letter)
+    return re.sub(r"\\[\"'`^v]|[{}\\]", "", text)
+
+
+def effects() -> str:
+    """Return the page of effects that a diagnosis looks for."""
+    from gcs_autotune.effects import EFFECTS
+
+    lines = ["# Effects", "", "What `diagnose` looks for and `identify --effects` fits.", ""]
+    for effect in EFFECTS.values():
+        numbers = ", ".join(f"`{q.name}` [{plain(q.unit)}]" for q in effect.parameters) or "none"
+        lines += [
+            f"## {effect.slug}",
+            "",
+            f"{plain(effect.meaning)}. Numbers: {numbers}. Shown by: {plain(effect.shown_by)}. "
+            f"Mistaken for: {', '.join(effect.mistaken_for) or 'nothing'}; told apart by: "
+            f"{plain(effect.separated_by)}.",
+            "",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+PAGES = {
+    "commands": commands,
+    "errors": errors,
+    "parameters": parameters,
+    "limits": limits,
+    "effects": effects,
+    "bibliography": bibliography,
+}
+"""Name of a page -> what makes it."""

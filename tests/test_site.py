@@ -1,0 +1,103 @@
+"""The documentation site: reference pages made from the code, pages that run, schemas that hold, links that lead."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from gcs_autotune.api import example_run, fit, save_model
+from gcs_autotune.cli import COMMANDS, make_parser
+from gcs_autotune.effects import EffectInstance, ExtendedModel
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.identify import load_model
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+def module_of_the_site(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("reference")
+    module_of_the_site("site_reference").write(folder)
+    return {path.stem: path.read_text() for path in folder.glob("*.md")}
+
+
+def test_the_page_of_commands_has_every_verb_and_every_option(pages):
+    told = pages["commands"]
+    assert [verb for verb in COMMANDS if not re.search(rf"^## {verb}$", told, re.MULTILINE)] == []
+    missing = []
+
+    def walk(parser: argparse.ArgumentParser) -> None:
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for below in action.choices.values():
+                    walk(below)
+            elif action.dest not in ("help", "version") and action.help is not argparse.SUPPRESS:
+                missing.extend(o for o in action.option_strings if o not in told)
+
+    walk(make_parser())
+    assert missing == []
+
+
+def test_the_page_of_parameters_has_all_that_a_tune_may_write(pages):
+    gains = {g.parameter for f in FIRMWARE.values() for a in f.axes.values() for g in a.gains}
+    assert gains
+    assert [name for name in gains if f"`{name}`" not in pages["parameters"]] == []
+
+
+def test_the_bibliography_has_every_entry(pages):
+    keys = re.findall(r"^@\w+\{(\w+),", (DOCS / "references.bib").read_text(), re.MULTILINE)
+    assert [key for key in keys if not re.search(rf"^{key}$", pages["bibliography"], re.MULTILINE)] == []
+
+
+def test_every_page_stands_in_the_contents():
+    contents = (DOCS / "index.md").read_text()
+    own = {p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.rglob("*.md") if "_build" not in p.parts}
+    listed = set(re.findall(r"^[a-z-]+(?:/[a-z0-9-]+)*$", contents, re.MULTILINE))
+    assert {page for page in own - {"index"} if not page.startswith("decisions/0")} - listed == set()
+
+
+def test_model_files_hold_to_their_schema(tmp_path):
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((DOCS / "reference" / "model-file.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    save_model(fit(example_run(), "linear", dof="yaw", delay=0.0), tmp_path / "axis.json")
+    axis = load_model(tmp_path / "axis.json").model
+    extended = ExtendedModel(axis.base, (EffectInstance("dead-zone", "N", {"width": 0.1}),))
+    written = json.loads((tmp_path / "axis.json").read_text())
+    for document in (written, axis.base.to_dict(), extended.to_dict()):
+        assert list(validator.iter_errors(document)) == []
+    assert list(validator.iter_errors({**written, "alpha": "much"})) != []
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path):
+    """Pages are executed meanwhile; one that fails fails the build."""
+    for needed in ("sphinx", "myst_parser", "furo"):
+        pytest.importorskip(needed, reason=f"{needed} is not installed (pip install '.[docs]')")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    lost = []
+    for page in tmp_path.rglob("*.html"):
+        for link in re.findall(r'(?:href|src)="([^"#?]+)', page.read_text(encoding="utf-8")):
+            if not re.match(r"[a-z]+:", link) and not (page.parent / link).exists():
+                lost.append(f"{page.name}: {link}")
+    assert lost == []
