@@ -1,22 +1,66 @@
-"""How fast: the lock-stepped vehicle against real time, and a whole ``tune heading``.
+"""How fast: the lock-stepped vehicle against real time, a whole ``tune heading``, and the water a tune takes.
 
 Run: ``python3 -m benchmarks.speed``. The first tune on a machine also compiles the kernels; both are shown.
+
+``python3 -m benchmarks.speed water [CASE ...] [--seeds 5] [--waves] [--save FILE]`` tunes each craft twice, with the
+stop rule that ends once the gains are known and with that of the five periods (``--stop-rule settled``), and prints the
+vehicle's seconds of both, how both ended, and the error over time that the gains proved: both steps read over what both
+recorded. A goal of seconds stands beside; the error may be 5 % more, the endings must be the same. With ``--save FILE``
+every pair is a line in FILE, and one that is there is not flown again (``--seeds 0`` prints the table of what there
+is). Quick: ``--seeds 1``, six pairs.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import math
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks.reach import Aboard
 from gcs_autotune.craft import Actuate
+from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Session, open_craft, open_link
+from gcs_autotune.report import TuneStory
+from gcs_autotune.trial import load_trial
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import TuneSettings, Unattended, tune
 from gcs_autotune.workflow.connection import SERVO_RATE
+from gcs_autotune.workflow.experiments import common_windows, measure, resolution
+from gcs_autotune.workflow.noise_estimate import noise_while_held
+from gcs_autotune.workflow.settings import STOP_RULES
+from sitl import make_effect, open_vehicle
 
 CONTROL_RATE = 10.0
 SIMULATED = 600.0
+GOALS: Mapping[tuple[str, str], float] = {
+    ("charlie", "heading"): 210.0,
+    ("blueboat", "heading"): 95.0,
+    ("bluerov2", "heading"): 85.0,
+    ("bluerov2", "depth"): 65.0,
+    ("videoray", "depth"): 66.0,
+    ("blueboat", "speed"): 72.0,
+}
+"""(vehicle, axis) -> seconds that a tune may take in calm water."""
+WAVES: Mapping[tuple[str, str], tuple[str, float]] = {
+    ("charlie", "heading"): ("yaw", 0.2),
+    ("blueboat", "heading"): ("yaw", 0.05),
+    ("bluerov2", "heading"): ("yaw", 0.02),
+    ("bluerov2", "depth"): ("heave", 0.05),
+    ("videoray", "depth"): ("heave", 0.05),
+    ("blueboat", "speed"): ("surge", 0.02),
+}
+"""(vehicle, axis) -> where the waves push, and their rms as a share of full output. Chosen: such that a step is still
+seen, at 1.5 rad/s and a damping ratio of 0.15."""
+WORSE = 1.05
 
 
 def real_time_factor(vehicle: str) -> float:
@@ -48,8 +92,109 @@ def tune_seconds(axis: str, directory: Path) -> float:
     return time.perf_counter() - begun
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Pair:
+    """One craft tuned by both rules, the new one first: seconds, endings, ITAE [s^2] over what both recorded."""
+
+    vehicle: str
+    axis: str
+    seed: int
+    waves: bool
+    seconds: Sequence[float]
+    endings: Sequence[str]
+    itae: Sequence[float]
+    stages: str
+
+
+def tune_pair(vehicle: str, axis: str, seed: int, *, waves: bool) -> Pair:
+    """Tune with both rules and compare."""
+    seconds, endings, stories, stages = [], [], [], []
+    for rule in STOP_RULES:
+        with tempfile.TemporaryDirectory() as folder:
+            run = Path(folder) / "run"
+            story, ending = _story(vehicle, axis, seed, waves, rule, run)
+            trials = [load_trial(path) for path in sorted(run.glob("trials/*.csv")) if "lead-in" not in path.name]
+        stories.append(story)
+        endings.append(ending)
+        seconds.append(max(t.end for t in trials) - min(t.start for t in trials) if trials else math.nan)
+        stages.append(", ".join(f"{t.name} {t.duration:.0f}" for t in trials))
+    return Pair(vehicle, axis, seed, waves, seconds, endings, _proved(*stories), stages[0])
+
+
+def _story(vehicle: str, axis: str, seed: int, waves: bool, rule: str, run: Path) -> tuple[TuneStory | None, str]:
+    place, rms = WAVES[vehicle, axis]
+    sea = [make_effect("wave-disturbance", place, {"amplitude": rms, "frequency": 1.5, "bandwidth": 0.15})]
+    server = open_vehicle(vehicle, seed=seed, effects=sea if waves else ())
+    settings = TuneSettings(axis, Aboard(server=server), run, stop_rule=rule)
+    try:
+        story = tune(settings, Unattended(), SilentWatcher(), "2026-11-23T12:00:00")
+    except AutotuneError as error:
+        print(f"   {vehicle} {axis} {seed} {rule}: {error}")
+        return None, "aborted"
+    return story, story.ending
+
+
+def _proved(new: TuneStory | None, old: TuneStory | None) -> list[float]:
+    """Return the ITAE of both steps with new gains, read alike; NaN where there are not two."""
+    if new is None or old is None or new.step_after is None or old.step_after is None or old.step_before is None:
+        return [math.nan, math.nan]
+    windows = common_windows(new.step_after, old.step_after)
+    grain = resolution(old.step_before)
+    noise = noise_while_held(old.step_before, grain)
+    return [measure(story.step_after, noise, grain, windows).itae for story in (new, old) if story.step_after]
+
+
+def water(cases: Sequence[str], seeds: int, waves: bool, file: Path | None) -> None:
+    """Tune *cases* (``vehicle/axis``; all) over *seeds* and print the table."""
+    found: list[Pair] = []
+    if file is not None and file.is_file():
+        found = [Pair(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    there = {(p.vehicle, p.axis, p.seed, p.waves) for p in found}
+    for seed in range(1, seeds + 1):
+        for vehicle, axis in GOALS:
+            if (cases and f"{vehicle}/{axis}" not in cases) or (vehicle, axis, seed, waves) in there:
+                continue
+            pair = tune_pair(vehicle, axis, seed, waves=waves)
+            found.append(pair)
+            if file is not None:
+                with file.open("a", encoding="utf-8") as stream:
+                    print(json.dumps(asdict(pair)), file=stream, flush=True)
+            print(f"   {vehicle} {axis} {seed}: {pair.stages}", flush=True)
+    print(
+        f"{'case':<25}{'seeds':>5}{'settled':>9}{'known':>7}{'(worst)':>9}{'goal':>6}  ITAE new/old  endings new (old)"
+    )
+    for case, goal in GOALS.items():
+        for sea in (False, True):
+            own = [p for p in found if (p.vehicle, p.axis) == case and p.waves is sea]
+            if own:
+                _show(f"{' '.join(case)}{' waves' if sea else ''}", own, math.nan if sea else goal)
+
+
+def _show(name: str, pairs: Sequence[Pair], goal: float) -> None:
+    new, old = (np.array([p.seconds[i] for p in pairs]) for i in (0, 1))
+    ratios = [p.itae[0] / p.itae[1] for p in pairs if math.isfinite(p.itae[0]) and p.itae[1] > 0.0]
+    shown = f"{np.mean(ratios):.2f} ({max(ratios):.2f})" if ratios else "-"
+    same = "same" if all(p.endings[0] == p.endings[1] for p in pairs) else "DIFFERENT"
+    endings = ", ".join(sorted({f"{p.endings[0]} ({p.endings[1]})" for p in pairs}))
+    missed = [w for w, bad in (("time", np.nanmax(new) > goal), ("error", max(ratios, default=0.0) > WORSE)) if bad]
+    print(
+        f"{name:<25}{len(pairs):>5}{np.nanmean(old):>9.0f}{np.nanmean(new):>7.0f}{np.nanmax(new):>9.0f}{goal:>6.0f}"
+        f"  {shown:<13} {same}: {endings}{'; missed: ' + ', '.join(missed) if missed else ''}"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("machine", "water"), default="machine")
+    parser.add_argument("cases", nargs="*", help="vehicle/axis; default: all")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--waves", action="store_true")
+    parser.add_argument("--save", type=Path, metavar="FILE", help="one line per pair; what is there is not flown again")
+    args = parser.parse_args(argv)
+    if args.what == "water":
+        water(args.cases, args.seeds, args.waves, args.save)
+        return
     for vehicle in ("charlie", "videoray"):
         factor = real_time_factor(vehicle)
         print(f"{vehicle:10s} lock-step, {CONTROL_RATE:g} Hz control: {factor:7.0f} x real time (goal 100)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -163,7 +164,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool) -> Identified
     for n, stage in enumerate(("first throttle steps", "second throttle steps")):
         name = f"throttle-{n + 1}"
         if n or turns_first:
-            context.come_about(name, SWING_AHEAD)
+            context.come_about(name, math.inf if n else SWING_AHEAD)  # out and back: between them a current shows
         trials.append(context.fly(throttle_steps_for(context.throttle, n, name), stage).trial)
     context.log.say("identifying")
     fit = context.run_in_background(fit_surge, trials, structure=s.structure, delay=delay_of(s))
