@@ -46,7 +46,7 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
             continue
-        ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, told: told * _direction(told)]
+        ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, command: command * _direction(command)]
         columns = bent_by(problem, fitted, channel, ways)
         if columns is not None:
             yield f"the past of {channel}", columns[:, :-1]
@@ -62,8 +62,8 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
     rows, at = [], 0
     for i, segment in enumerate(problem.segments):
         passage = dense(segment.passage_at(fitted.shift))
-        told = passage.commands[channel]
-        ways = [told, *(told + STEP * bend(passage.t_in, told) for bend in bends)]
+        command = passage.commands[channel]
+        ways = [command, *(command + STEP * bend(passage.t_in, command) for bend in bends)]
         flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
         found = [simulator.run(fitted.theta, fitted.effects, fitted.initial[i], way) for way in flown]
         moved = [f for f in found if f is not None]
@@ -87,16 +87,16 @@ def dense(passage: Passage) -> Passage:
 
 
 def _ago(seconds: float) -> Bend:
-    def bend(t: Array, told: Array) -> Array:
-        return told[np.maximum(np.searchsorted(t, t - seconds, side="right") - 1, 0)] if len(t) else told
+    def bend(t: Array, command: Array) -> Array:
+        return command[np.maximum(np.searchsorted(t, t - seconds, side="right") - 1, 0)] if len(t) else command
 
     return bend
 
 
-def _direction(told: Array) -> Array:
+def _direction(command: Array) -> Array:
     """Return (j,) +1 where the command last grew, -1 where it last shrank; +1 before any change."""
-    change = np.sign(np.diff(told, prepend=told[:1]))
-    last = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(told)), 0))
+    change = np.sign(np.diff(command, prepend=command[:1]))
+    last = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(command)), 0))
     found = change[last]
     return np.where(found == 0.0, 1.0, found)
 
@@ -192,13 +192,13 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
 def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[Passage, list[Array], list[Array]]:
     """Return a passage told often enough, and on its stamps place and speed of the spring as rung and of one let go."""
     passage = _finer(dense(passage), 0.5 / omega)
-    told = passage.commands[channel]
-    at, speed = rung(omega, zeta, passage.t_in, told)
+    command = passage.commands[channel]
+    at, speed = rung(omega, zeta, passage.t_in, command)
     since = passage.t_in - passage.stamps[0]
     decay = np.where(since >= 0.0, np.exp(-zeta * omega * np.maximum(since, 0.0)), 0.0)
     damped = omega * math.sqrt(1.0 - zeta * zeta)
     free = [decay * np.cos(damped * since), decay * np.sin(damped * since)]
-    return passage, [_midway(at) - told, _midway(speed)], [_midway(x) for x in free]
+    return passage, [_midway(at) - command, _midway(speed)], [_midway(x) for x in free]
 
 
 def _finer(passage: Passage, longest: float) -> Passage:
@@ -246,7 +246,7 @@ def _springs(omega: float, p: Array) -> list[Bend]:
     """Return position and speed of a spring of frequency *omega* exp(p[0]) and damping ratio exp(p[1])."""
 
     def bend(which: int) -> Bend:
-        return lambda t, told: rung(omega * math.exp(p[0]), math.exp(p[1]), t, told)[which]
+        return lambda t, command: rung(omega * math.exp(p[0]), math.exp(p[1]), t, command)[which]
 
     return [bend(0), bend(1)]
 

@@ -178,9 +178,9 @@ def fit_percent_of(traces: Sequence[Trace]) -> float:
     for name in dict.fromkeys(t.signal for t in traces):
         own = [t for t in traces if t.signal == name]
         power = sum(float(np.var(t.measured)) * len(t.t) for t in own)
-        left = sum(float(np.sum((t.measured - t.fitted) ** 2)) for t in own)
+        squares = sum(float(np.sum((t.measured - t.fitted) ** 2)) for t in own)
         if power > 0.0:
-            shares.append(100.0 * (1.0 - math.sqrt(left / power)))
+            shares.append(100.0 * (1.0 - math.sqrt(squares / power)))
     return float(np.mean(shares)) if shares else math.nan
 
 

@@ -193,8 +193,8 @@ def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], fl
     transposed = V.transpose(0, 2, 1)
     inverse = np.linalg.inv(transposed @ V + 1e-12 * np.eye(order + 1))
     c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]
-    left = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
-    return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(left**2))
+    residual = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
+    return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(residual**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,8 +238,8 @@ class Regression:
         for _ in range(ROUNDS):
             A = (self.J * weight[None, :, None]).reshape(-1, len(self.names))
             values = _bounded(A, -(self.base * weight).ravel(), low, high)
-            left = np.sqrt(np.mean((self.base + self.J @ values) ** 2, axis=0))
-            weight = np.where(self.driven, 1.0 / np.maximum(left, LEAST * self.force.max()), weight)
+            rms = np.sqrt(np.mean((self.base + self.J @ values) ** 2, axis=0))
+            weight = np.where(self.driven, 1.0 / np.maximum(rms, LEAST * self.force.max()), weight)
         return self.with_values(values)
 
 

@@ -84,9 +84,9 @@ def guess_dof(trial: Trial) -> Dof:
     UsageError
         More than one pair whose input varies.
     """
-    told = trial.meta.get("dof")
-    if isinstance(told, str) and told in DOFS:
-        return DOFS[told]
+    dof_name = trial.meta.get("dof")
+    if isinstance(dof_name, str) and dof_name in DOFS:
+        return DOFS[dof_name]
     pairs = [d for d in DOFS.values() if _input_names(trial, d) and _output_names(trial, d)]
     moving = [d for d in pairs if any(_varies(trial[n]) for n in _input_names(trial, d))]
     if len(moving) == 1:

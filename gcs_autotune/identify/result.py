@@ -213,8 +213,8 @@ class Fit:
         steps = self.extra.get("quantum") or {}
         rounding = self.extra.get("rounding") or {n: float(q) / math.sqrt(12.0) for n, q in steps.items()}
         signals = dict.fromkeys(t.signal for t in self.traces)
-        left = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
-        return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in left.items()}
+        residuals = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
+        return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
 
     def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
         """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`."""

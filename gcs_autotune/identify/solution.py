@@ -344,9 +344,9 @@ def fit_percents(solution: Solution) -> dict[str, float]:
     for name in solution.models:
         own = [r for r in solution.residuals if r.signal == name]
         power = sum(float(np.var(r.measured[r.known])) * int(r.known.sum()) for r in own)
-        left = sum(float(r.judged[r.known] @ r.judged[r.known]) for r in own)
+        squares = sum(float(r.judged[r.known] @ r.judged[r.known]) for r in own)
         if power > 0.0:
-            shares[name] = 100.0 * (1.0 - float(np.sqrt(left / power)))
+            shares[name] = 100.0 * (1.0 - float(np.sqrt(squares / power)))
     return shares
 
 

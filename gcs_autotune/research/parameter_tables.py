@@ -309,17 +309,17 @@ def _rows(table: ParameterTable) -> Iterator[TableFinding]:
     size = np.abs(table.level)
     for name, values in table.quantities.items():
         y = np.log(values)
-        left = y - np.array([np.mean(y[size == s]) for s in size])
+        residual = y - np.array([np.mean(y[size == s]) for s in size])
         counts = np.array([np.sum(size == s) for s in size])
         share = 1.0 - 1.0 / counts
         freedom = int(len(y) - len(np.unique(size)))
         for i in np.flatnonzero(counts > 2):
-            rest = (float(left @ left) - left[i] ** 2 / share[i]) / max(freedom - 1, 1)
-            half, p = _t(float(left[i] / share[i]), max(rest, 1e-300) / float(share[i]), freedom - 1)
+            rest = (float(residual @ residual) - residual[i] ** 2 / share[i]) / max(freedom - 1, 1)
+            half, p = _t(float(residual[i] / share[i]), max(rest, 1e-300) / float(share[i]), freedom - 1)
             p = min(1.0, p * len(y))
             if p < SURE:
                 where = f"row {i + 1} (input {table.level[i]:.4g})"
-                off = float(left[i] / share[i])
+                off = float(residual[i] / share[i])
                 reading = "this row contradicts the others at its input: repeat that experiment"
                 yield _finding("row", name, where, "yes", off, half, p, reading)
 

@@ -222,8 +222,8 @@ def _root(covariance: Array) -> Array:
 
 def _scatter(error: Array, table: Array) -> float:
     """Return the standard deviation of what *table* (n, p) cannot explain at all."""
-    left = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
-    return float(np.sqrt(left @ left / max(len(left) - table.shape[1], 1)))
+    residual = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
+    return float(np.sqrt(residual @ residual / max(len(residual) - table.shape[1], 1)))
 
 
 def _ridged(error: Array, known: Array, table: Array, sigma: float) -> tuple[Array, Array]:

@@ -138,5 +138,5 @@ def _linear_fit(
     table, values = np.vstack(rows), np.concatenate(wanted)
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     solution = np.linalg.lstsq(table / scale, values, rcond=1e-12)[0] / scale
-    left = values - table @ solution
-    return np.array([solution[0], rate, 0.0, solution[1], delay]), float(left @ left)
+    residual = values - table @ solution
+    return np.array([solution[0], rate, 0.0, solution[1], delay]), float(residual @ residual)

@@ -251,9 +251,9 @@ def _averaged(omega: Array, U: Complex, Y: Complex) -> FrequencyResponse:
     S_uu, S_yy = np.sum(np.abs(U) ** 2, axis=0), np.sum(np.abs(Y) ** 2, axis=0)
     S_yu = np.sum(Y * np.conj(U), axis=0)
     value = S_yu / np.maximum(S_uu, tiny)
-    left = np.sum(np.abs(Y - value * U) ** 2, axis=0) / (periods - 1)
+    residual = np.sum(np.abs(Y - value * U) ** 2, axis=0) / (periods - 1)
     coherence = np.clip(np.abs(S_yu) ** 2 / np.maximum(S_uu * S_yy, tiny), 0.0, 1.0)
-    std = np.sqrt(left / np.maximum(S_uu, tiny) / 2.0)
+    std = np.sqrt(residual / np.maximum(S_uu, tiny) / 2.0)
     return FrequencyResponse(
         omega=omega,
         value=value,

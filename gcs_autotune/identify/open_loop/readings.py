@@ -66,12 +66,12 @@ def local_fit(t: Array, y: Array, at: float, degree: int, floor: float = 0.0) ->
     table = np.vander(s, degree + 1, increasing=True)
     inverse = np.linalg.pinv(table.T @ table)
     c = inverse @ (table.T @ y)
-    left = y - table @ c
+    residual = y - table @ c
     spare = max(len(t) - degree - 1, 1)
     roundoff = 1e-12 * max(float(np.max(np.abs(y))), 1e-300)
-    sigma = max(math.sqrt(float(left @ left) / spare), floor, roundoff)
+    sigma = max(math.sqrt(float(residual @ residual) / spare), floor, roundoff)
     shrink = scale ** -np.arange(degree + 1.0)
-    covariance = inverse * sigma**2 * _colour(left) * np.outer(shrink, shrink)
+    covariance = inverse * sigma**2 * _colour(residual) * np.outer(shrink, shrink)
     return LocalFit(at, c * shrink, covariance, sigma)
 
 

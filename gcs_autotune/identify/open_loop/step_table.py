@@ -106,8 +106,8 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
     for a, b in itertools.pairwise(borders):
         half = 0.5 * (b - a)
         nu = 0.5 * (a + b) + half * _NODES
-        left = tau - (drags[0] + drags[1] * np.abs(nu)) * nu
-        total += half * float(_WEIGHTS @ (weight(nu) / left))
+        residual = tau - (drags[0] + drags[1] * np.abs(nu)) * nu
+        total += half * float(_WEIGHTS @ (weight(nu) / residual))
     return total
 
 

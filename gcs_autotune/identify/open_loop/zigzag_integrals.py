@@ -305,8 +305,8 @@ def _solved(A: Array, b: Array, noise: Array, extra: float) -> tuple[Array, Arra
     white, target = np.linalg.solve(root, A), np.linalg.solve(root, b)
     covariance = np.linalg.pinv(white.T @ white)
     x = covariance @ (white.T @ target)
-    left = target - white @ x
-    return x, covariance, float(left @ left)
+    residual = target - white @ x
+    return x, covariance, float(residual @ residual)
 
 
 def _model_error(A: Array, b: Array, noise: Array, parameters: int) -> float:

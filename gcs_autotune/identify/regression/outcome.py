@@ -74,8 +74,8 @@ def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -
     """Say so when the free run explains little and noise is no excuse."""
     beyond = []
     for name in dict.fromkeys(t.signal for t in traces):
-        left = np.concatenate([t.measured - t.fitted for t in traces if t.signal == name])
-        if math.sqrt(float(np.mean(left**2))) > BEYOND_NOISE * noise.get(name, 0.0):
+        residual = np.concatenate([t.measured - t.fitted for t in traces if t.signal == name])
+        if math.sqrt(float(np.mean(residual**2))) > BEYOND_NOISE * noise.get(name, 0.0):
             beyond.append(name)
     if percent >= POOR or not beyond:
         return []

@@ -101,9 +101,9 @@ def _coefficients(signal: Signal, t: Array, width: int) -> tuple[Array, Array]:
 def _left_out(signal: Signal, width: int) -> tuple[float, float]:
     """Return the mean squared leave-one-out error and the noise of a sample."""
     c, own = _coefficients(signal, signal.t, width)
-    left = signal.values - c[:, 0]
+    residual = signal.values - c[:, 0]
     rest = np.maximum(1.0 - own, 1e-6)
-    return float(np.mean((left / rest) ** 2)), math.sqrt(float(left @ left) / max(float(rest.sum()), 1e-9))
+    return float(np.mean((residual / rest) ** 2)), math.sqrt(float(residual @ residual) / max(float(rest.sum()), 1e-9))
 
 
 def penalised_spline(signal: Signal, order: int, setting: float | None = None) -> Smooth:
@@ -190,8 +190,8 @@ class _PSpline:
     def _left(self, penalty: float) -> float:
         c = self.coefficients(penalty)
         fitted = sum(self.local[:, j] * c[self.first + j] for j in range(self.degree + 1))
-        left = self.values - fitted
-        return float(left @ left)
+        residual = self.values - fitted
+        return float(residual @ residual)
 
     def cross_validation(self, penalty: float) -> float:
         """Return the generalised cross-validation score."""

@@ -225,8 +225,8 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
 
 def settled_cycles(trial: Trial, record: Segment) -> list[Settled]:
     """Return the limit cycles in *record*, a stretch of *trial*, with the times of their periods."""
-    told = trial.meta.get("x_a")
-    x_a = float(told) if isinstance(told, (int, float)) else None
+    hysteresis = trial.meta.get("x_a")
+    x_a = float(hysteresis) if isinstance(hysteresis, (int, float)) else None
     marked = [m.t for m in trial.marks if m.kind == "switch"]
     return cycles_of(record, x_a, marked, declared=trial.by_relay)
 

@@ -93,15 +93,15 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     PreconditionFailed
         Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
     """
-    told = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
-    _check_expiry(told.get("RC_OVERRIDE_TIME"))
-    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+    settings = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
+    _check_expiry(settings.get("RC_OVERRIDE_TIME"))
+    if int(settings.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
         raise PreconditionFailed(
-            f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. "
-            f"Set it to {int(told['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
+            f"RC_OPTIONS is {settings['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. "
+            f"Set it to {int(settings['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
         )
-    numbers = {force: _channel(told, firmware, force) for force in firmware.channels}
-    idle = [int(told.get(name, number)) for name, number in firmware.idle.items()]
+    numbers = {force: _channel(settings, firmware, force) for force in firmware.channels}
+    idle = [int(settings.get(name, number)) for name, number in firmware.idle.items()]
     fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
     names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
     trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}
@@ -110,7 +110,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     for force, number in numbers.items():
         low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
         dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
-        if force in firmware.from_one_end and not told.keys() & set(firmware.rc_map.values()):
+        if force in firmware.from_one_end and not settings.keys() & set(firmware.rc_map.values()):
             trim = _middle(number, low, trim, high, is_reversed != 0.0)
         if not low + dead_zone < trim < high - dead_zone:
             raise PreconditionFailed(
@@ -134,10 +134,10 @@ def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool
     return 0.5 * (low + high)
 
 
-def _channel(told: Mapping[str, float], firmware: Firmware, force: str) -> int:
+def _channel(values: Mapping[str, float], firmware: Firmware, force: str) -> int:
     """Return the RC channel of *force*: as mapped aboard, else the firmware's own."""
     name = firmware.rc_map.get(force, "")
-    number = int(told.get(name, firmware.channels[force]))
+    number = int(values.get(name, firmware.channels[force]))
     if not 1 <= number <= _CHANNELS:
         raise PreconditionFailed(f"{name} is {number}: overrides reach channels 1 to {_CHANNELS} only; map it there")
     return number
@@ -161,23 +161,23 @@ def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> 
     """Ask the vehicle why it may not take our overrides; return the likely cause and its cure in one sentence."""
     switches = [f"RC{n}_OPTION" for n in _RC_OPTION_CHANNELS]
     names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
-    told = parameters.read_existing([*names, *switches])
-    if not told:
+    values = parameters.read_existing([*names, *switches])
+    if not values:
         return "it answers no question either: the way up to it is broken (a one-way link, or too weak a radio)"
-    name = next((n for n in firmware.gcs_id_parameters if n in told), "")
-    low, high = int(told.get(name, source_system)), int(told.get("MAV_GCS_SYSID_HI", 0.0))
+    name = next((n for n in firmware.gcs_id_parameters if n in values), "")
+    low, high = int(values.get(name, source_system)), int(values.get("MAV_GCS_SYSID_HI", 0.0))
     if not low <= source_system <= max(low, high):
         return f"{name} is {low}, but we send as system {source_system}: use --source-system {low}"
-    if int(told.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
-        return f"RC_OPTIONS is {told['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides; clear it"
-    if told.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
+    if int(values.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
+        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides; clear it"
+    if values.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
         return "RC_OVERRIDE_TIME is 0: it ignores overrides; set it to 3 (seconds)"
-    switch = next((n for n in switches if told.get(n) == _OVERRIDE_SWITCH), "")
+    switch = next((n for n in switches if values.get(n) == _OVERRIDE_SWITCH), "")
     if switch:
         return f"{switch} is {_OVERRIDE_SWITCH}: that switch turns overrides off; put it to its other position"
-    signed = "; MAV_OPTIONS bit 0 is set" if int(told.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
+    signed = "; MAV_OPTIONS bit 0 is set" if int(values.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
     return (
-        f"its parameters do not say why ({name or 'station id'} {low}, RC_OPTIONS {told.get('RC_OPTIONS', 0.0):g}"
+        f"its parameters do not say why ({name or 'station id'} {low}, RC_OPTIONS {values.get('RC_OPTIONS', 0.0):g}"
         f"{signed}); a router that filters RC_CHANNELS_OVERRIDE, a signed link or another station's stream may"
     )
 

@@ -86,14 +86,16 @@ class StepStory:
     rest: Table | None
 
 
-def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = "", runs: Sequence[Trial] = ()) -> str:
+def render_diagnosis(
+    diagnosis: Diagnosis, title: str, when: str, directory: str = "", runs: Sequence[Trial] = ()
+) -> str:
     """Return the whole page; the same diagnosis gives the same bytes.
 
     *when* is an ISO 8601 moment; *directory* is where the files of the diagnosis are, for commands to copy; *runs* are
     those it looked at: their inputs are drawn below what they moved, and where the craft went.
     """
     flown = {run.name: run for run in runs}
-    headline = verdict_headline(told)
+    headline = verdict_headline(diagnosis)
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
     return render_page(
         "diagnosis/page.html",
@@ -101,29 +103,29 @@ def render_diagnosis(told: Diagnosis, title: str, when: str, directory: str = ""
             "title": title,
             "when": format_moment(when),
             "headline": headline,
-            "verdict": told.verdict,
-            "tiles": _tiles(told),
-            "doubts": tuple(doubt_sentence(d) for d in told.doubts),
-            "base": told.base_model.base.form.title,
-            "before": tuple(_before(told, flown)),
+            "verdict": diagnosis.verdict,
+            "tiles": _tiles(diagnosis),
+            "doubts": tuple(doubt_sentence(d) for d in diagnosis.doubts),
+            "base": diagnosis.base_model.base.form.title,
+            "before": tuple(_before(diagnosis, flown)),
             "track": next(_picture("track", "Track over ground, north up.", lambda: draw_track(flown)), None),
-            "numbers_title": "" if told.numbers is None else numbers_title(told.numbers),
-            "numbers": _numbers(told.numbers),
-            "numbers_gains": _numbers_gains(told.numbers),
-            "signs": told.gave_away.findings if told.verdict != "no-effect" else (),
-            "views": tuple(_views(told)),
-            "causes": tuple(_causes(told)),
-            "after": tuple(_after(told, flown)),
-            "gains": gains_table(told.gains) if told.gains and told.causes else None,
-            "held_out": gain.held_out if (gain := first_gain(told)) is not None else "",
-            "left": told.left.findings,
-            "left_sentence": left_sentence(told.left),
-            "remains": tuple(_left(told)),
-            "steps": tuple(_steps(told)),
-            "cannot_tell": cannot_tell(told),
-            "next": told.next_manoeuvre,
-            "rests_on": rests_on(told),
-            "commands": commands(told, model_file) if told.causes or told.wrong_numbers else (),
+            "numbers_title": "" if diagnosis.numbers is None else numbers_title(diagnosis.numbers),
+            "numbers": _numbers(diagnosis.numbers),
+            "numbers_gains": _numbers_gains(diagnosis.numbers),
+            "signs": diagnosis.gave_away.findings if diagnosis.verdict != "no-effect" else (),
+            "views": tuple(_views(diagnosis)),
+            "causes": tuple(_causes(diagnosis)),
+            "after": tuple(_after(diagnosis, flown)),
+            "gains": gains_table(diagnosis.gains) if diagnosis.gains and diagnosis.causes else None,
+            "held_out": gain.held_out if (gain := first_gain(diagnosis)) is not None else "",
+            "left": diagnosis.left.findings,
+            "left_sentence": left_sentence(diagnosis.left),
+            "remains": tuple(_left(diagnosis)),
+            "steps": tuple(_steps(diagnosis)),
+            "cannot_tell": cannot_tell(diagnosis),
+            "next": diagnosis.next_manoeuvre,
+            "rests_on": rests_on(diagnosis),
+            "commands": commands(diagnosis, model_file) if diagnosis.causes or diagnosis.wrong_numbers else (),
         },
     )
 
@@ -136,18 +138,18 @@ def _numbers_gains(numbers: Numbers | None) -> Table | None:
     return gains_table(numbers.gains) if numbers is not None and numbers.gains else None
 
 
-def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
+def _tiles(diagnosis: Diagnosis) -> tuple[tuple[str, str, str], ...]:
     """Return the few numbers everybody looks for first: (number, label, remark)."""
     tiles = []
-    right = None if told.numbers is None else told.numbers.gain
+    right = None if diagnosis.numbers is None else diagnosis.numbers.gain
     if right is not None:
         name = signal_words(right.signal)
         tiles.append((format_error(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
         tiles.append((format_error(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
-    gain = told.gain
+    gain = diagnosis.gain
     if gain is not None and right is not None:
-        gain = next((g for g in told.gains if g.signal == right.signal), gain)
-        if told.causes:
+        gain = next((g for g in diagnosis.gains if g.signal == right.signal), gain)
+        if diagnosis.causes:
             words = f"{signal_words(gain.signal)}, unseen data"
             tiles.append((format_error(gain.after, gain.unit, 3), "with the causes too", words))
     elif right is not None:
@@ -156,16 +158,16 @@ def _tiles(told: Diagnosis) -> tuple[tuple[str, str, str], ...]:
     elif gain is not None:
         name = signal_words(gain.signal)
         tiles.append((format_error(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
-        if told.causes:
+        if diagnosis.causes:
             tiles.append((format_error(gain.after, gain.unit, 3), "error after", f"{name}, unseen data"))
             interval = interval_words(gain)
             tiles.append((format_share(gain.ratio), "of the error is left", interval and f"95 %: {interval}"))
     else:
-        error, unit, signal = base_error(told)
+        error, unit, signal = base_error(diagnosis)
         tiles.append((format_error(error, unit, 3), "error of the simulation", signal_words(signal)))
-        noise = told.noise.get(signal, math.nan)
+        noise = diagnosis.noise.get(signal, math.nan)
         tiles.append((format_error(noise, unit, 3), "left over", f"of {signal_words(signal)}, rms"))
-    tiles.append((str(told.tried), "candidates tried", f"in {told.seconds:.1f} s"))
+    tiles.append((str(diagnosis.tried), "candidates tried", f"in {diagnosis.seconds:.1f} s"))
     return tuple(t for t in tiles if t[0] != "?")
 
 
@@ -189,65 +191,65 @@ def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
         yield from worst[: MOST_RUNS if k == 0 else 1]
 
 
-def _ordered(told: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
+def _ordered(diagnosis: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
     """Return the signal the verdict is about first."""
-    first = first_gain(told)
+    first = first_gain(diagnosis)
     return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
 
-def _drawn(told: Diagnosis, flown: Mapping[str, Trial], before: Trace, after: Trace | None = None) -> Figure:
+def _drawn(diagnosis: Diagnosis, flown: Mapping[str, Trial], before: Trace, after: Trace | None = None) -> Figure:
     run = flown.get(before.run)
-    return draw_flight(before, after, run, inputs_of(told.base_model, run))
+    return draw_flight(before, after, run, inputs_of(diagnosis.base_model, run))
 
 
-def _before(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
-    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
+def _before(diagnosis: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
+    for i, trace in enumerate(_shown(_ordered(diagnosis, diagnosis.before)), start=1):
         caption = (
             f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
             f"commands. Below, what it gets wrong: {format_error(_misfit(trace), trace.unit, 3)} RMS."
         )
-        if told.after and i > 1:
+        if diagnosis.after and i > 1:
             return
-        yield from _picture(f"before-{i}", caption, lambda trace=trace: _drawn(told, flown, trace))  # type: ignore[misc]
+        yield from _picture(f"before-{i}", caption, lambda trace=trace: _drawn(diagnosis, flown, trace))  # type: ignore[misc]
 
 
-def _after(told: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
-    if not told.after:
+def _after(diagnosis: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
+    if not diagnosis.after:
         return
-    gains = told.gains if told.causes or told.numbers is None else told.numbers.gains
+    gains = diagnosis.gains if diagnosis.causes or diagnosis.numbers is None else diagnosis.numbers.gains
     yield from _picture(
         "gains-1",
         "The gain per signal, with its 95 % interval: left of the line is better.",
         lambda: draw_gains(gains),
     )
-    extended = {(t.run, t.signal): t for p in told.after for t in p.traces}
-    for i, trace in enumerate(_shown(_ordered(told, told.before)), start=1):
+    extended = {(t.run, t.signal): t for p in diagnosis.after for t in p.traces}
+    for i, trace in enumerate(_shown(_ordered(diagnosis, diagnosis.before)), start=1):
         other = extended.get((trace.run, trace.signal))
         if other is None:
             continue
         old, new = (format_error(_misfit(t), t.unit, 3) for t in (trace, other))
         caption = f"'{trace.run}', {signal_words(trace.signal)}: {old} RMS before, {new} RMS after."
-        yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: _drawn(told, flown, a, b))  # type: ignore[misc]
+        yield from _picture(f"after-{i}", caption, lambda a=trace, b=other: _drawn(diagnosis, flown, a, b))  # type: ignore[misc]
 
 
-def _views(told: Diagnosis) -> Iterator[Picture]:
+def _views(diagnosis: Diagnosis) -> Iterator[Picture]:
     """Yield per cause the view of the simulation's residual that shows it, if any; without causes the strongest."""
-    if told.verdict == "no-effect":
+    if diagnosis.verdict == "no-effect":
         return
     views: list[tuple[View, str]] = []
-    for cause in told.causes:
-        view = telling_view(told.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
+    for cause in diagnosis.causes:
+        view = telling_view(diagnosis.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
         if (
             view is not None
             and view.share > _SURE
             and all(view.name != v.name or view.kind != v.kind for v, _ in views)
         ):
             views.append((view, effect_words(cause.effect.slug)))
-    if not told.causes:
-        every = sorted((v for p in told.before for v in views_of(p)), key=lambda v: v.share, reverse=True)
+    if not diagnosis.causes:
+        every = sorted((v for p in diagnosis.before for v in views_of(p)), key=lambda v: v.share, reverse=True)
         views = [(v, "") for v in every[:MOST_RUNS] if v.share > _SURE]
     for i, (view, slug) in enumerate(views, start=1):
-        after = next((p for p in told.after if p.signal == view.portrait.signal), None) if slug else None
+        after = next((p for p in diagnosis.after if p.signal == view.portrait.signal), None) if slug else None
         caption = _view_caption(view, slug)
         yield from _picture(f"view-{i}", caption, lambda view=view, after=after: draw_view(view, after))  # type: ignore[misc]
 
@@ -265,10 +267,10 @@ def _view_caption(view: View, cause: str) -> str:
     return what + how + (f" This speaks for: {cause}." if cause else "")
 
 
-def _causes(told: Diagnosis) -> Iterator[CauseStory]:
-    for i, cause in enumerate(told.causes, start=1):
+def _causes(diagnosis: Diagnosis) -> Iterator[CauseStory]:
+    for i, cause in enumerate(diagnosis.causes, start=1):
         table = cause_table(cause) if cause.parameters else None
-        yield CauseStory(cause_title(told, cause), cause_remarks(cause), table, _curve(cause, i))
+        yield CauseStory(cause_title(diagnosis, cause), cause_remarks(cause), table, _curve(cause, i))
 
 
 def _curve(cause: Cause, i: int) -> Picture | None:
@@ -281,8 +283,8 @@ def _curve(cause: Cause, i: int) -> Picture | None:
     return next(_picture(f"curve-{i}", caption, lambda: draw_curve(curve)), None)
 
 
-def _left(told: Diagnosis) -> Iterator[Picture]:
-    for i, portrait in enumerate(_ordered(told, told.after or told.before)[:MOST_RUNS], start=1):
+def _left(diagnosis: Diagnosis) -> Iterator[Picture]:
+    for i, portrait in enumerate(_ordered(diagnosis, diagnosis.after or diagnosis.before)[:MOST_RUNS], start=1):
         caption = (
             f"What is left of the {signal_words(portrait.signal)}: how much neighbouring residuals agree "
             "(noise: inside the grey band), and at which frequencies they sit (noise: evenly spread)."
@@ -290,7 +292,7 @@ def _left(told: Diagnosis) -> Iterator[Picture]:
         yield from _picture(f"left-{i}", caption, lambda portrait=portrait: draw_left(portrait))  # type: ignore[misc]
 
 
-def _steps(told: Diagnosis) -> Iterator[StepStory]:
-    for heading, ranked in steps_of(told):
+def _steps(diagnosis: Diagnosis) -> Iterator[StepStory]:
+    for heading, ranked in steps_of(diagnosis):
         best, rest = (ranking_table(r) for r in (ranked[:MOST_RANKED], ranked[MOST_RANKED:]))
         yield StepStory(heading, best, rest if rest.rows else None)

@@ -111,13 +111,13 @@ def format_p(p: float) -> str:
     return "< 1e-15" if p < 1e-15 else format_number(p, 2)
 
 
-def steps_of(told: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
+def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
     """Return (heading, candidates): tried against the base model, then beside the first cause, and so on."""
     told_steps = []
-    for step in sorted({r.step for r in told.ranking}):
-        earlier = ", ".join(effect_words(c.effect.slug) for c in told.causes[: step - 1])
+    for step in sorted({r.step for r in diagnosis.ranking}):
+        earlier = ", ".join(effect_words(c.effect.slug) for c in diagnosis.causes[: step - 1])
         heading = f"Tried beside {earlier}" if earlier else "Tried against the simulation"
-        told_steps.append((heading, tuple(r for r in told.ranking if r.step == step)))
+        told_steps.append((heading, tuple(r for r in diagnosis.ranking if r.step == step)))
     return tuple(told_steps)
 
 
@@ -134,37 +134,37 @@ FAMILIES: Mapping[Family, str] = {
 """Family -> heading, in the order of looking."""
 
 
-def diagnosis_summary(told: Diagnosis) -> Group:
+def diagnosis_summary(diagnosis: Diagnosis) -> Group:
     """Return verdict, causes, gains, ranking, what these runs cannot tell, what remains, what to fly next, doubts."""
-    headline = verdict_headline(told)
+    headline = verdict_headline(diagnosis)
     parts: list[RenderableType] = [title(headline.text, STYLES[headline.tone])]
     parts.extend(paragraph(s) for s in headline.sentences)
-    if told.numbers is not None and told.numbers.rows:
-        parts.append(title(numbers_title(told.numbers)))
-        parts.append(grid(numbers_table(told.numbers)))
-        if told.numbers.gains:
+    if diagnosis.numbers is not None and diagnosis.numbers.rows:
+        parts.append(title(numbers_title(diagnosis.numbers)))
+        parts.append(grid(numbers_table(diagnosis.numbers)))
+        if diagnosis.numbers.gains:
             parts.append(title("Numbers set right, on unseen data"))
-            parts.append(grid(gains_table(told.numbers.gains)))
-    for cause in told.causes:
-        parts.append(title(cause_title(told, cause)))
+            parts.append(grid(gains_table(diagnosis.numbers.gains)))
+    for cause in diagnosis.causes:
+        parts.append(title(cause_title(diagnosis, cause)))
         parts.append(paragraph(sentence(cause.meaning)))
         if cause.parameters:
             parts.append(grid(cause_table(cause)))
-    if told.causes and told.gains:
-        parts += [title("On data it has not seen"), grid(gains_table(told.gains))]
-    for heading, ranked in steps_of(told):
+    if diagnosis.causes and diagnosis.gains:
+        parts += [title("On data it has not seen"), grid(gains_table(diagnosis.gains))]
+    for heading, ranked in steps_of(diagnosis):
         parts += [title(heading), grid(ranking_table(ranked[:MOST_RANKED], brief=True))]
-    if told.indistinguishable:
+    if diagnosis.indistinguishable:
         parts.append(title("What these runs cannot tell"))
-        parts.extend(bullet(s) for s in cannot_tell(told))
+        parts.extend(bullet(s) for s in cannot_tell(diagnosis))
     parts.append(title("What remains"))
-    parts.extend(bullet(s) for s in told.left.findings or ("Nothing that could be told from noise.",))
-    if told.next_manoeuvre:
-        parts += [title("What to fly next"), paragraph(sentence(told.next_manoeuvre))]
-    if told.doubts:
-        parts.extend(doubts_shown(doubt_sentence(d) for d in told.doubts))
+    parts.extend(bullet(s) for s in diagnosis.left.findings or ("Nothing that could be told from noise.",))
+    if diagnosis.next_manoeuvre:
+        parts += [title("What to fly next"), paragraph(sentence(diagnosis.next_manoeuvre))]
+    if diagnosis.doubts:
+        parts.extend(doubts_shown(doubt_sentence(d) for d in diagnosis.doubts))
     parts.append(title("What this rests on"))
-    parts.extend(paragraph(s) for s in rests_on(told))
+    parts.extend(paragraph(s) for s in rests_on(diagnosis))
     return Group(*parts)
 
 

@@ -120,28 +120,30 @@ _TONES: Mapping[str, Tone] = {
 """Verdict -> tone: good is what can be relied on, whether it is pleasant or not."""
 
 
-def verdict_headline(told: Diagnosis) -> Headline:
+def verdict_headline(diagnosis: Diagnosis) -> Headline:
     """Return the verdict: one sentence with its number, its tone, and what follows from it."""
-    tone = _TONES[told.verdict]
-    if told.verdict == "no-effect":
+    tone = _TONES[diagnosis.verdict]
+    if diagnosis.verdict == "no-effect":
         follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]
-        if told.numbers is not None and told.numbers.rows:
-            follows.insert(0, f"These runs contradict no number of the {told.numbers.of}.")
-        return Headline(_nothing(told), "neutral" if told.doubts else tone, tuple(follows))
-    if told.verdict == "unexplained":
-        return Headline(_unexplained(told), tone, _findings(told.left))
-    sentences = _beside_numbers(told)
-    if told.verdict == "partly-explained":
-        sentences.append(_hypotheses(told))
-    elif told.verdict == "wrong-numbers":
+        if diagnosis.numbers is not None and diagnosis.numbers.rows:
+            follows.insert(0, f"These runs contradict no number of the {diagnosis.numbers.of}.")
+        return Headline(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
+    if diagnosis.verdict == "unexplained":
+        return Headline(_unexplained(diagnosis), tone, _findings(diagnosis.left))
+    sentences = _beside_numbers(diagnosis)
+    if diagnosis.verdict == "partly-explained":
+        sentences.append(_hypotheses(diagnosis))
+    elif diagnosis.verdict == "wrong-numbers":
         sentences.append("With these numbers nothing is missing that these runs could show.")
     else:
         followed = "With this the simulation follows the unseen data"
-        sentences.append(f"{followed}{_as_closely(told.left)}.")
-    if told.indistinguishable:
+        sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
+    if diagnosis.indistinguishable:
         sentences.append("These runs leave other names possible: see below what they cannot tell.")
     return Headline(
-        _wrong(told.numbers, told) if told.numbers and told.wrong_numbers else _found(told), tone, tuple(sentences)
+        _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
+        tone,
+        tuple(sentences),
     )
 
 
@@ -152,14 +154,14 @@ MOST_NUMBERS = 4
 """Wrong numbers named in the headline."""
 
 
-def _wrong(numbers: Numbers, told: Diagnosis) -> str:
+def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
     """Return which numbers are wrong: a headline of its own, whatever else was found."""
     wrong = numbers.wrong
     parts = [f"{n.name} is {given_words(n)}, these runs say {found_words(n)}" for n in wrong[:MOST_NUMBERS]]
     if len(wrong) > MOST_NUMBERS:
         parts.append(f"{len(wrong) - MOST_NUMBERS} more are wrong")
     begin = f"Wrong number{'s' if len(wrong) > 1 else ''} in the {numbers.of}"
-    if told.verdict == "partly-explained":
+    if diagnosis.verdict == "partly-explained":
         begin = f"Partly explained: {begin[0].lower()}{begin[1:]}"
     return f"{begin}: {'; '.join(parts)} (95 %)."
 
@@ -185,20 +187,20 @@ def standing(number: Number) -> str:
     return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
 
 
-def _beside_numbers(told: Diagnosis) -> list[str]:
+def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
     """Return what setting numbers right gains, then what causes gain on top of that."""
     sentences = []
-    if told.numbers is not None and told.wrong_numbers:
-        sentences.append(numbers_sentence(told.numbers, causes=bool(told.causes)))
-        sentences += scale_words(told.numbers)
-        if told.causes:
-            sentences.append("On top of that " + _found(told))
-    if told.gain is not None:
-        sentences.append(gain_sentence(told.gain))
-        if told.numbers is not None:
-            owner = told.numbers.of
+    if diagnosis.numbers is not None and diagnosis.wrong_numbers:
+        sentences.append(numbers_sentence(diagnosis.numbers, causes=bool(diagnosis.causes)))
+        sentences += scale_words(diagnosis.numbers)
+        if diagnosis.causes:
+            sentences.append("On top of that " + _found(diagnosis))
+    if diagnosis.gain is not None:
+        sentences.append(gain_sentence(diagnosis.gain))
+        if diagnosis.numbers is not None:
+            owner = diagnosis.numbers.of
             fitted, as_it_is = "with its numbers fitted to these runs", "as it stands, for fitted alone it errs more"
-            over = fitted if told.numbers.over == "fitted" else as_it_is
+            over = fitted if diagnosis.numbers.over == "fitted" else as_it_is
             sentences.append(f"This gain is counted over the {owner} {over}.")
     return sentences
 
@@ -240,22 +242,22 @@ def numbers_title(numbers: Numbers) -> str:
     return "The plain model, fitted to the simulation and to these runs"
 
 
-def _hypotheses(told: Diagnosis) -> str:
-    if not told.causes:
+def _hypotheses(diagnosis: Diagnosis) -> str:
+    if not diagnosis.causes:
         return "Part of the error stays unexplained: no cause that is known here pays on unseen data."
-    names = "The name is a hypothesis: it pays" if len(told.causes) == 1 else "The names are hypotheses: they pay"
+    names = "The name is a hypothesis: it pays" if len(diagnosis.causes) == 1 else "The names are hypotheses: they pay"
     return f"{names} on unseen data, but part of the error stays unexplained."
 
 
-def _found(told: Diagnosis) -> str:
-    begin = "Partly explained" if told.verdict == "partly-explained" else "Found"
-    if told.wrong_numbers:
-        begin = "found" if told.verdict == "wrong-numbers-and-effect" else "a hypothesis"
-    names = [named(c) for c in told.causes]
-    if len(told.causes) == 1 and told.causes[0].parameters:
-        names[0] += f", {_parameters(told.causes[0])}"
+def _found(diagnosis: Diagnosis) -> str:
+    begin = "Partly explained" if diagnosis.verdict == "partly-explained" else "Found"
+    if diagnosis.wrong_numbers:
+        begin = "found" if diagnosis.verdict == "wrong-numbers-and-effect" else "a hypothesis"
+    names = [named(c) for c in diagnosis.causes]
+    if len(diagnosis.causes) == 1 and diagnosis.causes[0].parameters:
+        names[0] += f", {_parameters(diagnosis.causes[0])}"
     said = f"{begin}: {'; '.join(names)}."
-    gain = told.gain
+    gain = diagnosis.gain
     if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
         return said
     it = "it" if len(names) == 1 else "them"
@@ -270,14 +272,14 @@ def _parameters(cause: Cause) -> str:
     return ", ".join(f"{name} {value_words(value, name)}" for name, value in cause.parameters.items())
 
 
-def _nothing(told: Diagnosis) -> str:
-    error, unit, signal = base_error(told)
+def _nothing(diagnosis: Diagnosis) -> str:
+    error, unit, signal = base_error(diagnosis)
     said = "Nothing is missing that these runs could show"
     if not math.isfinite(error):
         return said + "."
     return (
         f"{said}: the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}, "
-        f"and {_remains(told.left)}."
+        f"and {_remains(diagnosis.left)}."
     )
 
 
@@ -298,28 +300,28 @@ def _as_closely(left: Signature) -> str:
     return "; what remains is small, but correlated, so it stays unexplained"
 
 
-def _unexplained(told: Diagnosis) -> str:
-    error, unit, signal = base_error(told)
+def _unexplained(diagnosis: Diagnosis) -> str:
+    error, unit, signal = base_error(diagnosis)
     said = "Something is missing, and it is none of the effects known here"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
-    return f"{said}; none of the {told.tried} candidates tried pays on unseen data."
+    return f"{said}; none of the {diagnosis.tried} candidates tried pays on unseen data."
 
 
-def first_gain(told: Diagnosis) -> ErrorReduction | None:
+def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
     """Return the gain that begins with the simulation as it stands: of numbers set right, else of the causes."""
-    numbers = None if told.numbers is None else told.numbers.gain
-    return told.gain if numbers is None else numbers
+    numbers = None if diagnosis.numbers is None else diagnosis.numbers.gain
+    return diagnosis.gain if numbers is None else numbers
 
 
-def base_error(told: Diagnosis) -> tuple[float, str, str]:
+def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
     """Return the base model's error, its unit and signal: held out where that was measured, else of the pictures."""
-    first = first_gain(told)
+    first = first_gain(diagnosis)
     if first is not None:
         return first.before, first.unit, first.signal
-    if not told.before or not told.before[0].traces:
+    if not diagnosis.before or not diagnosis.before[0].traces:
         return math.nan, "1", ""
-    portrait = told.before[0]
+    portrait = diagnosis.before[0]
     error = np.concatenate([t.measured - t.fitted for t in portrait.traces])
     error = error[np.isfinite(error)]
     return (float(np.sqrt(np.mean(error**2))) if len(error) else math.nan), portrait.unit, portrait.signal
@@ -343,10 +345,10 @@ def interval_words(gain: ErrorReduction) -> str:
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
 
 
-def cause_title(told: Diagnosis, cause: Cause) -> str:
+def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
     """Return the heading over a cause: a hypothesis is called one."""
     text = named(cause)
-    return f"Hypothesis: {text}" if told.verdict == "partly-explained" else text[0].upper() + text[1:]
+    return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]
 
 
 def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
@@ -365,9 +367,9 @@ def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
     return tuple(said)
 
 
-def cannot_tell(told: Diagnosis) -> tuple[str, ...]:
+def cannot_tell(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return one sentence per group of effects these runs cannot tell apart."""
-    groups = (listed([effect_words(s) for s in group]) for group in told.indistinguishable)
+    groups = (listed([effect_words(s) for s in group]) for group in diagnosis.indistinguishable)
     return tuple(sentence(f"{names}: each explains these runs about as well as the others") for names in groups)
 
 
@@ -385,13 +387,17 @@ def _findings(signature: Signature) -> tuple[str, ...]:
     return signature.findings[:2]
 
 
-def rests_on(told: Diagnosis) -> tuple[str, ...]:
+def rests_on(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return what was used, held out, tried, and the noise found."""
-    said = [f"Runs used: {', '.join(told.used)}."] if told.used else []
-    if told.held_out:
-        said.append(f"Held out: {', '.join(told.held_out)}.")
-    said.append(f"Candidates tried: {told.tried}; the p-values allow for that many. Time: {told.seconds:.1f} s.")
-    levels = [f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in told.noise.items() if n in SIGNALS]
+    said = [f"Runs used: {', '.join(diagnosis.used)}."] if diagnosis.used else []
+    if diagnosis.held_out:
+        said.append(f"Held out: {', '.join(diagnosis.held_out)}.")
+    said.append(
+        f"Candidates tried: {diagnosis.tried}; the p-values allow for that many. Time: {diagnosis.seconds:.1f} s."
+    )
+    levels = [
+        f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in diagnosis.noise.items() if n in SIGNALS
+    ]
     if levels:
         said.append(f"Left of each signal (rms): {', '.join(levels)}.")
     return tuple(said)
@@ -401,10 +407,10 @@ _AXES: Mapping[str, str] = {"yaw": "heading", "heave": "depth"}
 """Degree of freedom -> axis of ``tune``."""
 
 
-def commands(told: Diagnosis, model_file: str) -> tuple[tuple[str, str], ...]:
+def commands(diagnosis: Diagnosis, model_file: str) -> tuple[tuple[str, str], ...]:
     """Return (what for, command) for the extended model in *model_file*."""
     file = shlex.quote(str(PurePath(model_file)))
-    axis = next((_AXES[d] for d in told.extended_model.base.form.dofs if d in _AXES), "heading")
+    axis = next((_AXES[d] for d in diagnosis.extended_model.base.form.dofs if d in _AXES), "heading")
     return (
         ("Fly it: the simulated vehicle moves as this model does", f"gcs-autotune sitl VEHICLE --model {file}"),
         ("Refine it with another run", f"gcs-autotune identify RUN --start {file}"),
