@@ -24,12 +24,13 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
     """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
-    actuator that the record calls for, or None.
+    actuator that the record calls for, or None. ``short``: oscillations were ended before five periods agreed.
     """
 
     fit: AxisFit
     runs: Sequence[Trial]
     curved: Fit | None = None
+    short: bool = False
 
     @property
     def left(self) -> float:
@@ -103,7 +104,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     if rule.known:
         log.say("identifying")
         fit = log.fit = _without_cycles(_plain(context, [step, first]))
-        return Identified(fit, [step, first])
+        return Identified(fit, [step, first], short=True)
     short = rule.another_size
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
     turned = context.come_about("relay-2", SWING_AHEAD)
@@ -113,7 +114,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     log.say("identifying")
     found = _with_curve(context, _without_cycles(_plain(context, trials)), trials, step)
     if found.left < BENT_UNEXPLAINED or not short:
-        return found
+        return replace(found, short=short)
     log.say(f"{found.left:.0f} % of the motion is not explained: flying it again until five periods agree")
     return _by_relays(context, step, turns_first=True)
 

@@ -41,7 +41,7 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
-from gcs_autotune.workflow.stop_rule import KnownDesign
+from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, changes_of, step_of
 from gcs_autotune.workflow.supplied_model import supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
@@ -171,6 +171,10 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         noise = noise_behind(before, found.fit, moving, grain)
         criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(context, found, criteria, before)
+        if found.short and proposal.spread > SPREAD:
+            log.say(f"the error over time is uncertain by {proposal.spread:.0%}: flying until five periods agree")
+            found = identify(context, before)
+            proposal = design_from_fit(context, found, criteria, before)
     else:
         criteria = StepCriteria(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)
         proposal = design_from_file(context, given, before, criteria)

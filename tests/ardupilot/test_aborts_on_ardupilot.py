@@ -68,7 +68,7 @@ def detune(witness, kind):
 def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path, stage):
     before = witness.parameters(ROVER_GAINS)
     with pytest.raises(OperatorStopped):
-        tune_until(rover, "heading", stage, tmp_path / "run")
+        tune_until(rover, "heading", stage, tmp_path / "run", stop_rule="settled")
     assert_left_alone(witness, before, KINDS["rover"].manual)
     assert summary_of(tmp_path / "run")["ending"] == "aborted"
 
@@ -77,7 +77,7 @@ def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path
 def test_an_rov_is_left_as_found_whenever_it_is_stopped(sub, witness, tmp_path, stage):
     before = witness.parameters(SUB_GAINS)
     with pytest.raises(OperatorStopped):
-        tune_until(sub, "heading", stage, tmp_path / "run")
+        tune_until(sub, "heading", stage, tmp_path / "run", stop_rule="settled")
     assert_left_alone(witness, before, KINDS["sub"].manual)
     assert summary_of(tmp_path / "run")["ending"] == "aborted"
 

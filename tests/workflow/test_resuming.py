@@ -35,9 +35,7 @@ def ended_early(tmp_path_factory: pytest.TempPathFactory) -> SitlHarness:
 class Again:
     """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
 
-    def __init__(
-        self, harness: SitlHarness, tmp_path: Path, words: str = "second self-oscillation", **changes: Any
-    ) -> None:
+    def __init__(self, harness: SitlHarness, tmp_path: Path, words: str = "identifying", **changes: Any) -> None:
         self.said: list[str] = []
         self.operator = Enough(self, words)  # type: ignore[arg-type]
         self.directory = tmp_path / "again"

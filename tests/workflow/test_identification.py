@@ -1,0 +1,143 @@
+"""Which oscillations are flown: one where it tells the gains, two sizes where the actuator asks, all else in full."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow import identification
+from gcs_autotune.workflow.identification import Identified, identify
+from gcs_autotune.workflow.runner import ManoeuvreRunner
+
+
+def flown(name: str) -> Trial:
+    psi = Channel("psi", "rad", [0.1 * k for k in range(60)], [0.0] * 60)
+    return Trial(name, {"psi": psi}, meta={"C": 0.3, "noise_std": 0.004})
+
+
+STEP = flown("step-before")
+
+
+class Rule:
+    """A stop rule that knows as much after each relay as it is told here."""
+
+    question = None
+
+    def __init__(self, *, known: bool = False, another_size: bool = False) -> None:
+        self.known, self.another_size, self.closed = known, another_size, False
+
+    def weigh(self, whole: Any) -> None:
+        self.known = whole
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def context(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A context that notes which relays are flown, by what rule and from what noise; ``left`` is not explained."""
+    relays: list[Any] = []
+    context = SimpleNamespace(relays=relays, left=5.0)
+
+    def fly(relay: Any, stage: str) -> Any:
+        relays.append(relay)
+        return SimpleNamespace(trial=flown(relay.name))
+
+    def relay_for(*args: Any, **options: Any) -> Any:
+        return SimpleNamespace(name=args[4], **options)
+
+    def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
+        return Identified(SimpleNamespace(fit_percent=100.0 - context.left), trials)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(identification, "relay_for", relay_for)
+    monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
+    monkeypatch.setattr(identification, "_without_cycles", lambda fit: fit)
+    monkeypatch.setattr(identification, "_with_curve", fitted)
+    context.fly = fly
+    context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)
+    context.log = SimpleNamespace(say=lambda text: None, fit=None)
+    context.craft = SimpleNamespace(firmware=SimpleNamespace(needs_way=False), least_period=0.0)
+    context.axis = SimpleNamespace(dof="yaw")
+    context.throttle = 0.0
+    context.come_about = lambda before, ahead: False
+    context.earlier = SimpleNamespace(has=lambda name: name in context.resumed)
+    context.resumed = ()
+    context.run_in_background = lambda work, *args: True
+    return context
+
+
+def names(context: Any) -> list[tuple[str, bool]]:
+    return [(relay.name, getattr(relay, "rule", None) is not None) for relay in context.relays]
+
+
+def test_where_one_oscillation_tells_the_gains_no_other_is_flown_and_the_step_is_in_the_fit(context: Any) -> None:
+    rule: Any = Rule(known=True)
+    found = identify(context, STEP, rule)
+    assert names(context) == [("relay-1", True)]
+    assert [run.name for run in found.runs] == ["step-before", "relay-1"]
+    assert found.short and rule.closed
+
+
+def test_two_sizes_are_flown_shortly_where_the_first_asks_and_the_second_follows_at_once(context: Any) -> None:
+    found = identify(context, STEP, Rule(another_size=True))  # type: ignore[arg-type]
+    assert names(context) == [("relay-1", True), ("relay-2", True)]
+    assert context.relays[1].noise_std == 0.004
+    assert found.short
+
+
+def test_what_is_not_explained_then_is_flown_again_in_full(context: Any) -> None:
+    context.left = 15.0
+    found = identify(context, STEP, Rule(another_size=True))  # type: ignore[arg-type]
+    assert names(context) == [("relay-1", True), ("relay-2", True), ("relay-1", False), ("relay-2", False)]
+    assert not found.short
+
+
+def test_a_first_oscillation_that_went_on_until_five_periods_agreed_has_a_second_like_it(context: Any) -> None:
+    context.left = 15.0
+    found = identify(context, STEP, Rule())  # type: ignore[arg-type]
+    assert names(context) == [("relay-1", True), ("relay-2", False)]
+    assert not found.short
+
+
+def test_without_a_rule_or_a_step_five_periods_decide(context: Any) -> None:
+    identify(context, STEP)
+    identify(context, None, Rule(known=True))  # type: ignore[arg-type]
+    assert names(context) == [("relay-1", False), ("relay-2", False)] * 2
+
+
+def test_an_oscillation_of_an_earlier_run_is_weighed_before_another_is_flown(context: Any) -> None:
+    context.resumed = ("relay-1",)
+    found = identify(context, STEP, Rule())  # type: ignore[arg-type]
+    assert names(context) == [("relay-1", True)]
+    assert found.short
+
+
+@pytest.mark.parametrize(
+    ("x", "ahead", "last", "turns"),
+    [
+        (100.0, 60.0, False, False),
+        (130.0, 30.0, False, True),
+        (130.0, 60.0, True, False),
+        (220.0, 60.0, True, True),
+        (100.0, 200.0, False, True),
+        (0.0, float("inf"), False, True),
+        (float("nan"), 30.0, False, True),
+    ],
+    ids=["near", "far", "far, last", "the guard is near", "a long way ahead", "in any case", "nobody knows where"],
+)
+def test_a_boat_turns_about_only_where_the_room_asks(
+    monkeypatch: pytest.MonkeyPatch, x: float, ahead: float, last: bool, turns: bool
+) -> None:
+    craft: Any = SimpleNamespace(firmware=SimpleNamespace(needs_way=True), armed=False, clock=None)
+    craft.observe = lambda: Observation(0.0, 0.0, x=x, y=0.0)
+    runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
+    turned: list[str] = []
+    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
+    monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
+    assert runner.come_about(0.5, ahead, last=last) is turns
+    assert turned == ["turning about"] * turns
