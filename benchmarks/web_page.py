@@ -1,0 +1,290 @@
+"""What the page costs: processor, lateness of the loop that holds the sticks, STOP to the first neutral override.
+
+``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4]`` (goals: under 3 % of a core at 10 Hz with
+four viewers, no tick late by more than 5 ms for it, STOP under 50 ms at worst of 200, page under 300 kB, memory level
+over an hour's lines).
+
+The server is the one of ``gcs-autotune serve``; what it starts is this file again, as a run: ticks at 25 Hz told to the
+real ``RemoteWatcher``; or, for STOP, the real craft on a real link to the simulator, flying by the real sequencer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import http.client
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+TICK = 0.04
+HOUR = 90_000
+"""Ticks of an hour at 25 Hz."""
+HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
+
+
+# --- the run, in a process of its own -------------------------------------------------------------------------------
+
+
+def as_run(arguments: list[str]) -> int:
+    from gcs_autotune.cli.remote import RemoteOperator, RemoteWatcher
+
+    uri, out = (next(a for a in arguments if a.startswith(k)).partition("=")[2] for k in ("--connect=", "--out="))
+    Path(out).mkdir(parents=True)
+    with RemoteWatcher(sys.stdout.buffer) as watcher:
+        operator = RemoteOperator(watcher, sys.stdin.fileno())
+        if uri.startswith("tcp:"):
+            _stops(uri, Path(out), operator, watcher)
+        else:
+            _ticks(uri, Path(out), operator, watcher)
+    return 0
+
+
+def _ticks(uri: str, out: Path, operator: Any, watcher: Any) -> None:
+    """Tell a tick every 40 ms, or an hour's as fast as they are taken; note how late each was and what telling took."""
+    from gcs_autotune.watch import Progress, SilentWatcher
+
+    listener = SilentWatcher() if "silent" in uri else watcher
+    hour = "hour" in uri
+    late, took = [], []
+    begun = time.monotonic()
+    ticks = 0
+    while not operator.stop_requested() and (not hour or ticks < HOUR):
+        ticks += 1
+        due = begun + TICK * ticks
+        if hour:
+            time.sleep(0.02 if ticks % 50 == 0 else 0.0)
+        else:
+            time.sleep(max(due - time.monotonic(), 0.0))
+        now = time.monotonic()
+        late.append(now - due)
+        t = ticks * TICK
+        told = Progress("first self-oscillation", "relay", t, "psi", 0.1 * (ticks % 40), 1.0, 0.3, step=3, steps=8, x=t)
+        listener.update(told)
+        took.append(time.monotonic() - now)
+    (out / "late.json").write_text(json.dumps({"late": late, "took": took}))
+
+
+def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
+    """Swing the rudder by the real sequencer until STOP, again and again; note when the first neutral override left."""
+    from gcs_autotune.craft import Actuate
+    from gcs_autotune.errors import OperatorStopped
+    from gcs_autotune.manoeuvres import Envelope, Manoeuvre, Sequencer
+    from gcs_autotune.workflow.connection import connect_craft
+    from gcs_autotune.workflow.record import RunDirectory
+    from gcs_autotune.workflow.settings import Connection
+
+    class Swing(Manoeuvre):
+        """Half rudder to one side after the other, every fifth of a second."""
+
+        kind, purpose, signal, force, in_manual, name = "swing", "benchmark", "psi", "N", True, "swing"
+
+        @property
+        def asked(self) -> dict[str, float]:
+            return {}
+
+        def commands(self, now: Any) -> Any:
+            while True:
+                now = yield Actuate(N=0.5 if now.t % 0.4 < 0.2 else -0.5)
+
+    record = RunDirectory(out)
+    with connect_craft(Connection(uri), operator, watcher, record, None, "heading") as craft:
+        sent: list[float] = []  # when the first neutral override left after the last that was none
+        send = craft.session.send
+
+        def timed(message: Any) -> None:
+            send(message)
+            if message.get_type() == "RC_CHANNELS_OVERRIDE":
+                sent[:] = [*sent[:1], time.monotonic()][:1] if message.chan1_raw == 1500 else []
+
+        craft.session.send = timed
+        craft.arm()
+        sequencer = Sequencer(craft, Envelope(), watcher, lambda trial: None)
+        while not (out / "enough").exists():
+            watcher.say("swinging")
+            try:
+                sequencer.fly(Swing(), "swinging")
+            except OperatorStopped:
+                neutral = sent[:]
+                sequencer.go_on()
+            operator._stop = craft.session.operator.asked = False
+            watcher.say("neutral " + json.dumps(neutral))
+        craft.disarm()
+
+
+# --- the server and its viewers ---------------------------------------------------------------------------------------
+
+
+class Server:
+    """``gcs-autotune serve`` with this file as what it runs."""
+
+    def __init__(self, runs: Path) -> None:
+        self.runs = runs
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.web_page", "--as-server", str(runs)], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        self.port = int(self.process.stdout.readline().split("/")[2].rpartition(":")[2])
+
+    def post(self, where: str, what: dict[str, Any], connection: http.client.HTTPConnection | None = None) -> Any:
+        connection = connection or http.client.HTTPConnection("127.0.0.1", self.port)
+        connection.request("POST", where, json.dumps(what), HEADERS)
+        return json.loads(connection.getresponse().read())
+
+    def start(self, uri: str) -> Path:
+        return self.runs / self.post("/start", {"job": "tune", "axis": "heading", "connect": uri})["name"]
+
+    def processor(self) -> float:
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def memory(self) -> float:
+        """Resident memory [MB]."""
+        return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.wait(60.0)
+
+
+class Viewers:
+    """So many sockets that read all they get, in a thread."""
+
+    def __init__(self, port: int, count: int) -> None:
+        self.messages = self.bytes = 0
+        self.said: list[str] = []
+        self._news = threading.Condition()
+        self._loop = asyncio.new_event_loop()
+        self._port, self._count = port, count
+        threading.Thread(target=self._loop.run_until_complete, args=(self._all(),), daemon=True).start()
+
+    async def _all(self) -> None:
+        await asyncio.gather(*(self._one(k) for k in range(self._count)))
+
+    async def _one(self, number: int) -> None:
+        from websockets.asyncio.client import connect
+        from websockets.exceptions import ConnectionClosed
+
+        async with connect(f"ws://127.0.0.1:{self._port}/live", max_size=None, compression=None) as socket:
+            while True:
+                try:
+                    text = await socket.recv()
+                except ConnectionClosed:
+                    return
+                self.messages += 1
+                self.bytes += len(text)
+                if number == 0:
+                    told = json.loads(text)
+                    words_of_end = [{"text": f"ended: {told['end']['reason']}"}] if told.get("end") else []
+                    words = [*told.get("+words", ()), *told.get("whole", {}).get("words", ()), *words_of_end]
+                    with self._news:
+                        self.said += [w["text"] for w in words]
+                        self._news.notify_all()
+
+    def hear(self, beginning: str, after: int) -> tuple[str, int]:
+        """Return the first sentence after number *after* that begins so, and its number."""
+        with self._news:
+            while True:
+                found = [k for k in range(after, len(self.said)) if self.said[k].startswith(beginning)]
+                if found:
+                    return self.said[found[0]], found[0] + 1
+                assert self._news.wait(30.0), f"'{beginning}' was not said, but {self.said[-3:]}"
+
+
+def cost(seconds: float, viewers: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        server = Server(Path(folder))
+        found = {}
+        for what in ("silent", "told"):
+            watching = Viewers(server.port, viewers if what == "told" else 0)
+            out = server.start(f"udpin:{what}")
+            time.sleep(2.0)
+            before, begun, messages = server.processor(), time.monotonic(), watching.messages
+            time.sleep(seconds)
+            share = 100.0 * (server.processor() - before) / (time.monotonic() - begun)
+            rate = (watching.messages - messages) / seconds / viewers
+            server.post("/stop", {})
+            while not (out / "late.json").exists():
+                time.sleep(0.1)
+            time.sleep(0.5)
+            found[what] = json.loads((out / "late.json").read_text())
+        late = {what: sorted(1e3 * x for x in each["late"]) for what, each in found.items()}
+        took = sorted(1e6 * x for x in found["told"]["took"])
+        print(f"server, {viewers} viewers at {rate:.1f} Hz: {share:.2f} % of a core (goal 3)")
+        for what, each in late.items():
+            print(f"tick late, {what}: median {each[len(each) // 2]:.2f} ms, 99 % {each[int(0.99 * len(each))]:.2f}, "
+                  f"worst {each[-1]:.2f} of {len(each)}")  # fmt: skip
+        print(f"telling a tick: median {took[len(took) // 2]:.0f} us, worst {took[-1]:.0f} (goal: 5 ms late at most)")
+        watching = Viewers(server.port, viewers)
+        out = server.start("udpin:hour")
+        sizes = []
+        while not (out / "late.json").exists():
+            time.sleep(0.5)
+            sizes.append(server.memory())
+        third = max(len(sizes) // 3, 1)
+        second, last = max(sizes[third : 2 * third]), max(sizes[2 * third :])
+        print(f"memory over an hour's ticks: {sizes[0]:.0f} MB at first, at most {second:.0f} in the second third and "
+              f"{last:.0f} in the last; {watching.bytes / 1e6:.0f} MB sent")  # fmt: skip
+        server.close()
+
+
+def stops(count: int, viewers: int) -> None:
+    vehicle = subprocess.Popen(
+        [sys.executable, "-m", "sitl", "charlie", "--listen", "tcp:127.0.0.1:5797"], stdout=subprocess.DEVNULL
+    )
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            server = Server(Path(folder))
+            watching = Viewers(server.port, viewers)
+            time.sleep(2.0)
+            out = server.start("tcp:127.0.0.1:5797")
+            connection = http.client.HTTPConnection("127.0.0.1", server.port)
+            delays, heard = [], 0
+            for k in range(count):
+                _, heard = watching.hear("swinging", heard)
+                time.sleep(0.3 + 0.013 * (k % 31))  # anywhere in a tick
+                begun = time.monotonic()
+                server.post("/stop", {}, connection)
+                if k == count - 1:
+                    (out / "enough").touch()
+                text, heard = watching.hear("neutral ", heard)
+                (sent,) = json.loads(text.partition(" ")[2])
+                delays.append(1e3 * (sent - begun))
+            delays.sort()
+            print(f"STOP, from the POST to the first neutral override on the wire: median {delays[count // 2]:.1f} ms, "
+                  f"worst {delays[-1]:.1f} of {count} (goal 50)")  # fmt: skip
+            server.close()
+    finally:
+        vehicle.terminate()
+        vehicle.wait(10.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--stops", type=int, default=20)
+    parser.add_argument("--viewers", type=int, default=4)
+    args = parser.parse_args()
+    static = Path("gcs_autotune/web/static")
+    sizes = sum(p.stat().st_size for p in static.iterdir())
+    print(f"page: {sizes / 1e3:.1f} kB in {len(list(static.iterdir()))} files (goal 300)")
+    cost(args.seconds, args.viewers)
+    stops(args.stops, args.viewers)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--as-run"]:
+        sys.exit(as_run(sys.argv[2:]))
+    if sys.argv[1:2] == ["--as-server"]:
+        from gcs_autotune.web import CommandLine, ServeSettings, serve
+
+        program = CommandLine((sys.executable, "-m", "benchmarks.web_page", "--as-run"))
+        serve(ServeSettings("127.0.0.1", 0, Path(sys.argv[2])), lambda text: print(text, flush=True), program)
+    else:
+        main()
