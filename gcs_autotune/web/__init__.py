@@ -3,7 +3,8 @@
 * ``server`` opens the port, says the link, and ends in order; ``app`` has the routes; ``access`` says who may.
 * ``job`` is one command of ours in a process of its own, steered by its ``--remote`` lines; ``live`` is what is known
   of it, and whoever looks; ``orders`` makes its command line from what was chosen on the page.
-* ``runs`` lists and shows what is on disk. ``static`` is the page, by hand, with uPlot (MIT) and nothing else.
+* ``archive`` is what is on disk, ``desk`` what is done with it. ``static`` is the page, by hand, with uPlot
+  (MIT) and nothing else.
 
 It imports nothing that flies or computes: what does is another process, which neither waits for a viewer nor ends with
 one.

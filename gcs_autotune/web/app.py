@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -20,6 +20,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gcs_autotune import __version__
 from gcs_autotune.errors import UsageError
 from gcs_autotune.web.access import Access, AccessMiddleware
+from gcs_autotune.web.archive import Archive
+from gcs_autotune.web.desk import DOFS, Desk, archive_routes
 from gcs_autotune.web.job import CommandLine, Job
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
@@ -35,10 +37,13 @@ FILES = {
     "state.js": "text/javascript",
     "charts.js": "text/javascript",
     "start.js": "text/javascript",
+    "runs.js": "text/javascript",
     "uPlot-LICENSE.txt": "text/plain",
 }
 """What the page is made of, besides ``index.html``."""
 _LONGEST_BODY = 1 << 16
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class Control:
@@ -48,6 +53,8 @@ class Control:
         self.runs = runs
         self.program = program
         self.live = Live()
+        self.archive = Archive(runs)
+        self.desk = Desk(self.archive, program, self.live)
         self._job: Job | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -59,6 +66,7 @@ class Control:
     def start(self, chosen: dict[str, Any], now: datetime) -> str:
         """Start what was *chosen* and return the name of its run directory; ``UsageError`` when it cannot be."""
         order = make_order(chosen, self.runs, now)
+        self.desk.give_way()
         self.live.begin(
             {
                 "title": order.title,
@@ -116,10 +124,12 @@ def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> 
         finally:
             control.stop()
             await control.over()
+            await control.desk.over()
             telling.cancel()
 
+    looking, (drop, work) = archive_routes(control.archive, control.desk, lambda: control.is_running)
     app = Starlette(
-        routes=[*_page(), *_looking(control, access), *_touching(control)],
+        routes=[*_page(), *_looking(control, access), *looking, *_touching(control, drop, work)],
         middleware=[Middleware(AccessMiddleware, access=access)],
         lifespan=lifespan,
     )
@@ -142,7 +152,7 @@ def _page() -> list[BaseRoute]:
 
 def _looking(control: Control, access: Access) -> list[BaseRoute]:
     async def about(request: Request) -> Response:
-        return JSONResponse({"version": __version__, "token_needed": bool(access.token), **fields()})
+        return JSONResponse({"version": __version__, "token_needed": bool(access.token), "dofs": DOFS, **fields()})
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()
@@ -169,7 +179,7 @@ async def _send_all(socket: WebSocket, live: Live) -> None:
         await socket.close(1013)
 
 
-def _touching(control: Control) -> list[BaseRoute]:
+def _touching(control: Control, drop: Handler, do: Callable[[dict[str, Any]], Response]) -> list[BaseRoute]:
     async def token(request: Request) -> Response:
         return JSONResponse({"ok": True})  # the middleware has seen it
 
@@ -187,12 +197,14 @@ def _touching(control: Control) -> list[BaseRoute]:
             return JSONResponse({"error": "a run is under way: stop it, or wait for its end"}, 409)
         return JSONResponse({"name": control.start(chosen, datetime.now())})
 
-    return [
-        Route(f"/{handler.__name__}", _answered(handler), methods=["POST"]) for handler in (token, stop, answer, start)
-    ]
+    async def work(request: Request) -> Response:
+        return do(await _body(request))
+
+    handlers = (token, stop, answer, start, drop, work)
+    return [Route(f"/{each.__name__}", _answered(each), methods=["POST"]) for each in handlers]
 
 
-def _answered(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+def _answered(handler: Handler) -> Handler:
     """Return *handler* with what is wrong with a request said in words."""
 
     async def answering(request: Request) -> Response:

@@ -51,7 +51,8 @@ class Live:
 
     def begin(self, run: dict[str, Any]) -> None:
         """Forget the last run: another one begins."""
-        self._state, self._changed = {}, {}
+        desk = {key: value for key, value in self._state.items() if key == "desk"}
+        self._state, self._changed = dict(desk), dict(desk)
         self._legs.clear()
         self._rows.clear()
         self._words.clear()

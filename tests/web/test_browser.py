@@ -238,12 +238,16 @@ def test_without_the_token_one_looks_and_does_not_touch(visit: Any, tmp_path: Pa
 def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, scripted: str) -> None:
     context = browser.new_context()
     context.add_init_script("delete window.WebSocket")
+    shown = []
     for _ in range(40):  # more than may look at once: those who left have made room
         page = context.new_page()
         page.goto(scripted)
         page.locator("#stage", has_text="over").or_(page.locator("#stage", has_text="No run")).wait_for()
+        shown.append(page.inner_text("#stage"))
         page.close()
     context.close()
+    assert len(shown) == 40
+    assert "Connecting" not in "".join(shown)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -258,7 +262,7 @@ def test_it_fits_and_can_be_read(visit: Any, scripted: str, scheme: str, width: 
         assert page.page.evaluate("document.documentElement.scrollWidth") <= width
 
     page.page.click("#tab-start")
-    for summary in page.page.locator("summary").all():
+    for summary in page.page.locator("#numbers summary").all():
         summary.click()
     see()
     page.start()
@@ -273,3 +277,42 @@ def test_the_measure_of_contrast_finds_what_cannot_be_read(visit: Any, scripted:
     page = visit(scripted)
     page.page.evaluate("document.getElementById('stage').style.color = '#ddd'")
     assert [text for text, _ in page.contrast()["poor"]] == [page.page.inner_text("#stage")]
+
+
+# --- runs and logs ------------------------------------------------------------------------------------------------
+
+
+def test_a_recorded_trial_replays_and_a_dropped_log_is_listed_and_identified(
+    visit: Any, flying: tuple[str, Path]
+) -> None:
+    link, _ = flying
+    page = visit(link)
+    if not page.page.locator("#end").is_visible():
+        page.start(job="experiment")
+        page.shows("#stage", "first self-osc")
+        page.page.click("#stop")
+        page.stopped()
+    page.page.click("#tab-runs")
+    page.page.click("#runs li:last-child button")
+    page.page.click("#trials li:first-child button")
+    page.shows("#caption-signal", "Heading")
+    page.shows("#caption-track", "grid")
+    page.page.select_option("#pace", "20")
+    page.shows("#play", "Play")  # it has come to its end
+    psi, r, turning = 0.0, 0.0, "t[s],psi[rad],r[rad/s],N[1]\n"
+    for k in range(800):  # a craft that answers within 2 s
+        out = 1.0 if k % 160 < 80 else -1.0
+        turning += f"{0.05 * k:.2f},{psi:.6f},{r:.6f},{out:g}\n"
+        psi, r = psi + 0.05 * r, r + 0.05 * (0.2 * out - r) / 2.0
+    record = {
+        "name": "<i>turn.csv",
+        "mimeType": "text/csv",
+        "buffer": turning.encode(),
+    }
+    page.page.set_input_files("#drop", files=[record])
+    page.shows("#entry-title", "i_turn.csv")
+    page.page.click("#work-identify")
+    page.shows("#desk-told", "identify: done")
+    page.page.click("#entry details summary")
+    page.shows("#files", "identified-yaw.html")
+    assert page.contrast()["poor"] == []

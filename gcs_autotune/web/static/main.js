@@ -2,6 +2,7 @@
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
 import { make } from "./start.js";
+import * as runs from "./runs.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
@@ -197,6 +198,8 @@ function showEnd() {
   if (!end) return;
   $("end").classList.toggle("bad", !end.fine);
   say("end-title", `${state.run.title}: ${end.meaning}`);
+  $("end-report").hidden = !end.report;
+  $("end-report-link").href = `files/${state.run.name}/report.html`;
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.name) return;
   $("put-back").dataset.of = state.run.name;
@@ -210,9 +213,11 @@ function show() {
   $("live").hidden = !state.run;
   $("view-live").hidden = view !== "live";
   $("view-start").hidden = view !== "start";
-  for (const name of ["live", "start"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
+  $("view-runs").hidden = view !== "runs";
+  for (const name of ["live", "start", "runs"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
   $("look-only").hidden = mayTouch;
   $("start").disabled = !mayTouch || running();
+  if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
   showTiles(); showWords();
   say("command", `The same on a terminal: ${state.run.command}`);
@@ -233,7 +238,15 @@ function take(delta) {
   requestAnimationFrame(show);
 }
 
-function look(at) { view = at; fresh = true; show(); resize(); }
+function look(at) {
+  if (view !== at && at === "runs") runs.list();
+  if (at !== "runs") runs.close();
+  view = at;
+  fresh = true;
+  show();
+  resize();
+}
+$("tab-runs").onclick = () => look("runs");
 $("tab-live").onclick = () => look("live");
 $("tab-start").onclick = $("go-start").onclick = () => look("start");
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forget(); fresh = true; show(); });
@@ -246,6 +259,7 @@ async function begin() {
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   make(fields, () => look("live"));
+  runs.make(fields.dofs, () => { if (mayTouch) look("runs"); return mayTouch; });
   show();
 }
 begin().catch(() => setTimeout(() => location.reload(), 3000));

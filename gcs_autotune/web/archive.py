@@ -1,0 +1,152 @@
+"""What is on disk: runs, logs that were dropped on the page, and their files; nothing outside the folder of runs."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shutil
+from collections.abc import AsyncIterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.web.job import read_json
+
+__all__ = ["KINDS", "Archive"]
+
+KINDS: Mapping[str, str] = {
+    ".html": "text/html",
+    **dict.fromkeys((".csv", ".json", ".jsonl", ".param", ".params", ".txt", ".toml"), "text/plain"),
+    **dict.fromkeys((".tlog", ".bin", ".log"), "application/octet-stream"),
+}
+"""Endings of the files that are handed out -> how."""
+DROPPED = (".tlog", ".bin", ".log", ".csv")
+"""Endings of the files that are taken in."""
+MOST_BYTES = 512 * 1024 * 1024
+"""Chosen: of one file; an hour of a full-rate log on board has some 300 MB."""
+_SPARE = 64 * 1024 * 1024
+"""Chosen: bytes left free on the disk, for a run that may be recording."""
+_SHOWN = 300
+"""Chosen: entries listed, the newest first."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
+
+
+class Archive:
+    """The folder of runs, *root*."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def entries(self) -> list[dict[str, Any]]:
+        """Return the runs and dropped logs there are, the newest first."""
+        names = sorted((p.name for p in self.root.iterdir() if p.is_dir() and _NAME.fullmatch(p.name)), reverse=True)
+        return [self._entry(self.root / name) for name in names[:_SHOWN]]
+
+    def _entry(self, folder: Path) -> dict[str, Any]:
+        summary = read_json(folder / "summary.json")
+        logs = [p.name for p in folder.iterdir() if p.suffix.lower() in DROPPED and p.name != "telemetry.tlog"]
+        return {
+            "name": folder.name,
+            "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
+            "ending": visible(str(summary.get("ending", ""))),
+            "reason": visible(str(summary.get("reason", ""))),
+            "report": (folder / "report.html").is_file(),
+            "log": visible(logs[0]) if logs else "",
+        }
+
+    def entry(self, name: str) -> dict[str, Any]:
+        """Return all there is to show of one: its trials as they can be replayed, and its files.
+
+        Raises
+        ------
+        UsageError
+            There is none.
+        """
+        folder = self.path(name)
+        found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS]
+        files = [p.relative_to(folder).as_posix() for p in found]
+        trials = [f for f in files if f.startswith("trials/") and f.endswith(".csv") and "-with-lead-in" not in f]
+        return {**self._entry(folder), "files": files, "trials": [_trial(folder, file) for file in trials]}
+
+    def path(self, name: str, inner: str = "") -> Path:
+        """Return the folder of an entry, or a file in it.
+
+        Raises
+        ------
+        UsageError
+            There is none, or it is not in the folder of runs.
+        """
+        try:
+            folder = (self.root / name).resolve()
+            path = (folder / inner).resolve()
+            inside = _NAME.fullmatch(name) is not None and folder.parent == self.root.resolve()
+            if inside and path.is_relative_to(folder) and (path.is_file() if inner else path.is_dir()):
+                return path
+        except (OSError, ValueError):
+            pass
+        raise UsageError("there is no such run or file")
+
+    async def take_in(self, name: str, size: int | None, pieces: AsyncIterator[bytes], now: datetime) -> str:
+        """Keep a dropped file in a folder of its own and return that folder's name; *size* as announced, if it was.
+
+        Raises
+        ------
+        UsageError
+            It is none of our logs, too large, or the disk is full; nothing of it is left.
+        """
+        clean = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).name).lstrip("._-")[-80:]
+        suffix = Path(clean).suffix.lower()
+        if suffix not in DROPPED or not Path(clean).stem:
+            raise UsageError(f"only logs and tables are taken: {', '.join(DROPPED)}")
+        if size is not None and size > MOST_BYTES:
+            raise UsageError(_too_large())
+        folder = self.root / f"{now:%Y%m%d-%H%M%S-%f}-{Path(clean).stem}"
+        try:
+            if shutil.disk_usage(self.root).free < (size or 0) + _SPARE:
+                raise UsageError("the disk is nearly full: nothing was kept. Free some space first")
+            folder.mkdir()
+            await _write(folder / clean, pieces)
+        except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise UsageError(f"it could not be kept: {error.strerror or error}") from error
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        return folder.name
+
+
+def _too_large() -> str:
+    return f"it is larger than {MOST_BYTES // (1024 * 1024)} MB: cut it, or use the command line"
+
+
+async def _write(path: Path, pieces: AsyncIterator[bytes]) -> None:
+    """Write what comes, never more than there may be."""
+    count = 0
+    with path.open("xb") as stream:
+        async for piece in pieces:
+            count += len(piece)
+            if count > MOST_BYTES:
+                raise UsageError(_too_large())
+            await asyncio.to_thread(stream.write, piece)  # a slow card must not keep a STOP waiting
+
+
+def _trial(folder: Path, file: str) -> dict[str, Any]:
+    """Return what the page needs to replay a recorded trial: its signal, its actuator, and what was wanted when."""
+    told = read_json((folder / file).with_suffix(".json"))
+    meta = told.get("meta") or {}
+    targets = []
+    for mark in told.get("marks") or ():
+        value = mark.get("detail", {}).get("value")
+        if mark.get("kind") == "target" and isinstance(value, (int, float)):
+            targets.append([mark.get("t"), value])
+    return {
+        "file": file,
+        "name": visible(str(told.get("name") or Path(file).stem)),
+        "signal": str(meta.get("signal", "psi")),
+        "force": str(meta.get("force", "")),
+        "reference": meta.get("reference"),
+        "targets": targets,
+        "ending": visible(f"{told.get('ending', '')}: {told.get('reason', '')}".strip(": ")),
+    }

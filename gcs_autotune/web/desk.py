@@ -1,0 +1,159 @@
+"""Work on records from the page: list, identify, diagnose, each by our command line in a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.registry import lookup
+from gcs_autotune.web.archive import KINDS, Archive
+from gcs_autotune.web.job import CommandLine
+from gcs_autotune.web.live import Live
+
+__all__ = ["DOFS", "Desk", "archive_routes"]
+
+DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
+LONGEST = 1800.0
+"""Chosen [s]: that a piece of work may take."""
+_TEXT = 40_000
+"""Chosen: characters kept of what it printed."""
+VERBS: Mapping[str, Callable[[Path, Path, str], list[str]]] = {
+    "list": lambda folder, file, dof: ["logs", "list", str(file)],
+    "identify": lambda folder, file, dof: [
+        "identify",
+        str(file),
+        f"--dof={dof}",
+        f"--page={folder / f'identified-{dof}.html'}",
+        f"--save={folder / f'model-{dof}.json'}",
+    ],
+    "diagnose": lambda folder, file, dof: ["diagnose", str(file), f"--dof={dof}", f"--out={folder / 'diagnosis'}"],
+}
+"""What can be done with a record -> our command line for it."""
+REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
+"""Policy of the pages in the folder of runs: they may look as they like, and run nothing."""
+
+
+class Desk:
+    """One piece of work at a time; it gives way to a run."""
+
+    def __init__(self, archive: Archive, program: CommandLine, live: Live) -> None:
+        self._archive = archive
+        self._program = program
+        self._live = live
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self, name: str, verb: str, dof: str) -> None:
+        """Begin; ``UsageError`` when it cannot be."""
+        lookup(VERBS, verb, "work")
+        if dof not in DOFS:
+            raise UsageError(f"dof is one of {', '.join(DOFS)}")
+        if self._task is not None and not self._task.done():
+            raise UsageError("another piece of work is under way: wait for its end")
+        entry, folder = self._archive.entry(name), self._archive.path(name)
+        file = folder / entry["log"] if entry["log"] else folder
+        if verb == "list" and not entry["log"]:
+            file = self._archive.path(name, "telemetry.tlog")
+        arguments = VERBS[verb](folder, file, dof)
+        self._tell(name, verb, "", running=True)
+        self._task = asyncio.create_task(self._run(name, verb, arguments, folder))
+
+    def _tell(self, name: str, verb: str, text: str, *, running: bool, code: int | None = None) -> None:
+        told = {"name": name, "verb": verb, "running": running, "text": visible(text, keep="\n"), "code": code}
+        self._live.put("desk", told)
+
+    async def _run(self, name: str, verb: str, arguments: list[str], folder: Path) -> None:
+        process = await asyncio.create_subprocess_exec(
+            *self._program.words,
+            *arguments,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            env={**self._program.environment, "COLUMNS": "100", "NO_COLOR": "1"},
+            cwd=folder,
+            start_new_session=True,
+        )
+        text = ""
+        try:
+            async with asyncio.timeout(LONGEST):
+                assert process.stdout is not None
+                while piece := await process.stdout.read(8192):
+                    text = (text + piece.decode(errors="replace"))[-_TEXT:]
+                code = await process.wait()
+        except TimeoutError:
+            code, text = -1, text + f"\nended after {LONGEST:.0f} s"
+        except asyncio.CancelledError:
+            code, text = -1, text + "\nended: a run was started, and comes first"
+        finally:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+        self._tell(name, verb, text, running=False, code=code)
+
+    def give_way(self) -> None:
+        """A run begins: what is computed here ends."""
+        if self._task is not None:
+            self._task.cancel()
+
+    async def over(self) -> None:
+        """End what is under way, and wait for that."""
+        self.give_way()
+        if self._task is not None:
+            with suppress(asyncio.CancelledError):
+                await self._task
+
+
+def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool]) -> tuple[list[BaseRoute], Any]:
+    """Return what may be looked at, and the handlers of what touches: ``drop`` and ``work``."""
+
+    def runs(request: Request) -> Response:  # plain functions: the files are read in a thread
+        return JSONResponse({"entries": archive.entries()})
+
+    def run(request: Request) -> Response:
+        try:
+            return JSONResponse(archive.entry(request.path_params["name"]))
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, 404)
+
+    def file(request: Request) -> Response:
+        try:
+            path = archive.path(request.path_params["name"], request.path_params["inner"])
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, 404)
+        kind = KINDS.get(path.suffix.lower())
+        if kind is None:
+            return JSONResponse({"error": "files of this kind are not handed out"}, 404)
+        headers = {"Content-Security-Policy": REPORTS}
+        if kind == "application/octet-stream":
+            return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
+        return FileResponse(path, media_type=kind, headers=headers)
+
+    async def drop(request: Request) -> Response:
+        announced = request.headers.get("content-length")
+        name = request.query_params.get("name", "")
+
+        async def pieces() -> AsyncIterator[bytes]:
+            async for piece in request.stream():
+                yield piece
+
+        kept = await archive.take_in(name, int(announced) if announced else None, pieces(), datetime.now())
+        return JSONResponse({"name": kept})
+
+    def work(told: Mapping[str, Any]) -> Response:
+        if is_running():
+            return JSONResponse({"error": "a run is under way, and comes first: wait for its end"}, 409)
+        desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")))
+        return JSONResponse({"ok": True})
+
+    looking: list[BaseRoute] = [Route("/runs", runs), Route("/runs/{name}", run)]
+    looking.append(Route("/files/{name}/{inner:path}", file))
+    return looking, (drop, work)

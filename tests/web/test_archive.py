@@ -1,0 +1,179 @@
+"""What is on disk: listed, handed out, taken in; nothing outside the folder of runs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import AsyncIterator, Iterator
+from datetime import datetime
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.web import Access, CommandLine, make_app
+from gcs_autotune.web import archive as archive_module
+from gcs_autotune.web.access import TOKEN_HEADER
+from gcs_autotune.web.archive import Archive
+
+OURS = {TOKEN_HEADER: "none"}
+ECHO = CommandLine((sys.executable, "-c", "import sys; print('did', *sys.argv[1:]); print('\\x1b[2J<b>')"))
+TABLE = b"t[s],psi[rad],r[rad/s],N[1]\n0,0,0,0\n0.1,0.01,0.1,0.5\n"
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    folder = tmp_path / "runs"
+    trials = folder / "20260101-run" / "trials"
+    trials.mkdir(parents=True)
+    (tmp_path / "secret.txt").write_text("not yours")
+    (trials / "01-step.csv").write_bytes(TABLE)
+    marks = [{"t": 0.1, "kind": "target", "detail": {"value": 0.5}}, {"t": 0.2, "kind": "switch", "detail": {}}]
+    told = {"name": "step", "ending": "completed", "reason": "flown", "meta": {"signal": "psi"}, "marks": marks}
+    (trials / "01-step.json").write_text(json.dumps(told))
+    (folder / "20260101-run" / "report.html").write_text("<script>alert(1)</script>")
+    (folder / "20260101-run" / "summary.json").write_text(json.dumps({"title": "tune heading", "ending": "kept"}))
+    (folder / "20260101-run" / "telemetry.tlog").write_bytes(b"\xfe")
+    (folder / "20260101-run" / "odd.exe").write_bytes(b"MZ")
+    (folder / "20260101-run" / "way.txt").symlink_to(tmp_path / "secret.txt")
+    (folder / "elsewhere").symlink_to(tmp_path)
+    return folder
+
+
+@pytest.fixture
+def client(runs: Path) -> Iterator[TestClient]:
+    with TestClient(make_app(runs, Access(), ECHO), base_url="http://127.0.0.1:8090") as one:
+        yield one
+
+
+def test_runs_are_listed_with_what_can_be_replayed(client: TestClient) -> None:
+    (entry,) = [e for e in client.get("/runs").json()["entries"] if e["name"] == "20260101-run"]
+    assert (entry["title"], entry["ending"], entry["report"], entry["log"]) == ("tune heading", "kept", True, "")
+    told = client.get("/runs/20260101-run").json()
+    assert [t["name"] for t in told["trials"]] == ["step"]
+    assert told["trials"][0]["targets"] == [[0.1, 0.5]]
+    assert "trials/01-step.csv" in told["files"]
+    assert client.get("/files/20260101-run/trials/01-step.csv").content == TABLE
+
+
+def test_reports_may_run_nothing(client: TestClient) -> None:
+    answer = client.get("/files/20260101-run/report.html")
+    assert answer.status_code == 200
+    assert "sandbox" in answer.headers["content-security-policy"]
+    assert "script" not in answer.headers["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "/files/20260101-run/way.txt",
+        "/files/20260101-run/odd.exe",
+        "/files/20260101-run/..%2F..%2Fsecret.txt",
+        "/files/20260101-run/%2e%2e/%2e%2e/secret.txt",
+        "/files/..%2F/secret.txt",
+        "/files/%2e%2e/secret.txt",
+        "/files/elsewhere/secret.txt",
+        "/files/20260101-run//etc/passwd",
+        "/files/20260101-run/%00",
+        "/files/20260101-run/",
+        "/runs/elsewhere",
+        "/runs/..",
+        "/runs/%2e%2e",
+        "/runs/none",
+    ],
+)
+def test_no_path_leaves_the_folder_of_runs(client: TestClient, where: str) -> None:
+    answer = client.get(where)
+    assert answer.status_code in (404, 200)  # `..` may be folded to the page itself on the way
+    assert b"not yours" not in answer.content
+    assert b"root:" not in answer.content
+    assert answer.status_code == 404 or answer.request.url.path in ("/", "/runs")
+
+
+def test_a_dropped_log_is_kept_in_a_folder_of_its_own_under_a_harmless_name(client: TestClient, runs: Path) -> None:
+    name = client.post("/drop?name=..%2F..%2F<b>my log.CSV", content=TABLE, headers=OURS).json()["name"]
+    kept = list((runs / name).iterdir())
+    assert [p.name for p in kept] == ["b_my_log.CSV"]
+    assert kept[0].read_bytes() == TABLE
+    assert client.get(f"/runs/{name}").json()["log"] == "b_my_log.CSV"
+
+
+@pytest.mark.parametrize("name", ["", "a", "a.toml", "a.html", "..csv", ".csv", "a.csv/b", "a.py"])
+def test_what_is_no_log_is_not_taken(client: TestClient, runs: Path, name: str) -> None:
+    before = set(runs.iterdir())
+    answer = client.post("/drop", params={"name": name}, content=b"x", headers=OURS)
+    assert answer.status_code == 400
+    assert ".tlog" in answer.json()["error"]
+    assert set(runs.iterdir()) == before
+
+
+def test_what_is_too_large_leaves_nothing_whether_it_says_so_or_not(
+    runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive_module, "MOST_BYTES", 1000)
+    before = set(runs.iterdir())
+
+    async def pieces() -> AsyncIterator[bytes]:
+        for _ in range(20):
+            yield b"x" * 100
+
+    for size in (2000, None, 10):
+        with pytest.raises(UsageError, match="larger than"):
+            asyncio.run(Archive(runs).take_in("a.csv", size, pieces(), datetime(2026, 1, 1)))
+        assert set(runs.iterdir()) == before
+
+
+def test_a_full_disk_is_said_and_nothing_is_left(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def pieces() -> AsyncIterator[bytes]:
+        yield b"x"
+        raise OSError(28, "No space left on device")
+
+    before = set(runs.iterdir())
+    with pytest.raises(UsageError, match="No space left"):
+        asyncio.run(Archive(runs).take_in("a.csv", None, pieces(), datetime(2026, 1, 1)))
+    monkeypatch.setattr(archive_module.shutil, "disk_usage", lambda path: SimpleNamespace(free=10))
+    with pytest.raises(UsageError, match="nearly full"):
+        asyncio.run(Archive(runs).take_in("a.csv", 1, pieces(), datetime(2026, 1, 1)))
+    assert set(runs.iterdir()) == before
+
+
+def until_done(client: TestClient) -> dict[str, Any]:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        while True:
+            told = json.loads(socket.receive_text())
+            desk = told.get("whole", told).get("desk")
+            if desk and not desk["running"]:
+                return dict(desk)
+
+
+@pytest.mark.parametrize(
+    ("verb", "words"),
+    [("list", "logs list"), ("identify", "identify"), ("diagnose", "diagnose")],
+)
+def test_a_log_is_worked_on_by_our_command_line_in_another_process(client: TestClient, verb: str, words: str) -> None:
+    name = client.post("/drop?name=a.csv", content=TABLE, headers=OURS).json()["name"]
+    assert client.post("/work", json={"name": name, "verb": verb, "dof": "yaw"}, headers=OURS).status_code == 200
+    desk = until_done(client)
+    assert (desk["name"], desk["verb"], desk["code"]) == (name, verb, 0)
+    assert desk["text"].startswith(f"did {words} ")
+    assert desk["text"].splitlines()[1] == "\\x1b[2J<b>"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [{"name": "none", "verb": "list"}, {"name": "../x", "verb": "list"}, {"name": "20260101-run", "verb": "restore"},
+     {"name": "20260101-run", "verb": "identify", "dof": "--out=/"}],
+)  # fmt: skip
+def test_work_that_cannot_be_is_refused(client: TestClient, told: dict[str, str]) -> None:
+    assert client.post("/work", json=told, headers=OURS).status_code == 400
+
+
+def test_nobody_without_the_token_drops_or_works(runs: Path) -> None:
+    with TestClient(make_app(runs, Access("right"), ECHO), base_url="http://127.0.0.1:8090") as client:
+        assert client.post("/drop?name=a.csv", content=TABLE).status_code == 401
+        assert client.post("/work", json={"name": "20260101-run", "verb": "list"}).status_code == 401
+        assert client.get("/runs").status_code == 200
