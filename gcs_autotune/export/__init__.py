@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from gcs_autotune.export.equations import Equations, ForceTerm, equations_of
+from gcs_autotune.export.equations import ForceTerm, MotionEquations, equations_of
 from gcs_autotune.export.fossen import to_fossen
 from gcs_autotune.export.gazebo import to_gazebo
 from gcs_autotune.export.matlab import to_matlab
@@ -18,7 +18,7 @@ from gcs_autotune.export.vehicle_file import to_vehicle_file
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.registry import lookup
 
-__all__ = ["TARGETS", "Equations", "Exported", "ForceTerm", "Target", "equations_of", "export_model"]
+__all__ = ["TARGETS", "Exported", "ForceTerm", "MotionEquations", "Target", "equations_of", "export_model"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Target:
 
     suffix: str
     help: str
-    write: Callable[[Equations], tuple[str, tuple[str, ...]]]
+    write: Callable[[MotionEquations], tuple[str, tuple[str, ...]]]
 
 
 TARGETS: Mapping[str, Target] = {

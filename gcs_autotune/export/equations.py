@@ -25,7 +25,7 @@ from gcs_autotune.models import (
     program_of,
 )
 
-__all__ = ["Equations", "ForceTerm", "equations_of"]
+__all__ = ["ForceTerm", "MotionEquations", "equations_of"]
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class ForceTerm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equations:
+class MotionEquations:
     """The equations of motion in SNAME axes, SI units and radians.
 
     Attributes
@@ -107,7 +107,7 @@ def _value(factor: str, known: Mapping[str, float]) -> float:
     return float(getattr(np, call[1])(known[call[2]]) if call else known[factor])
 
 
-def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> Equations:
+def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEquations:
     """Return the equations of the model in *file*; effects that are forces, delays or lags are among them.
 
     full_scale : input -> value at full output, before what the file says of it.
@@ -149,7 +149,7 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> Equations:
         elif not entry.derivatives(effect) or "motion" not in entry.acts_on:
             numbers = ", ".join(f"{n} {v:.6g}" for n, v in effect.values.items())
             left.append(f"{effect.slug}@{effect.place} ({numbers})")
-    return Equations(
+    return MotionEquations(
         name=_plain(file.name),
         rows=tuple(int(r) for r in program.active),
         inertia=inertia_matrix(form, theta),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from gcs_autotune.export.equations import Equations
+from gcs_autotune.export.equations import MotionEquations
 
 __all__ = ["to_fossen"]
 
 
-def to_fossen(equations: Equations) -> tuple[str, tuple[str, ...]]:
+def to_fossen(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return a Python file with the class; it needs NumPy only. Everything in the equations is in it."""
     inputs = tuple(equations.inputs)
     rows = list(equations.rows)

@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gcs_autotune.export.equations import Equations, ForceTerm
+from gcs_autotune.export.equations import ForceTerm, MotionEquations
 from gcs_autotune.models import FORCES, STATES
 
 __all__ = ["to_gazebo"]
@@ -20,7 +20,7 @@ SIGNS = (1.0, -1.0, -1.0, 1.0, -1.0, -1.0)
 _SIZE = re.compile(r"abs\((\w)\)")
 
 
-def to_gazebo(equations: Equations) -> tuple[str, tuple[str, ...]]:
+def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return the plugin's element, to stand in a ``<model>``; and what the plugin cannot say."""
     found: dict[str, float] = {}
     left: list[str] = []

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from gcs_autotune.export.equations import Equations
+from gcs_autotune.export.equations import MotionEquations
 
 __all__ = ["to_matlab"]
 
 
-def to_matlab(equations: Equations) -> tuple[str, tuple[str, ...]]:
+def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return a ``.m`` file; delays and lags are numbers in its head, and its caller's to apply."""
     inputs = tuple(equations.inputs)
     late = [
@@ -31,7 +31,7 @@ def to_matlab(equations: Equations) -> tuple[str, tuple[str, ...]]:
     )
     rows = " ".join(str(r + 1) for r in equations.rows)
     text = f"""function dx = {equations.identifier}(~, state, input)
-% {equations.name.upper()}  Equations of motion identified by gcs-autotune.
+% {equations.name.upper()}  MotionEquations of motion identified by gcs-autotune.
 %   state = [x y z phi theta psi u v w p q r]', SNAME axes, SI units, radians;
 %   input = [{" ".join(inputs)}]'.
 %   delay [s]: {", ".join(f"{c} {equations.delay[c]:g}" for c in inputs)}; lag [s]: {

@@ -6,12 +6,12 @@ import csv
 import io
 import math
 
-from gcs_autotune.export.equations import Equations
+from gcs_autotune.export.equations import MotionEquations
 
 __all__ = ["to_csv"]
 
 
-def to_csv(equations: Equations) -> tuple[str, tuple[str, ...]]:
+def to_csv(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return the parameters as ``name,value,unit,std`` rows; an unknown error is left empty. Nothing is left out."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

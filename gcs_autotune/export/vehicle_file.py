@@ -7,7 +7,7 @@ dives, the BlueBoat for one that floats and is steered by two thrusters.
 from __future__ import annotations
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.export.equations import Equations, ForceTerm
+from gcs_autotune.export.equations import ForceTerm, MotionEquations
 from gcs_autotune.models import FORCES
 
 __all__ = ["to_vehicle_file"]
@@ -17,7 +17,7 @@ AXES = {"surge": (0, "u", "X"), "sway": (1, "v", "Y"), "heave": (2, "w", "Z"), "
 PLANE = ("u", "v", "r")
 
 
-def to_vehicle_file(equations: Equations) -> tuple[str, tuple[str, ...]]:
+def to_vehicle_file(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return the TOML, and what is not in it.
 
     Raises
@@ -59,7 +59,7 @@ def to_vehicle_file(equations: Equations) -> tuple[str, tuple[str, ...]]:
     return "\n".join(blocks) + "\n", tuple(left)
 
 
-def _see(equations: Equations) -> None:
+def _see(equations: MotionEquations) -> None:
     strange = [c for c in equations.inputs if c not in FORCES]
     if strange:
         raise UsageError(
@@ -78,7 +78,7 @@ def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _sum(equations: Equations, row: int, factors: tuple[str, ...], own: set[int]) -> float:
+def _sum(equations: MotionEquations, row: int, factors: tuple[str, ...], own: set[int]) -> float:
     """Return the coefficient of all terms with these factors, noted as taken."""
     total = 0.0
     for k, term in enumerate(equations.terms):
@@ -88,13 +88,13 @@ def _sum(equations: Equations, row: int, factors: tuple[str, ...], own: set[int]
     return total
 
 
-def _authority(equations: Equations, row: int, own: set[int]) -> float:
+def _authority(equations: MotionEquations, row: int, own: set[int]) -> float:
     """Return the force of the row's own input at full output; 0 when nothing drives it."""
     channel = FORCES[row]
     return abs(_sum(equations, row, (channel,), own) * equations.full.get(channel, 0.0))
 
 
-def _thrusters(equations: Equations, own: set[int], *, dives: bool) -> list[str]:
+def _thrusters(equations: MotionEquations, own: set[int], *, dives: bool) -> list[str]:
     if dives:
         return ["[thruster]", _number("odd", [1.0]), _number("dead", 0.0)]
     ahead, turning = _authority(equations, 0, own), _authority(equations, 5, own)
@@ -106,7 +106,7 @@ def _thrusters(equations: Equations, own: set[int], *, dives: bool) -> list[str]
     return [_table("thruster", values)]
 
 
-def _coupling(equations: Equations, own: set[int], left: list[str]) -> str:
+def _coupling(equations: MotionEquations, own: set[int], left: list[str]) -> str:
     """Return what ties surge, sway and yaw."""
     values: dict[str, float] = {}
     for name, (i, j) in {"Y_rdot": (1, 5), "N_vdot": (5, 1)}.items():

@@ -21,6 +21,7 @@ from gcs_autotune import __version__
 from gcs_autotune.errors import UsageError
 from gcs_autotune.web.access import Access, AccessMiddleware
 from gcs_autotune.web.archive import Archive
+from gcs_autotune.web.blueos import blueos_routes
 from gcs_autotune.web.desk import DOFS, Desk, archive_routes
 from gcs_autotune.web.job import CommandLine, Job
 from gcs_autotune.web.live import Live
@@ -39,6 +40,7 @@ FILES = {
     "start.js": "text/javascript",
     "runs.js": "text/javascript",
     "uPlot-LICENSE.txt": "text/plain",
+    "icon.svg": "image/svg+xml",
 }
 """What the page is made of, besides ``index.html``."""
 _LONGEST_BODY = 1 << 16
@@ -129,7 +131,7 @@ def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> 
 
     looking, (drop, work) = archive_routes(control.archive, control.desk, lambda: control.is_running)
     app = Starlette(
-        routes=[*_page(), *_looking(control, access), *looking, *_touching(control, drop, work)],
+        routes=[*_page(), *blueos_routes(), *_looking(control, access), *looking, *_touching(control, drop, work)],
         middleware=[Middleware(AccessMiddleware, access=access)],
         lifespan=lifespan,
     )

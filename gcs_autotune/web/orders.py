@@ -5,6 +5,7 @@ Each value is handed over as ``--name=value``, so that none of them can be an op
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -57,9 +58,14 @@ class RunOrder:
         return shlex.join(["gcs-autotune", *(word for word in self.arguments if word != "--remote")])
 
 
+LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
+"""Environment variable: the link that the page begins with."""
+
+
 def fields() -> dict[str, Any]:
     """Return what the page asks for: jobs, axes with their usual links, and numbers with their ranges, as typed."""
     return {
+        "link": os.environ.get(LINK_VARIABLE, ""),
         "jobs": [{"name": name, "title": title} for name, title in JOBS.items()],
         "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
         "numbers": {heading: [_field(name) for name in names] for heading, names in _ASKED.items()},

@@ -16,6 +16,7 @@ export function make(fields, started) {
   $("job").replaceChildren(...fields.jobs.map((job) => option(job.name, job.title)));
   $("axis").replaceChildren(...fields.axes.map((axis) => option(axis.name, axis.name)));
   $("job").onchange = $("axis").onchange = offer;
+  $("connect").value ||= fields.link || "";
   offer();
   $("form").onsubmit = async (event) => {
     event.preventDefault();
