@@ -18,6 +18,7 @@ from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.referee import Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
+from benchmarks.blind.weather import CALM, HIDDEN  # noqa: E402
 
 SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
 """Of all cases when every kind without a given model is played; ``numbers``: all with one."""
@@ -35,10 +36,17 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     found: list[Task] = []
     for each, count in counts.items():
         beside = list(BESIDE) if each.endswith("-and-effect") else [""]
-        table: Sequence[str] = {"single": list(RECIPES), "foreign": list(FOREIGN), "track": TRACK}.get(each, beside)
+        own: dict[str, Sequence[str]] = {
+            "single": list(RECIPES),
+            "foreign": list(FOREIGN),
+            "track": TRACK,
+            "weather": [*HIDDEN, *[CALM] * len(HIDDEN)],
+        }
+        table: Sequence[str] = own.get(each, beside)
         chosen = [s for s in table if not only or s in only or not s]
         if chosen:
-            found += [(each, seed, i // len(chosen), chosen[i % len(chosen)]) for i in range(count)]
+            turns = [(chosen[i % len(chosen)], i) for i in range(count)]
+            found += [(each, seed, i if s == CALM else i // len(chosen), s) for s, i in turns]
     return found
 
 
@@ -64,7 +72,8 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    parser.add_argument("--kind", choices=("all", "numbers", *SHARES, "track", "clean-track", *GIVEN), default="all")
+    kinds = ("all", "numbers", *SHARES, "track", "clean-track", "weather", *GIVEN)
+    parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     parser.add_argument("--quiet", action="store_true", help="the report only")
     return parser.parse_args(arguments)
@@ -74,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Play, print, and return 0."""
     asked = _parsed(arguments)
     only = [s for s in asked.only.split(",") if s]
-    strange = [s for s in only if s not in RECIPES and s not in FOREIGN]
+    strange = [s for s in only if s not in RECIPES and s not in FOREIGN and s != CALM]
     if strange:
         print(f"no effect called {', '.join(strange)}", file=sys.stderr)
         return 2

@@ -21,6 +21,7 @@ from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
+from benchmarks.blind.weather import CALM, Weather, drawn_weather, smoothed
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
@@ -111,7 +112,7 @@ class _Voyage:
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
-    ``clean-track``, or of :data:`GIVEN`.
+    ``clean-track``, ``weather``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
 
@@ -128,6 +129,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         "foreign": _foreign,
         "track": _track,
         "clean-track": _clean_track,
+        "weather": _weather,
         **GIVEN,
     }
     drawn = kinds[kind]
@@ -209,6 +211,23 @@ def _double(rng: Rng, slug: str) -> Case | None:
     levels = {n: noise * s for n, s in sizes.items()}
     files = _fly(voyage, pair, levels)
     return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
+
+
+def _weather(rng: Rng, slug: str) -> Case | None:
+    """An effect (or none) beneath a moment that wanders; how much that hides it is not chosen."""
+    craft = draw_craft("yaw", rng)
+    hidden = [] if slug == CALM else [RECIPES[slug].draw(rng, craft)]
+    if any(map(_cannot_be, hidden)):
+        return None
+    voyage = _voyage(rng, hidden or [Hidden("", "", {}, craft)])
+    noise = log_uniform(rng, LEAST_NOISE, 0.1 * MOST_NOISE)
+    levels = {"psi": noise * craft.scale["psi"]}
+    weather = Hidden("weather", craft.input, drawn_weather(rng, craft), craft)
+    width = int(rng.integers(1, 4))
+    files = [smoothed(f, width) for f in _fly(voyage, [*hidden, weather], levels)]
+    rough = weather.values["spread"] / craft.full[craft.input]
+    case = _case(rng, voyage, hidden, files, rough, noise, levels)
+    return replace(case, runs=(*case.runs, *case.unseen), unseen=())
 
 
 # -- kinds with a model given, whose numbers are right or wrong
@@ -434,6 +453,8 @@ def _fly(voyage: _Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] |
 
 
 def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
+    if hidden.slug == Weather.slug:
+        return Weather(hidden.place, **hidden.values)
     if hidden.slug in FOREIGN:
         return FOREIGN[hidden.slug](hidden.place, **hidden.values)
     values = dict(hidden.values)

@@ -14,8 +14,10 @@ import numpy as np
 from benchmarks.blind.case import GIVEN, Case, NoCase, draw_case
 from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.diagnose.process_noise import search_under_process_noise
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify import fit_base, prepare_as_recorded
 from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
@@ -55,6 +57,8 @@ class Outcome:
     """Those that the diagnosis says are."""
     doubts: list[str] = field(default_factory=list)
     """Names of the doubts the diagnosis has of itself."""
+    worth: float = float("nan")
+    """Log-likelihood that the true effect alone gains under process noise, for cases in weather."""
 
     @property
     def first(self) -> str:
@@ -70,6 +74,8 @@ class Outcome:
             return self.causes[:1] == self.truth
         if self.kind in ("clean", "clean-track"):
             return self.verdict == "no-effect"
+        if self.kind == "weather":
+            return self.causes[:1] == self.truth[:1]
         if self.kind == "double":
             return set(self.truth) <= set(self.causes)
         return self.verdict not in ("effect-found", "error")
@@ -203,7 +209,20 @@ def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
         "gain": found.gain.ratio if found.gain is not None else float("nan"),
         "doubts": [d.slug for d in found.doubts],
         "doubted": [n.name for n in found.wrong_numbers],
+        "worth": _worth(case) if case.kind == "weather" else float("nan"),
     }
+
+
+def _worth(case: Case) -> float:
+    """Return what the true effect alone gains under process noise; NaN where nothing is hidden."""
+    if not case.truth:
+        return float("nan")
+    runs = list(case.runs)
+    form = plain_form(runs)
+    problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
+    found = search_under_process_noise(problem, base, list(case.truth), (), lambda *_: None)
+    judged = [] if found is None else [a for a in found.judged if a.effect.slug in case.truth]
+    return max((a.gain for a in judged), default=0.0)
 
 
 def _pulls(slug: str, found: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, list[float]]:

@@ -14,7 +14,10 @@ from benchmarks.blind.referee import NEAR, Outcome
 
 __all__ = ["bounds", "recovered", "report", "tally"]
 
-KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", *GIVEN)
+KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", "weather", *GIVEN)
+
+VISIBLE = 10.0
+"""Log-likelihood the true effect alone gains in weather from which on its name is asked for."""
 
 
 def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
@@ -81,6 +84,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
         some = [o for o in played if o.kind == kind]
         if some:
             lines.append(f"  {what:48} {_rate(some, strict=True)}   in group {_rate(some, strict=False)}")
+    lines += _in_weather([o for o in played if o.kind == "weather"])
     singles = [o for o in played if o.kind == "single"]
     if singles:
         lines += [
@@ -97,6 +101,29 @@ def report(outcomes: Sequence[Outcome]) -> str:
     crashed = [o for o in played if o.verdict == "error"]
     lines += [f"error in {o.kind} {o.slug} {o.index}: {o.error.strip().splitlines()[-1]}" for o in crashed]
     return "\n".join(lines)
+
+
+def _in_weather(some: Sequence[Outcome]) -> list[str]:
+    """Return the rates in weather; ``ratio`` is its size in shares of full command there."""
+    hidden, calm = [o for o in some if o.truth], [o for o in some if not o.truth]
+    visible = [o for o in hidden if o.worth > VISIBLE]
+    mild = [o for o in hidden if o.ratio <= 0.4]
+    named = sum(bool(o.causes) for o in calm)
+    lines = []
+    if hidden:
+        lines.append(f"  {f'weather: right name first, worth {VISIBLE:g} nats':48} {_rate(visible, strict=True)}")
+        lines.append(f"  {'weather of up to 40 %: right name first':48} {_rate(mild, strict=True)}")
+        lines.append(f"  {'weather: another name first, of all hidden':48} {_wrongly(hidden)}")
+    if calm:
+        low, high = bounds(named, len(calm))
+        told = f"{100.0 * named / len(calm):5.1f} %  ({named}/{len(calm)}; {100.0 * low:.0f} to {100.0 * high:.0f})"
+        lines.append(f"  {'weather on clean craft: a name where there is none':48} {told}")
+    return lines
+
+
+def _wrongly(some: Sequence[Outcome]) -> str:
+    wrong = [o for o in some if o.causes and not o.right]
+    return f"{100.0 * len(wrong) / len(some):5.1f} %  ({len(wrong)}/{len(some)})"
 
 
 def _line(slug: str, singles: Sequence[Outcome]) -> str:

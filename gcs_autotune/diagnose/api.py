@@ -14,6 +14,7 @@ from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.simulation import surrogate_of
 from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, SECOND_LOOKS, follow, foretells
+from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Doubt, ModelFile, overlooked, plain_form, prepare_as_recorded, within_horizon
@@ -88,8 +89,8 @@ def diagnose(
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
     question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
-    state = follow(begin(question), (*SEARCH, *SECOND_LOOKS, judge_numbers))
-    chosen = state.pieces is not None
+    state = follow(begin(question), (*SEARCH, look_under_process_noise, *SECOND_LOOKS, judge_numbers))
+    chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
     sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
     return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)
 

@@ -14,6 +14,16 @@ from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
 from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.weathered import (
+    gains_under,
+    missing_under,
+    next_of,
+    order_under,
+    ranking_under,
+    shares_under,
+    values_under,
+    words_of,
+)
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.identify import Doubt, Fitted, Problem, Residual, Trace, autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
@@ -53,16 +63,25 @@ def build_report(
     base = state.base if state.given is None else state.given
     gave_away, _ = signature_of(problem, base)
     left, _ = signature_of(problem, final)
+    weather = state.weather
     order = [effect for effect in _found_order(state) if effect in final.effects]
+    missing = None if weather is None else missing_under(weather, state)
     rivals = nonparametric_rivals(problem, final)
     left = replace(left, findings=(*left.findings, *rivals))
+    if weather is not None:
+        left = replace(left, findings=(*words_of(weather, missing), *left.findings))
     white = left.whiteness_p > WHITE and not rivals
     wrong = numbers is not None and bool(numbers.wrong)
     verdict = VERDICTS[wrong, bool(order), white and sure]
-    values = _values(problem, final)
+    values = _values(problem, final) if weather is None else values_under(weather, state)
     words = state.parts.words + ("" if state.pieces is None else f"; in pieces of {state.pieces:.3g} s")
-    gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
-    alike = _alike(state, order)
+    if weather is None:
+        gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
+        alike = _alike(state, order)
+        shares = {(e.slug, e.place): _share(state, e) for e in order}
+    else:
+        gains, alike = gains_under(weather) if order else (), weather.alike
+        shares = shares_under(weather)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
@@ -70,18 +89,18 @@ def build_report(
                 effect,
                 values[effect.slug, effect.place],
                 EFFECTS[effect.slug].meaning,
-                _share(state, effect),
+                shares.get((effect.slug, effect.place), math.nan),
                 EFFECTS[effect.slug].curve(effect, problem.data_summary),
             )
             for effect in order
         ),
-        ranking=_ranking(state),
+        ranking=_ranking(state) if weather is None else ranking_under(weather, state),
         indistinguishable=alike,
         gain=min(gains, key=lambda g: g.ratio, default=None),
         gains=gains,
         base_model=replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs),
         extended_model=replace(final.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs),
-        next_manoeuvre=_next(order, alike, verdict),
+        next_manoeuvre=(None if order and alike else next_of(missing)) or _next(order, alike, verdict),
         left=left,
         gave_away=gave_away,
         before=portraits_of(problem, base),
@@ -89,15 +108,18 @@ def build_report(
         used=tuple(r.name for r in runs),
         held_out=tuple(r.name for r in unseen),
         noise=dict(final.levels),
-        tried=state.tried,
+        tried=state.tried if weather is None else weather.tried,
         seconds=seconds,
         doubts=(*doubts, *state.doubts, *_other_places(state, order)),
         numbers=numbers,
+        missing=missing,
     )
 
 
 def _found_order(state: SearchState) -> list[EffectInstance]:
     """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
+    if state.weather is not None:
+        return order_under(state.weather, state)
     order: list[tuple[str, str]] = []
     for step in state.steps:
         if step.accepted is not None:

@@ -24,6 +24,8 @@ __all__ = [
     "Cause",
     "Diagnosis",
     "ErrorReduction",
+    "Missing",
+    "MissingCurve",
     "Number",
     "Numbers",
     "Portrait",
@@ -153,6 +155,38 @@ class Signature:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MissingCurve:
+    """The missing force (n,) over ``over`` with a 95 % band between runs.
+
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power, told by the other runs'
+    curve; below 0 when that curve tells nothing.
+    """
+
+    over: str
+    unit: str
+    x: Array
+    force: Array
+    band: Array
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Missing:
+    """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
+
+    ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
+    commanded (both rms); ``curves`` by what it may go with, the most telling first.
+    """
+
+    dof: str
+    unit: str
+    size: float
+    memory: float
+    share: float
+    curves: Mapping[str, MissingCurve]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Portrait:
     """Residuals of one model, for pictures: free-run traces, and per signal the residual against what tells.
 
@@ -204,6 +238,8 @@ class Diagnosis:
     seconds: float
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
+    missing: Missing | None = None
+    """What is left over as a force, where the runs show one that wanders."""
 
     @property
     def wrong_numbers(self) -> tuple[Number, ...]:
@@ -217,6 +253,7 @@ class Diagnosis:
                 "schema": 1,
                 "verdict": self.verdict,
                 "numbers": None if self.numbers is None else _numbers(self.numbers),
+                "missing": None if self.missing is None else _missing(self.missing),
                 "causes": [c.effect.slug for c in self.causes],
                 "ranking": [
                     {
@@ -322,6 +359,15 @@ class Diagnosis:
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
         return json.dumps(self.to_dict(), indent=1)
+
+
+def _missing(missing: Missing) -> dict[str, Any]:
+    curves = {
+        n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
+        for n, c in missing.curves.items()
+    }
+    own = {"dof": missing.dof, "unit": missing.unit, "size": missing.size}
+    return {**own, "memory": missing.memory, "share": missing.share, "curves": curves}
 
 
 def _value(value: Value) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from gcs_autotune.diagnose.candidates import (
     screen,
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
+from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
@@ -112,7 +113,8 @@ class SearchState:
     ``..._unseen`` what each model leaves of it. ``former``: the base that a better one took the place of: the better
     may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
-    pieces were in which causes were found, where the search chose them itself.
+    pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
+    process noise ended with, where it took the floor.
     """
 
     question: Question
@@ -134,6 +136,7 @@ class SearchState:
     doubts: tuple[Doubt, ...] = ()
     pieces: float | None = None
     numbers: Numbers | None = None
+    weather: WeatherSearch | None = None
 
     @property
     def causes(self) -> tuple[EffectInstance, ...]:

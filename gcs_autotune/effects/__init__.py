@@ -33,7 +33,7 @@ from gcs_autotune.effects.effect import (
 from gcs_autotune.effects.extended import STEP, ExtendedModel, ExtendedSimulator, Passage, in_order, passage_of
 from gcs_autotune.effects.narrow_band import rung
 from gcs_autotune.effects.sensor_noise import grid_step
-from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.summary import DataSummary, force_unit
 from gcs_autotune.effects.table import CRAFT, EFFECTS, usual_bounds
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "Passage",
     "Quantity",
     "columns_of",
+    "force_unit",
     "grid_step",
     "horizon",
     "in_order",

@@ -31,6 +31,7 @@ from gcs_autotune.effects.hydrodynamics import (
     SwayYawCoupling,
 )
 from gcs_autotune.effects.inflow import AdvanceSpeedLoss, SpeedDependentSteering
+from gcs_autotune.effects.measured_flow import MunkMoment, SpeedDamping, SwayMoment
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
@@ -67,6 +68,9 @@ OURS: tuple[Effect, ...] = (
     QuadraticDrag(),
     CoriolisCoupling(),
     SwayYawCoupling(),
+    SwayMoment(),
+    SpeedDamping(),
+    MunkMoment(),
     MassChange(),
     NetBuoyancy(),
     GroundEffect(),

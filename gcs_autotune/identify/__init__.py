@@ -29,7 +29,15 @@ from __future__ import annotations
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
-from gcs_autotune.identify.base_model import THRUSTERS, base_limits, fit_base, given_base, overlooked, plain_form
+from gcs_autotune.identify.base_model import (
+    THRUSTERS,
+    base_limits,
+    data_summary_of,
+    fit_base,
+    given_base,
+    overlooked,
+    plain_form,
+)
 from gcs_autotune.identify.cleaning import clean, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
@@ -47,6 +55,7 @@ from gcs_autotune.identify.information import (
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import clock_jump, left_out, parts_of
+from gcs_autotune.identify.kalman.wandering import Tangent, WanderingFit, WanderingProblem, Water, thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
 from gcs_autotune.identify.method import Method
@@ -160,8 +169,12 @@ __all__ = [
     "StepReading",
     "Structure",
     "StructureFit",
+    "Tangent",
     "Trace",
     "Validation",
+    "WanderingFit",
+    "WanderingProblem",
+    "Water",
     "alternate",
     "autocorrelation",
     "base_limits",
@@ -169,6 +182,7 @@ __all__ = [
     "clock_jump",
     "correlation_time",
     "cramer_rao",
+    "data_summary_of",
     "decide",
     "derivative_names",
     "descend",
@@ -235,6 +249,7 @@ __all__ = [
     "simplify",
     "solve_zigzag",
     "square_of",
+    "thinned_to",
     "validate",
     "whole_model",
     "with_actuator",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,13 @@ class FilterRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
     """Noise: ``noise`` (m,) variance of every signal; ``drive`` (n,) intensity of the white noise driving every state
-    [unit^2/s]; ``walk`` (p,) that of the free parameters."""
+    [unit^2/s]; ``walk`` (p,) that of the free parameters; ``decay`` (p,) [1/s] the rate at which each returns to zero
+    (an Ornstein-Uhlenbeck process: a force that wanders, begun anew in every record), 0 or empty for constants."""
 
     noise: Array
     drive: Array
     walk: Array
+    decay: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,9 +132,15 @@ class FilterBank:
         full : keep what :meth:`smooth` needs.
         """
         n, p = len(self.states), len(self.free)
+        decay = levels.decay if len(levels.decay) else np.zeros(p)
+        wanders = decay > 0.0
         parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
         histories, total = [], 0.0
         for i, track in enumerate(self.tracks):
+            if wanders.any():
+                parameters[wanders] = 0.0
+                covariance[wanders], covariance[:, wanders] = 0.0, 0.0
+                covariance[wanders, wanders] = 0.5 * levels.walk[wanders] / decay[wanders]
             mean, cov = np.concatenate([prior.states[i], parameters]), np.zeros((n + p, n + p))
             cov[:n, :n], cov[n:, n:] = np.diag(prior.spread[i] ** 2), covariance
             history = new_history(len(track.stamps), len(self.signals), n, n + p, full=full)
@@ -151,6 +159,7 @@ class FilterBank:
                 levels.noise,
                 levels.drive,
                 levels.walk,
+                decay,
                 np.zeros((0, n)) if about is None else np.ascontiguousarray(about[i][:, :n]),
                 sigma,
                 self._max_rates[i],
@@ -159,7 +168,7 @@ class FilterBank:
             )
             if fastest < 0.0:
                 return None
-            if not self.free:
+            if wanders.all():
                 self._max_rates[i] = max(self._max_rates[i], float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)))
             seen = ~np.isnan(history.S)
             e, S = history.e[seen], history.S[seen]
@@ -173,6 +182,7 @@ class FilterBank:
     def smooth(self, result: FilterResult, levels: Levels) -> Smoothed:
         """Run a full pass backwards."""
         n, p, m = len(self.states), len(self.free), len(self.signals)
+        decay = levels.decay if len(levels.decay) else np.zeros(p)
         adjoint, information = np.zeros(n + p), np.zeros((n + p, n + p))
         by_noise, by_drive = np.zeros((2, m)), np.zeros((2, n))
         trajectories: list[Array] = []
@@ -180,8 +190,10 @@ class FilterBank:
         for track, history in zip(reversed(self.tracks), reversed(result.histories), strict=True):
             adjoint[:n] = 0.0
             information[:n], information[:, :n] = 0.0, 0.0
+            adjoint[n:][decay > 0.0] = 0.0
+            information[n:][decay > 0.0], information[:, n:][:, decay > 0.0] = 0.0, 0.0
             path, var = np.empty((len(track.stamps), n + p)), np.empty((len(track.stamps), n + p))
-            backward(track.stamps, levels.noise, history, adjoint, information, path, var, by_noise, by_drive)
+            backward(track.stamps, levels.noise, decay, history, adjoint, information, path, var, by_noise, by_drive)
             trajectories.insert(0, path)
             variances.insert(0, var)
         return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)

@@ -61,15 +61,18 @@ def new_history(s: int, m: int, n: int, N: int, *, full: bool) -> FilterHistory:
 
 
 @njit(cache=True)
-def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, h: float) -> None:
-    """Carry *cov* (N, N) over an interval of *h* seconds: ZhaoUSV (15), noise by Simpson's rule."""
+def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, decay: Array, h: float) -> None:
+    """Carry *cov* (N, N) over an interval of *h* seconds: ZhaoUSV (15), noise by Simpson's rule.
+
+    A parameter that decays is an Ornstein-Uhlenbeck process: it keeps ``exp(-decay h)`` of itself.
+    """
     n, N = F.shape
     T = np.dot(F, cov)
     top = np.dot(T, np.ascontiguousarray(F.T))
     for i in range(n):
         for j in range(n, N):
-            cov[i, j] = T[i, j]
-            cov[j, i] = T[i, j]
+            cov[i, j] = T[i, j] * np.exp(-decay[j - n] * h)
+            cov[j, i] = cov[i, j]
     for i in range(n):
         for j in range(i, n):
             value = 0.5 * (top[i, j] + top[j, i])
@@ -80,7 +83,14 @@ def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, h: fl
             cov[i, j] = value
             cov[j, i] = value
     for i in range(n, N):
-        cov[i, i] += walk[i - n] * h
+        if decay[i - n] > 0.0:
+            kept = np.exp(-decay[i - n] * h)
+            for j in range(n, N):
+                cov[i, j] *= kept
+                cov[j, i] *= kept
+            cov[i, i] += walk[i - n] * (1.0 - kept * kept) / (2.0 * decay[i - n])
+        else:
+            cov[i, i] += walk[i - n] * h
 
 
 @njit(cache=True)
@@ -126,6 +136,7 @@ def forward(
     r: Array,
     q: Array,
     walk: Array,
+    decay: Array,
     reference: Array,
     sigma: bool,
     max_rate: float,
@@ -137,7 +148,8 @@ def forward(
     theta : all parameters; places : (p,) where the free ones stand in it; free : (all,) their column in the augmented
     vector, -1 for known ones. Y : (s, m) samples, NaN where there is none; codes : (m,) what they are (see
     :func:`measure`); r : (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s];
-    walk : (p,) that of the parameters. reference : (s, n) trajectory to linearise about with the parameters in
+    walk : (p,) that of the parameters; decay : (p,) [1/s] the rate at which each returns to zero, 0 for constants.
+    reference : (s, n) trajectory to linearise about with the parameters in
     *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
 
     max_rate : rate [1/s] steps are made for at least; a filter with moving parameters makes them finer where it must.
@@ -153,6 +165,10 @@ def forward(
         for i in range(p):
             theta[places[i]] = mean[n + i]
     positive = inertia(P, theta, M, M_inverse)
+    massive = False
+    for i in range(p):
+        for e in range(len(P.inertia_coefs)):
+            massive = massive or P.inertia[e, 2] == places[i]
     full = len(history.mean) > 0
     F, late, H, K, g = np.zeros((n, N)), np.zeros((n, n)), np.zeros(N), np.zeros(N), np.zeros(N)
     x, before, moved = np.zeros(n), np.zeros(n), mean.copy()
@@ -190,9 +206,14 @@ def forward(
                 P, theta, places, mean, cov, x, F, late, q, walk, stamps[s - 1], stamps[s], first, t_in, inputs,
                 now, W,
             ):  # fmt: skip
-                _time_update(cov, F, late, q, walk, h)
+                _time_update(cov, F, late, q, walk, decay, h)
             for i in range(n):
                 mean[i] = x[i]
+            for i in range(p):
+                if decay[i] > 0.0:
+                    mean[n + i] *= np.exp(-decay[i] * h)
+                    if not fixed:
+                        theta[places[i]] = mean[n + i]
             if full:
                 history.F[s] = F
                 history.late[s] = late
@@ -219,7 +240,11 @@ def forward(
                 moved[j] = mean[j] + K[j] * error
             _measurement_update(cov, K, H, r[i])
             if p > 0 and not fixed:
-                positive = _move_parameters(P, theta, places, mean, moved, n, M, M_inverse, positive)
+                if massive:
+                    positive = _move_parameters(P, theta, places, mean, moved, n, M, M_inverse, positive)
+                else:
+                    for j in range(p):
+                        theta[places[j]] = moved[n + j]
             for j in range(N):
                 mean[j] = moved[j]
                 if not abs(mean[j]) < 1e9:
@@ -266,6 +291,7 @@ def _move_parameters(
 def backward(
     stamps: Array,
     r: Array,
+    decay: Array,
     history: FilterHistory,
     adjoint: Array,
     information: Array,
@@ -320,17 +346,18 @@ def backward(
         for i in range(n):
             by_drive[0, i] += h * (F_adjoint[i] ** 2 + 4.0 * late_adjoint[i] ** 2 + adjoint[i] ** 2)
             by_drive[1, i] += h * (whole[i, i] + 4.0 * late_block[i, i] + information[i, i])
+        kept = np.exp(-decay * 6.0 * h)
         for i in range(n, N):
-            F_adjoint[i] += adjoint[i]
+            F_adjoint[i] += kept[i - n] * adjoint[i]
         for i in range(N):
             for j in range(N):
                 value = whole[i, j]
                 if j >= n:
-                    value += F_information[i, j]
+                    value += F_information[i, j] * kept[j - n]
                 if i >= n:
-                    value += F_information[j, i]
+                    value += F_information[j, i] * kept[i - n]
                 if i >= n and j >= n:
-                    value += information[i, j]
+                    value += information[i, j] * kept[i - n] * kept[j - n]
                 carried[i, j] = value
         for i in range(N):
             adjoint[i] = F_adjoint[i]

@@ -26,8 +26,8 @@ Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`
 of position and velocity (:mod:`.lever_arm`), ``bottom`` [m] a depth and ``reach`` [m] how far above it the bottom is
 felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
 
-Two inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
-craft whose heave is not simulated.
+Some inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
+craft whose heave is not simulated, ``surge`` and ``sway`` [m/s] for ``u`` and ``v`` where these are measured only.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ __all__ = [
     "RIGID_BODY",
     "SPECIAL",
     "STATES",
+    "SURGE_SEEN",
+    "SWAY_SEEN",
     "WALLS",
     "Inertia",
     "Term",
@@ -89,6 +91,9 @@ SPECIAL: Mapping[str, str] = {
 
 PAYLOAD, DEPTH = "payload", "depth"
 """The input that multiplies the inertia, and that which stands for ``z``."""
+
+SURGE_SEEN, SWAY_SEEN = "surge", "sway"
+"""Inputs that stand for velocities that were measured and are not simulated."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {

@@ -1,0 +1,372 @@
+"""Causes looked for under process noise: one degree of freedom whose heading wanders as wind and wakes push it.
+
+Over a free run such pushes add up until no simulation follows, whatever its model, and every candidate looks alike.
+Here they are part of the model (:class:`.WanderingProblem`): a force of fitted size and memory, so that what is judged
+is how well each sample is foretold from those before it. Each candidate is fitted to the runs together, and whole runs
+(blocks of one) are left out in turn: a name must pay on both. What pays on the first alone is told as refuted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune import chi_square
+from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
+from gcs_autotune.identify import (
+    Fitted,
+    Problem,
+    Segment,
+    Tangent,
+    WanderingFit,
+    WanderingProblem,
+    Water,
+    data_summary_of,
+    thinned_to,
+)
+from gcs_autotune.models import Form
+from gcs_autotune.sname import DOFS
+
+__all__ = ["Attested", "WeatherSearch", "may_be_told", "search_under_process_noise", "weathered_form"]
+
+Array = NDArray[np.float64]
+
+PACE = 5.0
+"""Chosen: samples judged per time constant of the craft; closer ones tell of the sensor's own filter."""
+
+FEWEST = 60
+"""Samples a run keeps at least, where it has them."""
+
+FREEDOMS = (math.inf, 8.0, 4.0)
+"""Degrees of freedom of the innovations' law to choose among: normal, and two with bursts."""
+
+WORTH = 3.0
+"""Log-likelihood gained on data left out (odds of twenty to one) that a name must have."""
+
+BRIEF = 2.5
+"""Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
+
+PRESENT = 8.0
+"""Log-likelihood by which a wandering force must beat none to be there at all."""
+
+ROUGH, REFIT = 2, 4
+"""Scoring rounds of a rough fit, and of one to the rest when a run is left out."""
+
+RUNNERS = 6
+"""Candidates fitted to the end."""
+
+MOST_CAUSES = 4
+MOST_BLOCKS = 4
+
+Say = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attested:
+    """A candidate under process noise: log-likelihood gained on the runs fitted, and on each part left out.
+
+    ``paid``: whether it may be named; ``refuted``: it pays on the runs it is fitted to, and loses on those left out.
+    """
+
+    effect: EffectInstance
+    fit: WanderingFit
+    gain: float
+    unseen: Array
+    needed: float
+    step: int
+    brief: bool = False
+    """Its time is so short that it may as well be a smoother of the recorded signal: never named."""
+
+    @property
+    def foretold(self) -> float:
+        """Log-likelihood gained on all data left out."""
+        return float(self.unseen.sum())
+
+    @property
+    def holds(self) -> bool:
+        """Whether it pays on data left out, and not by one part's merit alone."""
+        if not self.foretold > WORTH:
+            return False
+        return len(self.unseen) < 3 or self.foretold - float(self.unseen.max()) > 0.0
+
+    @property
+    def paid(self) -> bool:
+        """Whether it may be named."""
+        return self.gain > self.needed and self.holds and not self.brief
+
+    @property
+    def refuted(self) -> bool:
+        """Whether it pays on the runs it is fitted to, and not on those it has not seen."""
+        return self.gain > self.needed and not self.holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeatherSearch:
+    """What a search under process noise ended with.
+
+    ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
+    every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force over none.
+    ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
+    """
+
+    problem: WanderingProblem
+    dof: str
+    plain: WanderingFit
+    fit: WanderingFit
+    named: tuple[Attested, ...]
+    judged: tuple[Attested, ...]
+    alike: tuple[tuple[str, ...], ...]
+    calm: float
+    tried: int
+    parts: str
+    folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
+
+
+def weathered_form(form: Form, dof: str) -> Form | None:
+    """Return the equation of *dof* alone, per unit of its inertia.
+
+    None where it is not an uncoupled equation with linear damping, or nothing drives it.
+    """
+    d = DOFS[dof]
+    gain = f"k_{d.force}"
+    inputs: dict[str, tuple[tuple[str, float | str], ...]] = {}
+    for channel, pairs in form.inputs.items():
+        for force, share in pairs:
+            if force == d.force:
+                sign = share < 0.0 if not isinstance(share, str) else share.startswith("-")
+                inputs[channel] = ((d.force, f"-{gain}" if sign else gain),)
+    damping = f"{d.force}_{d.velocity}"
+    if not inputs or form.coriolis or damping not in form.parameters:
+        return None
+    rigid = {"u": "m", "v": "m", "w": "m", "p": "I_x", "q": "I_y", "r": "I_z"}[d.velocity]
+    title = f"{dof} alone, per unit of inertia"
+    free = (gain, damping)
+    return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
+
+
+def search_under_process_noise(
+    problem: Problem, base: Fitted, slugs: Sequence[str], unseen: Sequence[Segment], say: Say
+) -> WeatherSearch | None:
+    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done.
+
+    problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
+    apart, to judge on only.
+    """
+    dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
+    form = weathered_form(problem.form, dof)
+    d = DOFS[dof]
+    signal = next((n for n in (d.position, d.velocity) if any(n in s.signals for s in problem.segments)), None)
+    if form is None or signal is None:
+        return None
+    theta, pace = _from_base(base, dof, form)
+    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
+    interval = min(pace / PACE, longest / FEWEST)
+    segments = thinned_to(problem.segments, signal, interval)
+    held = thinned_to(unseen, signal, interval)
+    if not segments:
+        return None
+    own = dict(zip(form.free, theta.tolist(), strict=True))
+    data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
+    low, high = np.full(2, -np.inf), np.full(2, np.inf)
+    if not any("delta" in (c,) for c in form.inputs):
+        high[1] = 0.0
+    wandering = WanderingProblem(form, segments, data, (low, high))
+    say("process noise", 0, 1)
+    plain = _base_of(wandering, theta, pace)
+    if plain is None:
+        return None
+    quiet = wandering.fit(plain.theta, (), replace(plain.water, size=1e-9), rounds=0)
+    calm = math.inf
+    if quiet is not None:
+        fits = [
+            wandering.fit(plain.theta, (), replace(plain.water, size=1e-9, noise=plain.water.noise * k), rounds=8)
+            for k in (1.0, 10.0)
+        ]
+        calm = plain.total - max((f.total for f in fits if f is not None), default=-math.inf)
+    folds, words = _folds(segments, held)
+    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds)
+    if calm < PRESENT:
+        return search
+    while len(search.named) < MOST_CAUSES:
+        further = _one_more(search, slugs, say)
+        if len(further.named) == len(search.named):
+            return further
+        search = further
+    return search
+
+
+def _from_base(base: Fitted, dof: str, form: Form) -> tuple[Array, float]:
+    """Return gain and damping per inertia of the plain fit, and its time constant [s]."""
+    d, model = DOFS[dof], base.model.base
+    i = model.form.dofs.index(dof)
+    inertia = float(model.inertia[i, i])
+    gain = 1.0
+    for pairs in model.form.inputs.values():
+        for force, share in pairs:
+            if force == d.force:
+                gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
+    damping = model[f"{d.force}_{d.velocity}"] / inertia
+    return np.array([gain / inertia, damping]), 1.0 / max(abs(damping), 1e-3)
+
+
+def _base_of(problem: WanderingProblem, theta: Array, pace: float) -> WanderingFit | None:
+    """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
+    own = [next(iter(s.signals.values())) for s in problem.segments]
+    rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
+    noise = 0.02 * rate * problem.interval
+    rough = []
+    for slower in (1.0, 0.3, 3.0):
+        for memory in (2.0, 20.0):
+            water = Water(0.2 * rate / pace, memory * pace, noise)
+            fit = problem.fit(theta * slower, (), water, rounds=ROUGH)
+            rough += [] if fit is None else [fit]
+    rough.sort(key=lambda f: -f.total)
+    ends = [problem.fit(f.theta, (), f.water) for f in rough[:2]]
+    best = max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
+    if best is None:
+        return None
+    for freedom in FREEDOMS[1:]:
+        tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
+        if tailed is not None and tailed.total > best.total + WORTH:
+            best = tailed
+    return best
+
+
+def _folds(
+    segments: Sequence[Segment], held: Sequence[Segment]
+) -> tuple[tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...], str]:
+    runs = list(dict.fromkeys(s.run for s in segments))
+    folds: list[tuple[tuple[Segment, ...], tuple[Segment, ...]]] = []
+    if len(runs) > 1:
+        for run in runs:
+            folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
+        words = f"each of {len(runs)} runs left out in turn"
+    else:
+        blocks = [b for s in segments for b in s.pieces(MOST_BLOCKS)]
+        folds = [(tuple(b for b in blocks if b is not own), (own,)) for own in blocks]
+        words = f"{len(blocks)} blocks of the run left out in turn"
+    if held:
+        folds.append((tuple(segments), tuple(held)))
+        words += ", and the runs kept apart"
+    return tuple(folds), words
+
+
+# -- one cause more
+
+
+def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
+    found = []
+    for slug in slugs:
+        entry = EFFECTS[slug]
+        if not may_be_told(slug):
+            continue
+        for place in entry.places(data):
+            if any(e.slug == slug and e.place == place for e in present):
+                continue
+            constants = dict(entry.constants(place, data))
+            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, data)])
+    return found
+
+
+def may_be_told(slug: str) -> bool:
+    """Whether a filter can judge an effect: what acts on commands or in the equation of motion, at all times."""
+    entry = EFFECTS[slug]
+    if entry.is_disturbance or entry.happens_at or entry.family == "data errors":
+        return False
+    return bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
+
+
+def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:
+    """Return the search one cause further, or the same with what was judged where none pays."""
+    problem, present = search.problem, search.fit
+    choices = _choices(problem.data, slugs, present.effects)
+    stage = f"process noise, cause {len(search.named) + 1}"
+    rough: list[tuple[EffectInstance, WanderingFit]] = []
+    tangent = problem.tangent(present)
+    for k, own in enumerate(choices):
+        fit = _rough(problem, present, own, tangent)
+        if fit is not None:
+            rough.append((own[0], fit))
+        say(stage, k + 1, len(choices))
+    rough.sort(key=lambda f: -(f[1].total - _price(f[1], present)))
+    ends = []
+    for own, fit in rough[:RUNNERS]:
+        end = problem.fit(fit.theta, fit.effects, fit.water)
+        ends.append((own, end if end is not None and end.total > fit.total else fit))
+    if ends:
+        best = max(ends, key=lambda e: e[1].total)[1]
+        again = problem.fit(best.theta, present.effects, best.water)
+        if again is not None and again.total > present.total + 0.5:
+            present = again
+    tried = max(search.tried, len(choices))
+    before = _unseen(search, present)
+    judged = []
+    for own, fit in ends:
+        more = fit.unknowns - present.unknowns
+        needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
+        gain = fit.total - present.total
+        now = next(e for e in fit.effects if (e.slug, e.place) == (own.slug, own.place))
+        foretold = _unseen(search, fit) - before if gain > 0.5 * needed else np.zeros(len(before))
+        brief = any(
+            q.unit == "s" and abs(now.values[q.name]) < BRIEF * problem.data.interval
+            for q in EFFECTS[now.slug].parameters
+        )
+        judged.append(Attested(now, fit, gain, foretold, needed, len(search.named) + 1, brief))
+    judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
+    search = replace(search, judged=(*search.judged, *judged), tried=tried, fit=present)
+    if not search.named:
+        search = replace(search, plain=present)
+    paid = [a for a in judged if a.paid]
+    if not paid:
+        return search
+    worth = [a.gain - _price(a.fit, present) for a in paid]
+    alike = [a for a, w in zip(paid, worth, strict=True) if w > worth[0] - 0.5 * ALIKE]
+    slugs_alike = {a.effect.slug for a in alike}
+    alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
+    winner = alike[0]
+    groups = search.alike
+    if len(slugs_alike) > 1:
+        names = [winner.effect.slug, *(a.effect.slug for a in alike if a is not winner)]
+        groups = (*groups, tuple(dict.fromkeys(names)))
+    return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+
+
+def _price(fit: WanderingFit, present: WanderingFit) -> float:
+    """Return what additional parameters cost (Schwarz), as log-likelihood."""
+    samples = sum(len(e) for _, e, _ in fit.innovations)
+    return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
+
+
+TRACE = 0.1
+"""A small amount of an effect, in shares of the size it is tried at."""
+
+
+def _rough(
+    problem: WanderingProblem, present: WanderingFit, choices: Sequence[EffectInstance], tangent: Tangent
+) -> WanderingFit | None:
+    """Return the most promising of the values to begin from, and of small amounts of them, all else adapted."""
+    entry = EFFECTS[choices[0].slug]
+    growing = [n for n in entry.grows_with if n in choices[0].values]
+    more = list(choices)
+    for own in choices if growing else ():
+        zero = {n: entry.neutral.get(n, 0.0) for n in growing}
+        more.append(own.with_values({n: zero[n] + TRACE * (own.values[n] - zero[n]) for n in growing}))
+    tried = [problem.adapted(present, own, tangent) for own in more]
+    best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
+    return None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
+
+
+def _unseen(search: WeatherSearch, fit: WanderingFit) -> Array:
+    """Return the log-likelihood (folds,) of what each fold leaves out, by *fit* refitted to the rest of it."""
+    found = []
+    for train, test in search.folds:
+        rest = search.problem.on(train)
+        again = rest.fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
+        seen = None if again is None else search.problem.on(test).judge(again)
+        found.append(-1e6 if seen is None else seen.total)
+    return np.array(found)

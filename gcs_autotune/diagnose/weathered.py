@@ -1,0 +1,436 @@
+"""What a search under process noise says to a diagnosis: whether it takes the floor, its names, the force it misses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
+from gcs_autotune.diagnose.process_noise import PRESENT, WeatherSearch, may_be_told, search_under_process_noise
+from gcs_autotune.diagnose.result import ErrorReduction, Missing, MissingCurve, Ranked, Value
+from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
+from gcs_autotune.identify import Doubt, Fitted, WanderingFit
+from gcs_autotune.sname import DOFS, SIGNALS
+
+__all__ = [
+    "gains_under",
+    "look_under_process_noise",
+    "missing_under",
+    "next_of",
+    "order_under",
+    "ranking_under",
+    "shares_under",
+    "values_under",
+    "words_of",
+]
+
+Array = NDArray[np.float64]
+
+BINS, FEWEST = 9, 8
+"""Places along each axis where the missing force is told, and samples about one at least."""
+
+TOLD = 0.1
+"""Share of the missing force that must go with something, foretold from other runs, to be told."""
+
+
+def look_under_process_noise(state: SearchState) -> SearchState | None:
+    """Look again with a force that wanders in the model, where what is left over is no noise.
+
+    Names found so take the place of those of a search that knew no such force. None where that search ended at the
+    noise, where it named what a filter cannot judge (clocks, sensors), or where nothing wanders: then it stands.
+    """
+    question = state.question
+    if question.given is not None or question.horizon is not None:
+        return None
+    if whiteness_of(tests_of(state.problem, state.fitted)) > WHITE:
+        return None
+    if any(not may_be_told(e.slug) for e in state.causes):
+        return None
+    search = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
+    if search is None or search.calm < PRESENT:
+        return None
+    if state.causes and _outdone(search, state):
+        return None
+    kept = replace(state, weather=search, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
+    if not search.named:
+        return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
+    fitted = _as_fitted(state, search)
+    doubt = Doubt(
+        "process-noise",
+        f"between the samples a force wanders ({words_of_water(search)}); the causes named foretell the {search.dof} "
+        "of runs they were not fitted to better beside it, and are hypotheses",
+        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+    )
+    return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
+
+
+def _outdone(search: WeatherSearch, state: SearchState) -> bool:
+    """Whether the causes of the search before explain the runs better under process noise too."""
+    named = {(a.effect.slug, a.effect.place) for a in search.named}
+    scaled = [_per_inertia(e, search, state) for e in state.causes]
+    if {(e.slug, e.place) for e in scaled} <= named:
+        return False
+    other = search.problem.fit(search.fit.theta, scaled, search.fit.water)
+    if other is None:
+        return False
+    samples = sum(len(e) for _, e, _ in other.innovations)
+    price = 0.5 * (other.unknowns - search.fit.unknowns) * math.log(max(samples, 2))
+    return other.total - price > search.fit.total
+
+
+def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
+    names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
+    return Doubt(
+        "not-under-process-noise",
+        f"{names} lowers the error of a simulation without weather, and foretells nothing once a force may wander",
+        "repeat the runs in calmer water",
+    )
+
+
+def _inertia(search: WeatherSearch, state: SearchState) -> float:
+    """Return the inertia the wandering fit speaks for, in the base model's own units."""
+    d, form = DOFS[search.dof], state.base.form
+    gain = float(search.fit.theta[0])
+    for pairs in form.inputs.values():
+        for force, share in pairs:
+            if force == d.force and not isinstance(share, str):
+                return abs(share) / gain if abs(gain) > 1e-12 else math.copysign(1e12, gain)
+    return 1.0
+
+
+def _scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstance:
+    """Return an effect with its forces times *factor*."""
+    entry = EFFECTS[effect.slug]
+    if "motion" not in entry.acts_on:
+        return effect
+    forces = [q.name for q in entry.parameters if q.unit == INPUT or q.unit.startswith(("force", "moment"))]
+    by = abs(factor) if "sense" in effect.constants else factor
+    constants = {**effect.constants, **({"sense": sense} if "sense" in effect.constants else {})}
+    values = {n: v * by if n in forces else v for n, v in effect.values.items()}
+    return EffectInstance(effect.slug, effect.place, values, constants)
+
+
+def _per_inertia(effect: EffectInstance, search: WeatherSearch, state: SearchState) -> EffectInstance:
+    i = state.base.form.dofs.index(search.dof)
+    return _scaled(effect, 1.0 / float(state.base.model.base.inertia[i, i]), 1.0)
+
+
+def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:
+    """Return the model found, in the base model's form and units, with the initial states that suit it."""
+    d, base = DOFS[search.dof], state.base
+    inertia = _inertia(search, state)
+    gain, damping = search.fit.theta
+    values = {
+        f"{d.force}_{d.velocity}dot": -inertia,
+        f"{d.force}_{d.velocity}": float(damping) * inertia,
+        f"k_{d.force}": float(gain) * inertia,
+    }
+    names = base.form.parameters
+    theta = np.array([values.get(n, v) for n, v in zip(names, base.theta.tolist(), strict=True)])
+    effects = in_order([_scaled(e, inertia, math.copysign(1.0, inertia)) for e in search.fit.effects])
+    with np.errstate(all="ignore"):
+        return state.problem.states(theta, effects, base.initial)
+
+
+# -- the force that is missing, estimated without a name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimate:
+    """The missing force (n,) of one run at stamps (n,), its standard deviation, and what it may go with."""
+
+    run: str
+    t: Array
+    force: Array
+    std: Array
+    beside: Mapping[str, Array]
+
+
+def missing_of(search: WeatherSearch, unit: str, inertia: float) -> Missing | None:
+    """Return the force that wanders beside the model found, times *inertia*, over everything recorded."""
+    estimates = _estimated(search, inertia)
+    if not estimates:
+        return None
+    water = search.fit.water
+    pushed = np.concatenate([e.beside["command"] for e in estimates])
+    commanded = float(np.sqrt(np.mean(pushed**2)))
+    size = water.size * abs(inertia)
+    curves = {}
+    for name in dict.fromkeys(n for e in estimates for n in e.beside):
+        curve = _curve_over(name, [e for e in estimates if name in e.beside])
+        if curve is not None:
+            curves[name] = curve
+    curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
+    share = size / commanded if commanded > 0.0 else math.nan
+    return Missing(search.dof, unit, size, water.memory, share, curves)
+
+
+def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
+    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.water, full=True)
+    if done is None:
+        return []
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    d, n = DOFS[search.dof], len(bank.states)
+    rate = bank.states.index(d.velocity)
+    found = []
+    gain = float(search.fit.theta[0])
+    for track, path, var, original in zip(
+        bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
+    ):
+        t = track.stamps
+        row = np.maximum(np.searchsorted(original.t_in, t, side="right") - 1, 0)
+        command = np.zeros(len(t))
+        for k, name in enumerate(original.input_names):
+            for force, share in search.problem.form.inputs.get(name, ()):
+                if force == d.force:
+                    command += (-1.0 if str(share).startswith("-") else 1.0) * original.inputs[row, k]
+        beside = {"command": command * gain * inertia, d.velocity: path[:, rate], "time": t - t[0]}
+        if search.dof == "yaw":
+            beside["psi"] = np.mod(path[:, bank.states.index("psi")], 2.0 * np.pi)
+        for name in ("u", "v"):
+            if name in original.measured and name != d.velocity:
+                own = original.measured[name]
+                known = np.isfinite(own.values)
+                if known.sum() > FEWEST:
+                    beside[name] = np.interp(t, own.t[known], own.values[known])
+        force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
+        found.append(_Estimate(original.run, t, force, std, beside))
+    return found
+
+
+def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
+    """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
+    pieces = [(e.beside[name], e.force, e.std) for e in estimates]
+    if len(pieces) == 1:
+        pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]  # type: ignore[misc]
+    x, y, std = (np.concatenate([p[k] for p in pieces]) for k in range(3))
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    if len(edges) < 3:
+        return None
+
+    def means(x: Array, y: Array) -> Array:
+        own = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        count = np.bincount(own, minlength=len(edges) - 1)
+        total = np.bincount(own, y, minlength=len(edges) - 1)
+        return np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan)
+
+    left, whole = 0.0, 0.0
+    for k, (own_x, own_y, _) in enumerate(pieces):
+        others = [p for j, p in enumerate(pieces) if j != k]
+        curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
+        at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
+        told = np.nan_to_num(curve[at])
+        left += float(np.sum((own_y - told) ** 2))
+        whole += float(np.sum(own_y**2))
+    # Between runs, for samples of one run are not independent.
+    each = np.array([means(p[0], p[1]) for p in pieces])
+    count = np.maximum(np.sum(np.isfinite(each), axis=0), 1)
+    with np.errstate(all="ignore"):
+        spread = np.nanstd(each, axis=0, ddof=0) / np.sqrt(np.maximum(count - 1, 1))
+    force = means(x, y)
+    known = np.isfinite(force) & np.isfinite(spread)
+    if known.sum() < 3:
+        return None
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    band = np.hypot(1.96 * spread, means(x, std) / math.sqrt(len(x) / BINS))
+    share = 1.0 - left / whole if whole > 0.0 else 0.0
+    return MissingCurve(name, _unit(name), middle[known], force[known], band[known], share)
+
+
+def _unit(name: str) -> str:
+    return "s" if name == "time" else SIGNALS[name][0] if name in SIGNALS else ""
+
+
+AXES: Mapping[str, str] = {
+    "command": "the command",
+    "r": "the turn rate",
+    "u": "the speed ahead",
+    "v": "the speed sideways",
+    "w": "the speed down",
+    "psi": "the heading",
+    "time": "the time into the run",
+}
+
+TELLING: Mapping[str, str] = {
+    "command": "steps of four sizes to each side, each held until the rate is steady: a curve over the command is the "
+    "actuator's",
+    "r": "turning circles at three rates each way, each held for a full turn: a curve over the turn rate is damping",
+    "u": "the same zig-zag at slow, half and full speed, each speed steady before it begins",
+    "v": "pull-outs: a hard turn, then no command until it runs straight, at two speeds, with the sideways speed "
+    "recorded",
+    "w": "equal pushes up and down at two depths",
+    "psi": "two slow full turns, one each way: what goes with the heading is wind, current or the compass",
+    "time": "the first manoeuvre once more at the end of the run: what grows with time is battery, fouling or weather",
+}
+"""Quantity the missing force goes with -> the manoeuvre that would tell why."""
+
+
+def words_of_water(search: WeatherSearch) -> str:
+    """Return size and memory of the force that wanders."""
+    water = search.fit.water
+    unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
+    bursts = "" if math.isinf(water.freedom) else ", in bursts"
+    return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
+
+
+def words_of(search: WeatherSearch, missing: Missing | None) -> tuple[str, ...]:
+    """Return in words what the missing force looks like, and which names did not hold."""
+    found = []
+    if missing is not None:
+        kind = "moment" if DOFS[missing.dof].angular else "force"
+        share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
+        found.append(
+            f"a {kind} of {missing.size:.3g} {missing.unit} (standard deviation{share}) is missing in {missing.dof}; "
+            f"it changes within {missing.memory:.3g} s"
+        )
+        told = [c for c in missing.curves.values() if c.share > TOLD]
+        for curve in told[:2]:
+            low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
+            x = f" {curve.unit}" if curve.unit else ""
+            found.append(
+                f"{100.0 * curve.share:.0f} % of it goes with {AXES.get(curve.over, curve.over)}, told by other runs: "
+                f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
+                f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
+            )
+        if not told:
+            found.append(
+                "it goes with nothing recorded ("
+                + ", ".join(missing.curves)
+                + "): it looks like wind, wakes or current"
+            )
+    for attested in search.judged:
+        if attested.refuted:
+            found.append(
+                f"{attested.effect.slug} of {attested.effect.place} fits the given runs ({attested.gain:+.1f} in "
+                f"log-likelihood) and loses on those left out ({attested.foretold:+.1f}): refuted as it stands"
+            )
+    return tuple(dict.fromkeys(found))
+
+
+def next_of(missing: Missing | None) -> str | None:
+    """Return the manoeuvre that would tell what the missing force is."""
+    if missing is None or not missing.curves:
+        return None
+    best = next(iter(missing.curves.values()))
+    if best.share <= TOLD or best.over not in TELLING:
+        return (
+            f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
+            f"{missing.unit} hides what is smaller than a few shares of it"
+        )
+    return TELLING[best.over]
+
+
+# -- for the report
+
+
+def order_under(search: WeatherSearch, state: SearchState) -> list[EffectInstance]:
+    """Return the causes named, in the order found, as the final model has them."""
+    now = {(e.slug, e.place): e for e in state.fitted.effects}
+    keys = [(a.effect.slug, a.effect.place) for a in search.named]
+    return [now[k] for k in keys if k in now]
+
+
+def values_under(search: WeatherSearch, state: SearchState) -> dict[tuple[str, str], dict[str, Value]]:
+    """Return the numbers of the causes named with their standard errors, in the base model's units."""
+    return {(e.slug, e.place): _told(e, search.fit, state) for e in order_under(search, state)}
+
+
+def _told(effect: EffectInstance, fit: WanderingFit, state: SearchState) -> dict[str, Value]:
+    """Return the numbers of *effect*, as in the base's units, with errors from *fit*."""
+    here = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
+    found = {}
+    for name, value in effect.values.items():
+        std = fit.std_of(effect.slug, effect.place, name)
+        unit = EFFECTS[effect.slug].unit_of(name, effect.place, state.problem.data_summary)
+        found[name] = Value(value, unit, std * abs(value / here.values[name]) if here.values[name] else std)
+    return found
+
+
+def ranking_under(search: WeatherSearch, state: SearchState) -> tuple[Ranked, ...]:
+    """Return every candidate judged; ``evidence`` is twice the log-likelihood gained on data left out."""
+    found = []
+    inertia = _inertia(search, state)
+    for a in search.judged:
+        effect = _scaled(a.effect, inertia, math.copysign(1.0, inertia))
+        samples = sum(len(t) for t, _, _ in a.fit.innovations)
+        gain = 1.0 - math.exp(-max(a.foretold, -50.0) / max(samples, 1))
+        p = min(1.0, search.tried * math.exp(-max(min(a.foretold, 700.0), 0.0)))
+        found.append(
+            Ranked(a.effect.slug, a.effect.place, gain, p, 2.0 * a.foretold, _told(effect, a.fit, state), a.step)
+        )
+    return tuple(found)
+
+
+def shares_under(search: WeatherSearch) -> dict[tuple[str, str], float]:
+    """Return by which share each cause lowers the variance of the force that wanders."""
+    found, before = {}, search.plain
+    first = before.water.size
+    for a in search.named:
+        drop = (before.water.size**2 - a.fit.water.size**2) / first**2
+        found[a.effect.slug, a.effect.place] = float(np.clip(drop, 0.0, 1.0))
+        before = a.fit
+    return found
+
+
+def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
+    """Return the error several seconds ahead on data left out, before and after."""
+    found = seconds_ahead(search)
+    if found is None:
+        return ()
+    ahead, before, after, low, high = found
+    signal = next(iter(search.problem.segments[0].signals))
+    metric = f"error {ahead:g} s ahead"
+    ratio = after / before if before > 0.0 else 1.0
+    unit = SIGNALS[signal][0]
+    return (ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts),)
+
+
+def missing_under(search: WeatherSearch, state: SearchState) -> Missing | None:
+    """Return the missing force in the base model's units."""
+    return missing_of(search, force_unit(search.dof, state.problem.data_summary), _inertia(search, state))
+
+
+SEED = 0
+
+
+def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, float] | None:
+    """Return seconds, rms errors so far ahead on data left out of the plain model and of the one with causes.
+
+    Last come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
+    errors).
+    """
+    horizon = 3.0 / max(abs(float(search.plain.theta[1])), 1e-3)
+    nice = np.array([0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])
+    longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
+    usable = nice[(nice < longest / 4.0) & (nice > 3.0 * search.problem.interval)]
+    if not len(usable):
+        return None
+    ahead = float(usable[np.argmin(np.abs(np.log(usable / horizon)))])
+    squares = []
+    for train, test in search.folds:
+        rest, seen = search.problem.on(train), search.problem.on(test)
+        errors = []
+        for one in (search.plain, search.fit):
+            again = rest.fit(one.theta, one.effects, one.water, rounds=4)
+            errors.append(seen.ahead(again or one, ahead))
+        good = min(len(e) for e in errors)
+        squares.append(np.array([e[:good] ** 2 for e in errors]))
+    joined = np.hstack(squares)
+    if joined.shape[1] < 2 or not np.all(np.isfinite(joined)):
+        return None
+    draws = np.random.default_rng(SEED)
+    ratios = []
+    for _ in range(400):
+        chosen = [squares[i] for i in draws.integers(0, len(squares), len(squares))]
+        again_all = np.hstack(chosen)
+        again_all = again_all[:, draws.integers(0, again_all.shape[1], again_all.shape[1])]
+        ratios.append(float(np.sqrt(again_all[1].mean() / max(again_all[0].mean(), 1e-300))))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    before, after = np.sqrt(joined.mean(axis=1)).tolist()
+    return ahead, before, after, float(low), float(high)

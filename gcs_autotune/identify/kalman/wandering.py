@@ -1,0 +1,509 @@
+"""One degree of freedom under a force that wanders: wind, wake and current as process noise, fitted with the model.
+
+The equation of motion, with whatever effects stand in it, is driven besides by a force that is an Ornstein-Uhlenbeck
+process: its standard deviation and time constant are unknowns beside the model's and the noise of the sensor. The
+filter carries that force as a parameter that decays (:class:`.filter_bank.Levels`), so initial states and what the
+force did are integrated out; what is left is the likelihood of the innovations (Ljung1999, chapter 7). Gusts come in
+bursts: innovations may follow Student's law of *freedom* degrees instead of the normal one, its variance the filter's.
+
+Derivatives by the unknowns are differences of passes; steps and covariance come from the expected information.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models import Form, Simulator, states_of
+from gcs_autotune.sname import DOFS
+
+__all__ = ["WanderingFit", "WanderingProblem", "Water", "thinned_to"]
+
+Array = NDArray[np.float64]
+
+WANDERS = "gust"
+"""Input, always 1, whose gain is the force that wanders."""
+
+ROUNDS = 30
+"""Most scoring rounds."""
+
+ENOUGH = 2e-2
+"""Expected gain of the log-likelihood at which a search ends."""
+
+STEP = 2e-2
+"""Length of a difference in standard errors."""
+
+PER_SAMPLE = 4.0
+"""Inputs and measured motions are held as means over no less than this share of the interval between samples."""
+
+VELOCITIES = ("u", "v", "w", "p", "q", "r")
+
+SHORTEST_MEMORY = 2.0
+"""Least time constant of the force, in intervals between samples: quicker, it is noise of the sensor's kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Water:
+    """What drives a craft besides its commands, and how well it is seen.
+
+    ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
+    that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
+    """
+
+    size: float
+    memory: float
+    noise: float
+    freedom: float = math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WanderingFit:
+    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
+
+    ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
+    base's parameters, then the effects', then log size, log memory, log noise. ``innovations``: per record stamps,
+    innovation and its variance.
+    """
+
+    form: Form
+    theta: Array
+    effects: tuple[EffectInstance, ...]
+    water: Water
+    log_likelihood: Array
+    free_effects: tuple[tuple[int, str], ...]
+    covariance: Array
+    innovations: tuple[tuple[Array, Array, Array], ...]
+
+    @property
+    def total(self) -> float:
+        """The log-likelihood of all records."""
+        return float(self.log_likelihood.sum())
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers were fitted."""
+        return len(self.theta) + len(self.free_effects) + 3
+
+    def std_of(self, slug: str, place: str, name: str) -> float:
+        """Return the standard error of an effect's number, NaN where it was not fitted."""
+        for k, (i, n) in enumerate(self.free_effects):
+            if (self.effects[i].slug, self.effects[i].place, n) == (slug, place, name):
+                return float(math.sqrt(max(self.covariance[len(self.theta) + k, len(self.theta) + k], 0.0)))
+        return math.nan
+
+
+def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> list[Segment]:
+    """Return the segments with samples of *signal* only, no closer than *interval* [s]."""
+    found = []
+    for segment in segments:
+        if signal not in segment.signals:
+            continue
+        own = segment.signals[signal]
+        step = float(np.median(np.diff(own.t)))
+        every = max(1, round(interval / step))
+        kept = replace(own, t=own.t[::every], values=own.values[::every])
+        found.append(_coarser(replace(segment, signals={signal: kept}), interval / PER_SAMPLE))
+    return found
+
+
+def _coarser(segment: Segment, width: float) -> Segment:
+    """Return the segment with inputs and measured motions as means over *width* [s], where they come more often."""
+    measured = {}
+    for name, channel in segment.measured.items():
+        known = np.isfinite(channel.values) & np.isfinite(channel.t)
+        t, values = channel.t[known], channel.values[known]
+        if len(t) < 2 or name not in VELOCITIES or 2.0 * float(np.median(np.diff(t))) > width:
+            measured[name] = channel
+            continue
+        bins = np.floor((t - t[0]) / width).astype(int)
+        count = np.maximum(np.bincount(bins), 1)
+        there = np.bincount(bins) > 0
+        mean_t, mean = (np.bincount(bins, x)[there] / count[there] for x in (t, values))
+        measured[name] = replace(channel, t=mean_t, values=mean)
+    segment = replace(segment, measured=measured)
+    t_in, end = segment.t_in, float(segment.stamps[-1])
+    if len(t_in) < 8 or 2.0 * float(np.median(np.diff(t_in))) > width or end <= t_in[0]:
+        return segment
+    edges = np.arange(t_in[0], end + width, width)
+    every = np.union1d(t_in, edges)
+    row = np.searchsorted(t_in, every, side="right") - 1
+    held = np.diff(np.append(every, max(float(every[-1]), end) + width))
+    own = np.clip(np.searchsorted(edges, every, side="right") - 1, 0, len(edges) - 1)
+    weight = np.bincount(own, held, len(edges))
+    table = np.column_stack(
+        [np.bincount(own, held * segment.inputs[row, i], len(edges)) / weight for i in range(segment.inputs.shape[1])]
+    )
+    return replace(segment, t_in=edges, inputs=table, slack=np.zeros(len(edges)))
+
+
+class WanderingProblem:
+    """A form of one degree of freedom and segments with its position, ready to fit with any effects.
+
+    Parameters
+    ----------
+    form : per unit of inertia: its inertia known as one. segments : their only signal the position.
+    data : what effects are told of the runs. low, high : limits of the form's free parameters.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        segments: Sequence[Segment],
+        data: DataSummary,
+        limits: tuple[Array, Array],
+    ) -> None:
+        self.form, self.segments, self.data, self.limits = form, tuple(segments), data, limits
+        self.dof = DOFS[form.dofs[0]]
+        self.interval = float(np.median(np.concatenate([np.diff(s.stamps) for s in segments])))
+        self._banks: dict[tuple[object, ...], FilterBank] = {}
+        self._priors = self._first()
+
+    def on(self, segments: Sequence[Segment]) -> WanderingProblem:
+        """Return the same problem on other segments."""
+        return WanderingProblem(self.form, segments, self.data, self.limits)
+
+    def _first(self) -> tuple[Array, Array]:
+        """Return first position and velocity (records, 2) and their standard deviations, wide."""
+        states, spread = [], []
+        for s in self.segments:
+            own = next(iter(s.signals.values()))
+            rate = float(np.sqrt(np.mean(np.diff(own.values) ** 2 / np.diff(own.t) ** 2)))
+            few = min(5, len(own.t))
+            slope = float(np.polyfit(own.t[:few], own.values[:few], 1)[0])
+            states.append([own.values[0], slope])
+            spread.append([max(10.0 * rate * self.interval, 1e-6), max(rate, 1e-9)])
+        order = [0, 1] if states_of(self.form)[0] == self.dof.position else [1, 0]
+        return np.array(states)[:, order], np.array(spread)[:, order]
+
+    # -- passes
+
+    def bank(self, effects: Sequence[EffectInstance]) -> FilterBank:
+        """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
+        early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
+        key = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
+        key = (*key, *((e.slug, e.place) for e in effects))
+        if key not in self._banks:
+            if len(self._banks) > 60:
+                self._banks.clear()
+            self._banks[key] = self._new_bank(effects)
+        return self._banks[key]
+
+    def _new_bank(self, effects: Sequence[EffectInstance]) -> FilterBank:
+        more: dict[str, None] = {}
+        added: dict[str, None] = {}
+        for effect in effects:
+            more.update(dict.fromkeys(EFFECTS[effect.slug].inputs(effect)))
+            added.update(dict.fromkeys(EFFECTS[effect.slug].derivatives(effect)))
+        inputs = {**self.form.inputs, **{n: () for n in (*more, WANDERS) if n not in self.form.inputs}}
+        name = f"{self.dof.force}_{WANDERS}"
+        form = replace(self.form, inputs=inputs).freeing(*(n for n in (*added, name) if n not in self.form.parameters))
+        records = []
+        for segment in self.segments:
+            passage = segment.passage
+            drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
+            for effect in effects:
+                drive = EFFECTS[effect.slug].drive(effect, drive)
+            table = {n: np.ones(len(drive.t)) if n == WANDERS else drive.channels[n] for n in inputs}
+            records.append(segment.driven(drive.t, table))
+        return FilterBank(form, records, (name,))
+
+    def run(
+        self, theta: Array, effects: Sequence[EffectInstance], water: Water, *, full: bool = False
+    ) -> tuple[FilterBank, FilterResult, Levels] | None:
+        """Pass the filter over all records; None when it runs away."""
+        bank = self.bank(effects)
+        every = self.theta_of(bank.form, theta, effects)
+        decay = 1.0 / water.memory
+        levels = Levels(
+            np.array([water.noise**2]),
+            np.zeros(len(bank.states)),
+            np.array([2.0 * decay * water.size**2]),
+            np.array([decay]),
+        )
+        states, spread = self._priors
+        prior = Prior(states, spread, np.zeros(1), np.array([[water.size**2]]))
+        with np.errstate(all="ignore"):
+            result = bank.run(every, prior, levels, full=full)
+        return None if result is None else (bank, result, levels)
+
+    def theta_of(self, form: Form, theta: Array, effects: Sequence[EffectInstance]) -> Array:
+        """Return all parameters of *form*, the effects' derivatives added to the base's."""
+        values = dict(zip(self.form.free, theta.tolist(), strict=True)) | dict(self.form.known)
+        for effect in effects:
+            for n, v in EFFECTS[effect.slug].derivatives(effect).items():
+                values[n] = values.get(n, 0.0) + v
+        return np.array([values.get(n, 0.0) for n in form.parameters])
+
+    # -- likelihood
+
+    def _innovations(
+        self, theta: Array, effects: Sequence[EffectInstance], water: Water
+    ) -> tuple[tuple[Array, Array, Array], ...] | None:
+        done = self.run(theta, effects, water)
+        if done is None:
+            return None
+        bank, result, _ = done
+        found = []
+        for track, history in zip(bank.tracks, result.histories, strict=True):
+            seen = ~np.isnan(history.S[:, 0])
+            found.append((track.stamps[seen], history.e[seen, 0], history.S[seen, 0]))
+        return tuple(found)
+
+    def fit(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        water: Water,
+        *,
+        rounds: int = ROUNDS,
+        held: frozenset[tuple[str, str]] = frozenset(),
+        only_log_likelihood: bool = False,
+    ) -> WanderingFit | None:
+        """Fit from these values on; None when the filter runs away at the start already.
+
+        held : (slug, place) of effects whose numbers stay as they are.
+        """
+        effects = in_order(effects)
+        free_effects = _free_of(effects, held)
+        coordinates = _Coordinates(self, effects, free_effects, water)
+        x = coordinates.clipped(coordinates.pack(theta, effects, water))
+        here = coordinates.at(x)
+        if here is None:
+            return None
+        steps = coordinates.first_steps(x)
+        damping, information = 1e-3, np.eye(len(x))
+        for _ in range(0 if only_log_likelihood else rounds):
+            gradient, information = coordinates.score(x, here, steps)
+            scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
+            steps = np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12)
+            steps = np.minimum(steps, coordinates.widest)
+            improved = 0.0
+            while damping < 1e8:
+                A = information + damping * np.diag(scale**2)
+                move = coordinates.bounded_move(x, gradient, A)
+                other = coordinates.clipped(x + move)
+                there = coordinates.at(other)
+                if there is not None and there[1] > here[1]:
+                    improved, x, here = there[1] - here[1], other, there
+                    damping = max(damping * 0.2, 1e-6)
+                    break
+                if float(gradient @ move) < ENOUGH:
+                    break
+                damping = max(damping * 6.0, 1e-3)
+            if improved < ENOUGH:
+                break
+        theta, effects, water = coordinates.unpack(x)
+        inverse = np.linalg.pinv(information) if not only_log_likelihood else np.full((len(x), len(x)), np.nan)
+        return WanderingFit(self.form, theta, effects, water, here[2], free_effects, inverse, here[0])
+
+    def tangent(self, fit: WanderingFit) -> Tangent:
+        """Return how the innovations of *fit* move with its unknowns."""
+        held = frozenset[tuple[str, str]]()
+        coordinates = _Coordinates(self, fit.effects, _free_of(fit.effects, held), fit.water)
+        x = coordinates.pack(fit.theta, fit.effects, fit.water)
+        here = coordinates.at(x)
+        assert here is not None, "a fit can be passed over again"
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
+        steps = np.minimum(np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12), coordinates.widest)
+        return Tangent(*coordinates.derivatives(x, here, steps))
+
+    def adapted(self, fit: WanderingFit, own: EffectInstance, tangent: Tangent) -> WanderingFit | None:
+        """Return *fit* with an effect more, its own numbers moved to first order by what the effect leaves."""
+        effects = in_order((*fit.effects, own))
+        held = frozenset({(own.slug, own.place)})
+        free_effects = _free_of(effects, held)
+        coordinates = _Coordinates(self, effects, free_effects, fit.water)
+        x = coordinates.pack(fit.theta, effects, fit.water)
+        here = coordinates.at(x)
+        if here is None:
+            return None
+        for _ in range(2):
+            gradient, information = coordinates.gathered(tangent.J, tangent.D, here)
+            A = information + 1e-3 * np.diag(np.diag(information))
+            other = coordinates.clipped(x + coordinates.bounded_move(x, gradient, A))
+            there = coordinates.at(other)
+            if there is None or there[1] <= here[1]:
+                break
+            x, here = other, there
+        theta, effects, water = coordinates.unpack(x)
+        return WanderingFit(
+            self.form, theta, effects, water, here[2], free_effects, np.zeros((len(x), len(x))), here[0]
+        )
+
+    def judge(self, fit: WanderingFit) -> WanderingFit | None:
+        """Return *fit* as it is on this problem's segments: their log-likelihoods and innovations."""
+        return self.fit(fit.theta, fit.effects, fit.water, only_log_likelihood=True)
+
+    def ahead(self, fit: WanderingFit, seconds: float) -> Array:
+        """Return errors (k,) of the signal *seconds* [s] ahead of samples all along the records."""
+        done = self.run(fit.theta, fit.effects, fit.water, full=True)
+        if done is None:
+            return np.array([np.nan])
+        bank, result, _ = done
+        names, n = bank.form.parameters, len(bank.states)
+        theta = self.theta_of(bank.form, fit.theta, fit.effects)
+        theta[names.index(bank.free[0])] = 1.0
+        gust = list(bank.form.inputs).index(WANDERS)
+        simulator, errors = Simulator(bank.form), []
+        for track, history in zip(bank.tracks, result.histories, strict=True):
+            own = next(iter(track.record.signals.values()))
+            seen = int(next(i for i, name in enumerate(bank.states) if name == own.name))
+            t_in, table = track.record.t_in, track.record.inputs
+            begin = track.stamps[0] + seconds
+            while begin + seconds <= track.stamps[-1]:
+                s = int(np.searchsorted(track.stamps, begin))
+                start = float(track.stamps[s])
+                goal = int(np.searchsorted(own.t, start + seconds))
+                begin += 0.5 * seconds
+                if goal >= len(own.t):
+                    break
+                end = float(own.t[goal])
+                inside = t_in[(t_in > start) & (t_in < end)]
+                t = np.union1d(np.append(inside, start), np.arange(start, end, self.interval))
+                rows = table[np.maximum(np.searchsorted(t_in, t, side="right") - 1, 0)].copy()
+                rows[:, gust] = history.mean[s, n] * np.exp(-(t - start) / fit.water.memory)
+                found = simulator.run(theta, history.mean[s, :n].copy(), t, rows, np.array([start, end]))
+                if found is not None:
+                    errors.append(own.values[goal] - found[0][-1, seen])
+        return np.array(errors)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangent:
+    """Derivatives of all innovations (samples,) and of their log variances by the unknowns of a fit, (q, samples)."""
+
+    J: Array
+    D: Array
+
+
+def _free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
+    """Return (index, name) of the numbers of *effects* to fit."""
+    return tuple(
+        (i, n)
+        for i, e in enumerate(effects)
+        if (e.slug, e.place) not in held
+        for n in e.values
+        if n not in EFFECTS[e.slug].fixed
+    )
+
+
+_Point = tuple[tuple[tuple[Array, Array, Array], ...], float, Array]
+
+
+class _Coordinates:
+    """Unknowns in a row: base parameters, effects' numbers, logarithms of size, memory and noise."""
+
+    def __init__(
+        self,
+        problem: WanderingProblem,
+        effects: tuple[EffectInstance, ...],
+        free_effects: tuple[tuple[int, str], ...],
+        water: Water,
+    ) -> None:
+        self.problem, self.effects, self.free_effects, self.freedom = problem, effects, free_effects, water.freedom
+        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
+        pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
+        longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
+        step = max((next(iter(s.signals.values())).step for s in problem.segments), default=0.0)
+        rates = np.concatenate([np.abs(np.diff(next(iter(s.signals.values())).values)) for s in problem.segments])
+        finest = max(step / math.sqrt(12.0), 1e-3 * float(np.median(rates)), 1e-9)
+        low, high = problem.limits
+        self.low = np.concatenate(
+            [low, [p[0] for p in pairs], np.log([1e-12, SHORTEST_MEMORY * problem.interval, finest])]
+        )
+        self.high = np.concatenate([high, [p[1] for p in pairs], np.log([1e6, longest, 1e6])])
+        spans = np.array([p[1] - p[0] for p in pairs])
+        self.widest = np.concatenate(
+            [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(3, 0.1)]
+        )
+
+    def pack(self, theta: Array, effects: Sequence[EffectInstance], water: Water) -> Array:
+        values = [effects[i].values[n] for i, n in self.free_effects]
+        levels = [math.log(max(v, 1e-12)) for v in (water.size, water.memory, water.noise)]
+        return np.concatenate([theta, values, levels])
+
+    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
+        p = len(x) - 3 - len(self.free_effects)
+        values: dict[int, dict[str, float]] = {}
+        for k, (i, n) in enumerate(self.free_effects):
+            values.setdefault(i, {})[n] = float(x[p + k])
+        effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
+        size, memory, noise = (float(v) for v in np.exp(x[-3:]))
+        return x[:p].copy(), effects, Water(size, memory, noise, self.freedom)
+
+    def clipped(self, x: Array) -> Array:
+        return np.clip(x, self.low, self.high)
+
+    def first_steps(self, x: Array) -> Array:
+        steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[:-3]).max(initial=1e-6)), 1e-9))
+        steps[-3:] = 1e-2
+        return np.minimum(steps, self.widest)
+
+    def bounded_move(self, x: Array, gradient: Array, A: Array) -> Array:
+        """Return the damped Newton step, coordinates that stand at a bound and want out left where they are."""
+        at = ((x <= self.low) & (gradient < 0.0)) | ((x >= self.high) & (gradient > 0.0))
+        move = np.zeros(len(x))
+        free = np.flatnonzero(~at)
+        move[free] = np.linalg.lstsq(A[np.ix_(free, free)], gradient[free], rcond=None)[0]
+        move[-3:] = np.clip(move[-3:], -2.0, 2.0)
+        return move
+
+    def at(self, x: Array) -> _Point | None:
+        found = self.problem._innovations(*self.unpack(x))
+        if found is None:
+            return None
+        each = np.array([float(_log_density(e, S, self.freedom).sum()) for _, e, S in found])
+        total = float(each.sum())
+        return (found, total, each) if math.isfinite(total) else None
+
+    def score(self, x: Array, here: _Point, steps: Array) -> tuple[Array, Array]:
+        """Return gradient and expected information by differences of passes."""
+        return self.gathered(*self.derivatives(x, here, steps), here)
+
+    def derivatives(self, x: Array, here: _Point, steps: Array) -> tuple[Array, Array]:
+        """Return the derivatives (q, samples) of innovations and log variances."""
+        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
+        J, D = np.zeros((len(x), len(e))), np.zeros((len(x), len(e)))
+        for i in range(len(x)):
+            sign = 1.0 if x[i] + steps[i] <= self.high[i] else -1.0
+            moved = x.copy()
+            moved[i] += sign * steps[i]
+            other = self.at(moved)
+            if other is None:
+                continue
+            J[i] = (np.concatenate([r[1] for r in other[0]]) - e) / (sign * steps[i])
+            D[i] = (np.log(np.concatenate([r[2] for r in other[0]])) - np.log(S)) / (sign * steps[i])
+        return J, D
+
+    def gathered(self, J: Array, D: Array, here: _Point) -> tuple[Array, Array]:
+        """Return gradient and expected information at *here* with these derivatives."""
+        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
+        nu = self.freedom
+        if math.isinf(nu):
+            by_e, by_log, info_e, info_log = -e / S, -0.5 + 0.5 * e * e / S, 1.0 / S, np.full(len(S), 0.5)
+        else:
+            s = S * (nu - 2.0) / nu
+            w = (nu + 1.0) / (nu * s + e * e)
+            by_e, by_log = -w * e, -0.5 + 0.5 * w * e * e
+            info_e, info_log = (nu + 1.0) / ((nu + 3.0) * s), np.full(len(S), nu / (2.0 * (nu + 3.0)))
+        return J @ by_e + D @ by_log, (J * info_e) @ J.T + (D * info_log) @ D.T
+
+
+def _log_density(e: Array, S: Array, freedom: float) -> Array:
+    """Return the log density of innovations of variance *S*, Student's of that *freedom* or normal."""
+    density: Array
+    if math.isinf(freedom):
+        density = -0.5 * (e * e / S + np.log(2.0 * np.pi * S))
+        return density
+    s = S * (freedom - 2.0) / freedom
+    constant = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * math.log(freedom * math.pi)
+    density = constant - 0.5 * np.log(s) - 0.5 * (freedom + 1.0) * np.log1p(e * e / (freedom * s))
+    return density
