@@ -24,8 +24,8 @@ __all__ = [
     "Cause",
     "Diagnosis",
     "ErrorReduction",
-    "Missing",
     "MissingCurve",
+    "MissingForce",
     "Number",
     "Numbers",
     "Portrait",
@@ -171,7 +171,7 @@ class MissingCurve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Missing:
+class MissingForce:
     """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
 
     ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
@@ -238,7 +238,7 @@ class Diagnosis:
     seconds: float
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
-    missing: Missing | None = None
+    missing: MissingForce | None = None
     """What is left over as a force, where the runs show one that wanders."""
 
     @property
@@ -361,7 +361,7 @@ class Diagnosis:
         return json.dumps(self.to_dict(), indent=1)
 
 
-def _missing(missing: Missing) -> dict[str, Any]:
+def _missing(missing: MissingForce) -> dict[str, Any]:
     curves = {
         n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
         for n, c in missing.curves.items()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
 from gcs_autotune.diagnose.process_noise import PRESENT, WeatherSearch, may_be_told, search_under_process_noise
-from gcs_autotune.diagnose.result import ErrorReduction, Missing, MissingCurve, Ranked, Value
+from gcs_autotune.diagnose.result import ErrorReduction, MissingCurve, MissingForce, Ranked, Value
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
 from gcs_autotune.identify import Doubt, Fitted, WanderingFit
@@ -151,7 +151,7 @@ class _Estimate:
     beside: Mapping[str, Array]
 
 
-def missing_of(search: WeatherSearch, unit: str, inertia: float) -> Missing | None:
+def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce | None:
     """Return the force that wanders beside the model found, times *inertia*, over everything recorded."""
     estimates = _estimated(search, inertia)
     if not estimates:
@@ -167,7 +167,7 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> Missing | No
             curves[name] = curve
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
     share = size / commanded if commanded > 0.0 else math.nan
-    return Missing(search.dof, unit, size, water.memory, share, curves)
+    return MissingForce(search.dof, unit, size, water.memory, share, curves)
 
 
 def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
@@ -279,7 +279,7 @@ def words_of_water(search: WeatherSearch) -> str:
     return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
 
 
-def words_of(search: WeatherSearch, missing: Missing | None) -> tuple[str, ...]:
+def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, ...]:
     """Return in words what the missing force looks like, and which names did not hold."""
     found = []
     if missing is not None:
@@ -313,7 +313,7 @@ def words_of(search: WeatherSearch, missing: Missing | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def next_of(missing: Missing | None) -> str | None:
+def next_of(missing: MissingForce | None) -> str | None:
     """Return the manoeuvre that would tell what the missing force is."""
     if missing is None or not missing.curves:
         return None
@@ -391,7 +391,7 @@ def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
     return (ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts),)
 
 
-def missing_under(search: WeatherSearch, state: SearchState) -> Missing | None:
+def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | None:
     """Return the missing force in the base model's units."""
     return missing_of(search, force_unit(search.dof, state.problem.data_summary), _inertia(search, state))
 

@@ -1,0 +1,143 @@
+"""A force that wanders as part of the model: its size, its memory, and what it is told from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.models import Form
+from gcs_autotune.trial import Channel
+
+Array = NDArray[np.float64]
+
+FORM = Form(
+    "plain", "yaw", ("yaw",), ("k_N", "N_r"), {"I_z": 1.0}, {"N": (("N", "k_N"),)}, coriolis=False, per_inertia=("N",)
+)
+GAIN, DAMPING, SIZE, MEMORY, STEP = 0.5, 0.6, 0.05, 3.0, 0.2
+
+
+def run(seed: int, *, square: float = 0.0, slide: float = 0.0, size: float = SIZE) -> Segment:
+    """Return a relay run of 80 s, integrated in steps of a hundredth of a second."""
+    rng = np.random.default_rng(seed)
+    fine, count = 0.01, 8000
+    t = fine * np.arange(count)
+    command = np.where(np.floor(t / (4.0 + seed)) % 2 == 0, 1.0, -0.6)
+    v = 0.3 * np.sin(0.11 * t + seed)
+    psi, r, push = 0.0, 0.0, rng.normal(0.0, size)
+    path = np.empty(count)
+    keep = math.exp(-fine / MEMORY)
+    for i in range(count):
+        path[i] = psi
+        psi += fine * r
+        r += fine * (GAIN * command[i] - DAMPING * r - square * abs(r) * r + slide * v[i] + push)
+        push = keep * push + rng.normal(0.0, size * math.sqrt(1.0 - keep * keep))
+    every = round(STEP / fine)
+    at = t[::every]
+    seen = path[::every] + rng.normal(0.0, 1e-3, len(at))
+    jumps = np.flatnonzero(np.r_[True, np.diff(command) != 0.0])
+    channels = {"v": Channel("v", "m/s", at, v[::every])}
+    signals = {"psi": Signal("psi", at, seen, 0.0)}
+    inputs = command[jumps][:, None]
+    return Segment(f"run{seed}", f"run{seed}", t[jumps], inputs, ("N",), ("1",), signals, measured=channels)
+
+
+def problem_of(segments: list[Segment]) -> WanderingProblem:
+    """Return the yaw problem of these runs."""
+    data = data_summary_of(FORM, segments, {"k_N": GAIN, "N_r": -DAMPING})
+    return WanderingProblem(FORM, segments, data, (np.full(2, -np.inf), np.full(2, np.inf)))
+
+
+BEGIN = (np.array([0.3, -1.0]), (), Water(0.02, 1.0, 3e-3))
+
+
+def test_gain_damping_and_the_water_are_found_together() -> None:
+    fit = problem_of([run(1), run(2)]).fit(*BEGIN)
+    assert fit is not None
+    std = np.sqrt(np.diag(fit.covariance))
+    assert np.all(np.abs(fit.theta - [GAIN, -DAMPING]) < 3.0 * std[:2])
+    assert abs(math.log(fit.water.size / SIZE)) < 3.0 * std[2]
+    assert abs(math.log(fit.water.noise / 1e-3)) < 3.0 * std[4]
+    e, S = (np.concatenate([r[k] for r in fit.innovations]) for k in (1, 2))
+    assert 0.85 < float(np.mean(e * e / S)) < 1.15
+
+
+def test_a_force_that_wanders_begins_anew_in_every_run_at_its_own_spread() -> None:
+    problem = problem_of([run(1), run(1)])
+    fit = problem.fit(*BEGIN, rounds=3)
+    assert fit is not None
+    assert fit.log_likelihood[0] == pytest.approx(fit.log_likelihood[1], rel=1e-9)
+
+
+def test_the_smoother_sees_the_push_of_every_moment() -> None:
+    problem = problem_of([run(3, size=0.2)])
+    done = problem.run(np.array([GAIN, -DAMPING]), (), Water(0.2, MEMORY, 1e-3), full=True)
+    assert done is not None
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    variance = smoothed.variances[0][:, len(bank.states)]
+    assert np.all(variance > 0.0) and np.all(variance < 0.2**2)
+    filtered = result.histories[0].covariance[:, len(bank.states), len(bank.states)]
+    assert np.all(variance[1:-1] <= filtered[1:-1] * (1.0 + 1e-9))
+    path = smoothed.trajectories[0][:, len(bank.states)]
+    assert 0.1 < float(np.std(path)) < 0.3
+
+
+@pytest.mark.parametrize(("slug", "name", "how", "true"), [
+    ("quadratic-drag", "coefficient", {"square": 1.5}, 1.5),
+    ("sway-moment", "N_v", {"slide": 0.5}, 0.5),
+])  # fmt: skip
+def test_an_effect_beneath_the_weather_comes_out_at_its_size(
+    slug: str, name: str, how: dict[str, float], true: float
+) -> None:
+    problem = problem_of([run(1, **how), run(2, **how)])
+    plain = problem.fit(*BEGIN)
+    assert plain is not None
+    own = EffectInstance(slug, "yaw", {name: 0.1}, dict(EFFECTS[slug].constants("yaw", problem.data)))
+    fit = problem.fit(plain.theta, (own,), plain.water)
+    assert fit is not None
+    assert fit.total > plain.total + 10.0
+    assert abs(fit.effects[0][name] - true) < 3.5 * fit.std_of(slug, "yaw", name)
+
+
+def test_bursts_weigh_less_under_a_law_with_tails() -> None:
+    segment = run(1)
+    own = segment.signals["psi"]
+    values = own.values.copy()
+    values[150:] += 0.15
+    torn = Segment(
+        "torn", "torn", segment.t_in, segment.inputs, ("N",), ("1",), {"psi": Signal("psi", own.t, values, 0.0)}
+    )
+    problem = problem_of([torn])
+    normal = problem.fit(*BEGIN)
+    tailed = problem.fit(BEGIN[0], (), Water(0.02, 1.0, 3e-3, freedom=4.0))
+    assert normal is not None
+    assert tailed is not None
+    assert tailed.total > normal.total + 10.0
+
+
+def test_inputs_that_come_more_often_than_needed_are_held_as_their_means() -> None:
+    segment = run(1)
+    t = np.arange(0.0, 80.0, 0.02)
+    busy = Segment("busy", "busy", t, np.sin(t)[:, None], ("N",), ("1",), {"psi": segment.signals["psi"]})
+    (thin,) = thinned_to([busy], "psi", 1.0)
+    assert len(thin.signals["psi"].t) == 80
+    assert len(thin.t_in) < len(t) / 8
+    begin, end = thin.t_in[:-2], thin.t_in[1:-1]
+    assert thin.inputs[:-2, 0] == pytest.approx((np.cos(begin) - np.cos(end)) / (end - begin), abs=0.02)
+    assert len(thinned_to([segment], "psi", 1.0)[0].t_in) == len(segment.t_in)
+
+
+def test_an_error_several_seconds_ahead_is_small_in_calm_water_and_grows_with_the_weather() -> None:
+    errors = []
+    for size in (1e-4, 0.1):
+        problem = problem_of([run(1, size=size)])
+        fit = problem.fit(np.array([GAIN, -DAMPING]), (), Water(size, MEMORY, 1e-3), rounds=0)
+        assert fit is not None
+        errors.append(float(np.sqrt(np.mean(problem.ahead(fit, 5.0) ** 2))))
+    assert errors[0] < 0.01
+    assert errors[1] > 5.0 * errors[0]
