@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.trial import Channel, Trial
-from runs_in_the_tank import towed
 
 Array = NDArray[np.float64]
 
