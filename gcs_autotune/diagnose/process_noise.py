@@ -295,9 +295,9 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         say(stage, k + 1, len(choices))
     rough.sort(key=lambda f: -(f[1].total - _price(f[1], present)))
     ends = []
-    for own, fit in rough[:RUNNERS]:
+    for tried_one, fit in rough[:RUNNERS]:
         end = problem.fit(fit.theta, fit.effects, fit.water)
-        ends.append((own, end if end is not None and end.total > fit.total else fit))
+        ends.append((tried_one, end if end is not None and end.total > fit.total else fit))
     if ends:
         best = max(ends, key=lambda e: e[1].total)[1]
         again = problem.fit(best.theta, present.effects, best.water)
@@ -306,11 +306,11 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     tried = max(search.tried, len(choices))
     before = _unseen(search, present)
     judged = []
-    for own, fit in ends:
+    for effect, fit in ends:
         more = fit.unknowns - present.unknowns
         needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
         gain = fit.total - present.total
-        now = next(e for e in fit.effects if (e.slug, e.place) == (own.slug, own.place))
+        now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
         foretold = _unseen(search, fit) - before if gain > 0.5 * needed else np.zeros(len(before))
         brief = any(
             q.unit == "s" and abs(now.values[q.name]) < BRIEF * problem.data.interval

@@ -186,9 +186,9 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
         t = track.stamps
         row = np.maximum(np.searchsorted(original.t_in, t, side="right") - 1, 0)
         command = np.zeros(len(t))
-        for k, name in enumerate(original.input_names):
-            for force, share in search.problem.form.inputs.get(name, ()):
-                if force == d.force:
+        for k, channel in enumerate(original.input_names):
+            for letter, share in search.problem.form.inputs.get(channel, ()):
+                if letter == d.force:
                     command += (-1.0 if str(share).startswith("-") else 1.0) * original.inputs[row, k]
         beside = {"command": command * gain * inertia, d.velocity: path[:, rate], "time": t - t[0]}
         if search.dof == "yaw":
@@ -208,7 +208,7 @@ def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | Non
     """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
     if len(pieces) == 1:
-        pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]  # type: ignore[misc]
+        pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]
     x, y, std = (np.concatenate([p[k] for p in pieces]) for k in range(3))
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
     if len(edges) < 3:

@@ -301,7 +301,9 @@ class WanderingProblem:
             if improved < ENOUGH:
                 break
         theta, effects, water = coordinates.unpack(x)
-        inverse = np.linalg.pinv(information) if not only_log_likelihood else np.full((len(x), len(x)), np.nan)
+        inverse: Array = np.full((len(x), len(x)), np.nan)
+        if not only_log_likelihood:
+            inverse = np.asarray(np.linalg.pinv(information), dtype=np.float64)
         return WanderingFit(self.form, theta, effects, water, here[2], free_effects, inverse, here[0])
 
     def tangent(self, fit: WanderingFit) -> Tangent:
@@ -440,7 +442,8 @@ class _Coordinates:
         return x[:p].copy(), effects, Water(size, memory, noise, self.freedom)
 
     def clipped(self, x: Array) -> Array:
-        return np.clip(x, self.low, self.high)
+        inside: Array = np.clip(x, self.low, self.high)
+        return inside
 
     def first_steps(self, x: Array) -> Array:
         steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[:-3]).max(initial=1e-6)), 1e-9))
