@@ -448,7 +448,8 @@ class _Coordinates:
     def first_steps(self, x: Array) -> Array:
         steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[:-3]).max(initial=1e-6)), 1e-9))
         steps[-3:] = 1e-2
-        return np.minimum(steps, self.widest)
+        least: Array = np.minimum(steps, self.widest)
+        return least
 
     def bounded_move(self, x: Array, gradient: Array, A: Array) -> Array:
         """Return the damped Newton step, coordinates that stand at a bound and want out left where they are."""
