@@ -94,6 +94,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
     still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
     noise = noise_in(step, excitation_of(dof).signal) if still else None
+    rule.start()
     context.come_about("relay-1", SWING_AHEAD)
     relay_of = partial(relay_for, s, dof, throttle, keep_still=still, least_period=least)
     relay = relay_of(s.relay_output, "relay-1", noise_std=noise, rule=rule)

@@ -2,8 +2,8 @@
 
 Five periods that agree (Miskovic2010, 6.7) are needed to read a limit cycle by its first harmonic. Here the record is
 fitted exactly, together with the step flown before, so an experiment may end as soon as what is left in doubt about the
-craft hardly matters to the gains. After each half period the model is fitted and designed for, and the predicted error
-over time of those gains looked at all over the 95 % region of its parameters.
+craft hardly matters to the gains. After the step, and after each half period from the third on, the model is fitted and
+designed for, and the predicted error over time of those gains looked at all over the 95 % region of its parameters.
 
 An actuator with a dead zone or a bent curve makes the step another craft's than the oscillation. Each of two sizes is
 then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
@@ -86,21 +86,22 @@ class Assessment:
         return any(abs(now - then) > MOVED * std for now, then, std in pairs)
 
 
-def assess(question: DesignQuestion, run: Trial) -> Assessment:
-    """Return what *run*, as far as it has come, and the step tell about the gains that are wanted."""
+def assess(question: DesignQuestion, run: Trial | None = None) -> Assessment:
+    """Return what *run*, as far as it has come, and the step, or the step alone, tell about the gains wanted."""
     try:
         return _assess(question, run)
     except (AutotuneError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return Assessment(f"no gains can be designed yet ({error})")
 
 
-def _assess(question: DesignQuestion, run: Trial) -> Assessment:
-    signal = str(run.meta["signal"])
-    if len(run[signal]) < LEAST_SAMPLES:
-        return Assessment(f"{len(run[signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
-    fit = _fit(question, question.step, run)
+def _assess(question: DesignQuestion, run: Trial | None) -> Assessment:
+    runs = [question.step] if run is None else [question.step, run]
+    signal = str(runs[-1].meta["signal"])
+    if len(runs[-1][signal]) < LEAST_SAMPLES:
+        return Assessment(f"{len(runs[-1][signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
+    fit = _fit(question, *runs)
     if fit is None or left(fit) >= UNEXPLAINED:
-        alone = None if question.axis.needs_speed else _fit(question, run)
+        alone = None if question.axis.needs_speed or run is None else _fit(question, run)
         by_itself = alone is not None and left(alone) < BY_ITSELF
         much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
@@ -126,6 +127,8 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 class KnownDesign:
     """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
 
+    :meth:`start` comes first of all.
+
     ``known`` says afterwards whether the last relay ended for that, ``another_size`` whether one of another size is
     called for.
     """
@@ -134,6 +137,7 @@ class KnownDesign:
         self._craft, self._worker, self.question = craft, worker, question
         self._at_work = self._stale = False
         self._reversals = 0
+        self._of_step: Assessment | None = None
         self._last: Assessment | None = None
         self._times = 0
         self.known = self.another_size = False
@@ -142,12 +146,18 @@ class KnownDesign:
         """A relay that is flown again asks the same one."""
         return self
 
+    def start(self) -> None:
+        """Have it looked what the step tells by itself."""
+        self._ask(None)
+
     def begin(self) -> None:
-        """Forget what was known: a relay begins, or begins again with another size or hysteresis."""
-        self._stale = self._at_work
+        """Forget what oscillations have told: a relay begins, or begins again with another size or hysteresis."""
+        self._stale = self._at_work and self._of_step is not None
         self._reversals = self._times = 0
         self._last = None
         self.known = self.another_size = False
+        if self._of_step is not None:
+            self._judged(self._of_step)
 
     def update(self, relay: Relay, reversals: int) -> str:
         """Take note of one tick of *relay* after so many *reversals*; return why it may end, empty while it may not."""
@@ -157,13 +167,14 @@ class KnownDesign:
                 assessment: Assessment = self._worker.result()
             except AutotuneError as error:
                 assessment = Assessment(str(error))
-            if not self._stale:
-                return self._judged(assessment)
-            self._stale = False
-        if self._at_work or reversals < LEAST_REVERSALS - 1 or reversals <= self._reversals:
+            stale, self._stale = self._stale, False
+            return "" if stale else self._judged(assessment)
+        if self._at_work or reversals < LEAST_REVERSALS or reversals <= self._reversals:
             return ""
         self._reversals = reversals
-        run = self._craft.recorded_so_far(relay.settings).proper
+        return self._ask(self._craft.recorded_so_far(relay.settings).proper)
+
+    def _ask(self, run: Trial | None) -> str:
         if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
             return self._judged(assess(self.question, run))
         self._worker.begin(partial(assess, self.question, run))
@@ -171,6 +182,8 @@ class KnownDesign:
         return ""
 
     def _judged(self, now: Assessment) -> str:
+        if self._of_step is None:
+            self._of_step = now
         last, self._last = self._last, now
         is_known = not now.lacks and (last is None or bool(last.lacks) or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
@@ -178,9 +191,7 @@ class KnownDesign:
             return ""
         if self._times >= TWICE:
             self.known = True
-            return (
-                f"the gains are known: what is unknown of the craft changes their error over time by {now.spread:.0%}"
-            )
+            return f"the gains are known: what is unknown of the craft changes their error by {now.spread:.0%}"
         if now.another_size:
             self.another_size = True
             return "this size of oscillation is explained, and not the step: small and large commands act differently"

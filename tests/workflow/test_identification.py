@@ -31,6 +31,9 @@ class Rule:
     def __init__(self, *, known: bool = False, another_size: bool = False) -> None:
         self.known, self.another_size, self.closed = known, another_size, False
 
+    def start(self) -> None:
+        assert not self.closed
+
     def weigh(self, whole: Any) -> None:
         self.known = whole
 
