@@ -36,13 +36,14 @@ def _run(args: argparse.Namespace) -> int:
     with operator.listening(), watching(args) as watcher:
         if saving:
             replaced = on_replacing(args.file)
-            count = save_parameters(connection, args.file, operator, watcher)
-            sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}\n")
+            count, changed = save_parameters(connection, args.file, operator, watcher)
+            own = "" if changed is None else f" ({changed} are not the firmware's defaults)"
+            sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}{own}\n")
         else:
-            changed = restore_parameters(connection, args.file, operator, watcher)
-            for name, (found, wanted) in changed.items():
+            restored = restore_parameters(connection, args.file, operator, watcher)
+            for name, (found, wanted) in restored.items():
                 sys.stdout.write(f"{visible(name)}: {found:g} -> {wanted:g}\n")
-            sys.stdout.write(f"{len(changed)} parameters changed; all of {args.file} verified by reading back\n")
+            sys.stdout.write(f"{len(restored)} parameters changed; all of {args.file} verified by reading back\n")
     return 0
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         type_name,
         unique_id,
     )
+    from gcs_autotune.mavlink.packed_parameters import PackedParameters, unpack_parameters
     from gcs_autotune.mavlink.params_file import load_params, save_params, save_qgc_params
     from gcs_autotune.mavlink.signing import LINK_ID, Refusal, Signer, SigningKey, StampStore, is_signed, refusals
     from gcs_autotune.mavlink.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
@@ -42,6 +43,7 @@ _HOMES = {
     "split_frames",
     "names": "StatusText TextLog VehicleIdentity enum_name firmware_version message_fields message_number type_name "
     "unique_id",
+    "packed_parameters": "PackedParameters unpack_parameters",
     "params_file": "load_params save_params save_qgc_params",
     "signing": "LINK_ID Refusal Signer SigningKey StampStore is_signed refusals",
     "tlog": "TlogReader TlogRecord TlogWriter read_tlog",
@@ -53,6 +55,7 @@ __all__ = [
     "Frame",
     "Framer",
     "Message",
+    "PackedParameters",
     "Packer",
     "Refusal",
     "Signer",
@@ -82,6 +85,7 @@ __all__ = [
     "split_frames",
     "type_name",
     "unique_id",
+    "unpack_parameters",
 ]
 
 

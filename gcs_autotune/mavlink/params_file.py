@@ -22,8 +22,12 @@ _REAL32 = 9
 """MAV_PARAM_TYPE_REAL32."""
 
 
-def save_params(path: Path, values: Mapping[str, float], *, comment: str = "") -> None:
+def save_params(
+    path: Path, values: Mapping[str, float], *, comment: str = "", defaults: Mapping[str, float] | None = None
+) -> None:
     """Write *values*: JSON when *path* ends in ``.json``, else ``NAME,VALUE`` lines under an optional comment.
+
+    defaults : the firmware's, where they are known: JSON has them as well, under ``defaults``.
 
     Raises
     ------
@@ -31,7 +35,8 @@ def save_params(path: Path, values: Mapping[str, float], *, comment: str = "") -
         When the file cannot be written.
     """
     if path.suffix == ".json":
-        text = json.dumps({"schema": 1, "comment": comment, "parameters": dict(values)}, indent=1) + "\n"
+        known = {"defaults": dict(defaults)} if defaults else {}
+        text = json.dumps({"schema": 1, "comment": comment, "parameters": dict(values), **known}, indent=1) + "\n"
     else:
         head = "".join(f"# {line}\n" for line in comment.splitlines())
         text = head + "".join(f"{name},{value:.9g}\n" for name, value in values.items())

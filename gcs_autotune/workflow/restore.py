@@ -242,12 +242,17 @@ def _journal_of(run: Path | None) -> Path | None:
     return path
 
 
-def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> int:
-    """Write the vehicle's whole parameter list to *path*; return how many there are."""
+def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> tuple[int, int | None]:
+    """Write the vehicle's whole parameter list to *path*; return how many there are, and how many of them are not the
+    firmware's defaults (None where it does not tell these)."""
     with connect(connection, operator, watcher) as session:
-        values = Parameters(session).read_full()
-        save_params(path, values, comment=f"{session.vehicle}")
-    return len(values)
+        told = len(session.notes)
+        found = Parameters(session).read_whole()
+        for note in session.notes[told:]:
+            watcher.say(note)
+        changed = len(found.changed) if found.defaults else None
+        save_params(path, found.values, comment=f"{session.vehicle}", defaults=found.defaults)
+    return len(found.values), changed
 
 
 def restore_parameters(

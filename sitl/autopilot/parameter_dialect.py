@@ -164,6 +164,11 @@ class ParameterDialect:
         word = self._words.get(name)
         return word.kind if word is not None else self._store.kind_of(self._inside[name])
 
+    def default_of(self, name: str) -> float:
+        """Return the firmware's default of *name*, in its unit here."""
+        inside, word = self._store.default_of(self._inside[name]), self._words.get(name)
+        return inside if word is None else stored(word.kind, word.there(inside))
+
     def write(self, name: str, value: float) -> bool:
         """Take a value written by a ground station; return whether it was taken, as ``ParameterStore.write``."""
         if self._store.is_read_only(self._inside[name]):

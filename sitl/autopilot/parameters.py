@@ -116,6 +116,11 @@ class ParameterStore:
         self.values[name] = value
         self.version += 1
 
+    def default_of(self, name: str) -> float:
+        """Return the firmware's default of *name*."""
+        definition = self._definitions[name]
+        return stored(definition.kind, definition.default)
+
     def is_read_only(self, name: str) -> bool:
         """Whether only the firmware may change *name*."""
         return self._definitions[name].read_only

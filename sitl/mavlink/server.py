@@ -16,6 +16,7 @@ from sitl.mavlink.control import (
     handle_override,
 )
 from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.file_transfer import FileTransfer
 from sitl.mavlink.parameter_protocol import ParameterProtocol
 from sitl.mavlink.signing import handle_setup_signing
 from sitl.mavlink.streams import STREAM_GROUPS, Reporter, Streams
@@ -51,6 +52,7 @@ class Server:
         self._reboots = False
         self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
+        self.files = FileTransfer(self)
         self.fence: list[FencePoint] = []
         """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
         self.streams = Streams(available_messages(vehicle), vehicle.rate)
@@ -197,6 +199,7 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "SET_MODE": handle_set_mode,
     "PARAM_REQUEST_LIST": lambda server, message: server.parameters.request_list(message),
     "PARAM_REQUEST_READ": lambda server, message: server.parameters.request_read(message),
+    "FILE_TRANSFER_PROTOCOL": lambda server, message: server.files.handle(message),
     "PARAM_SET": lambda server, message: server.parameters.set(message),
     "RC_CHANNELS_OVERRIDE": handle_override,
     "SETUP_SIGNING": handle_setup_signing,

@@ -15,9 +15,10 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
+from gcs_autotune.errors import BadFile, NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
 from gcs_autotune.firmware import checked, checked_all
 from gcs_autotune.foreign_text import quoted
+from gcs_autotune.link.file_transfer import read_remote_file
 from gcs_autotune.link.parameters.exchange import (
     REPLY,
     Intrusion,
@@ -29,10 +30,12 @@ from gcs_autotune.link.parameters.exchange import (
     same_float32,
 )
 from gcs_autotune.link.session import Session
-from gcs_autotune.mavlink import Message
+from gcs_autotune.mavlink import Message, PackedParameters, unpack_parameters
 
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 
+PACKED = "@PARAM/param.pck?withdefaults=1"
+"""ArduPilot's packed parameters, on its MAVLink FTP server."""
 _ROUNDS = 8
 """Chosen: askings before contradicting answers are given up on."""
 _ENOUGH = 2
@@ -234,6 +237,21 @@ class Parameters:
             The list did not come, or stayed incomplete.
         """
         return read_list(self.session, self._exchange, timeout)
+
+    def read_whole(self) -> PackedParameters:
+        """Return every parameter: by MAVLink FTP in a second, with the firmware's defaults, else as :meth:`read_full`.
+
+        Raises
+        ------
+        NoReply
+            Neither came whole.
+        """
+        try:
+            return unpack_parameters(read_remote_file(self.session, PACKED))
+        except (NoReply, BadFile) as error:
+            self.session.notes.append(f"parameters are read one by one: {error}")
+        values = self.read_full()
+        return PackedParameters(values, {n: t for n, t in self.types.items() if n in values}, {})
 
     # --- writing ------------------------------------------------------------------------------------------
 

@@ -1,0 +1,152 @@
+"""Reading a file of the vehicle by MAVLink FTP; nothing is written there.
+
+Pieces are asked for a few at a time and by place, so that one lost is asked for again; the end is a piece that is short
+or refused with "end of file".
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import partial
+
+from gcs_autotune.clock import Deadline
+from gcs_autotune.errors import BadFile, NoReply
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["read_remote_file"]
+
+_HEAD = struct.Struct("<HBBBBBBI")
+_TERMINATE, _OPEN, _READ = 1, 4, 5
+_ACK, _NACK = 128, 129
+_END_OF_FILE = 6
+_PIECE, _PAYLOAD = 239, 251
+_ABREAST = 5
+"""Chosen: pieces asked for at once; a slow radio's buffer holds about as many."""
+_REPLY = 1.0
+"""Chosen: seconds after which a question is asked again."""
+_TRIES = 3
+_LONGEST = 1 << 20
+"""Chosen: bytes of a file that is read at most."""
+_ERRORS = {
+    1: "it failed",
+    4: "the session was lost",
+    5: "it has no session free",
+    7: "it knows no such request",
+    10: "there is none",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Reply:
+    sequence: int
+    is_ack: bool
+    asked: int
+    offset: int
+    data: bytes
+
+
+class _Exchange:
+    """Questions of one session and the answers heard to them."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._sequence = 0
+        self.replies: list[_Reply] = []
+        self._stop = session.listen("FILE_TRANSFER_PROTOCOL", self._on_reply)
+
+    def close(self) -> None:
+        self._stop()
+
+    def ask(self, opcode: int, *, offset: int = 0, size: int = 0, data: bytes = b"") -> None:
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            raise NoReply("a file was asked for before a vehicle was found; discover one first")
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        head = _HEAD.pack(self._sequence, 0, opcode, size or len(data), 0, 0, 0, offset)
+        payload = (head + data).ljust(_PAYLOAD, b"\0")
+        self._session.send(
+            mavlink.MAVLink_file_transfer_protocol_message(0, vehicle.system, vehicle.component, payload)
+        )
+
+    def _on_reply(self, message: Message) -> None:
+        raw = bytes(message.payload)
+        sequence, _, opcode, size, asked, _, _, offset = _HEAD.unpack_from(raw)
+        if opcode in (_ACK, _NACK) and size <= _PIECE:
+            data = raw[_HEAD.size : _HEAD.size + size]
+            self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
+
+    def has(self, count: int) -> bool | None:
+        """Return True once so many replies are there, else None."""
+        return True if len(self.replies) >= count else None
+
+    def answer(self, opcode: int, data: bytes = b"") -> _Reply:
+        """Ask until answered.
+
+        Raises
+        ------
+        NoReply
+            It is not.
+        """
+        for _ in range(_TRIES):
+            self.replies.clear()
+            self.ask(opcode, data=data)
+            found = self._session.wait_for(lambda: next((r for r in self.replies if r.asked == opcode), None), _REPLY)
+            if found is not None:
+                return found
+        raise NoReply(f"{self._session.vehicle} does not answer MAVLink FTP")
+
+
+def read_remote_file(session: Session, path: str, timeout: float = 60.0) -> bytes:
+    """Return the file at *path* on the vehicle, e.g. ``@PARAM/param.pck``.
+
+    Raises
+    ------
+    NoReply
+        It does not answer, or the link is too slow. BadFile: there is no such file, or it cannot be read.
+    """
+    exchange = _Exchange(session)
+    try:
+        exchange.answer(_TERMINATE)  # one of ours left open; others' sessions are none of our business
+        opened = exchange.answer(_OPEN, path.encode("ascii"))
+        if not opened.is_ack:
+            raise BadFile(f"{session.vehicle} has no file {path} that can be read{_why(opened)}")
+        data = _read(session, exchange, Deadline.after(session.clock, timeout), path)
+        exchange.ask(_TERMINATE)
+        return data
+    finally:
+        exchange.close()
+
+
+def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) -> bytes:
+    pieces: dict[int, bytes] = {}
+    end: int | None = None
+    while not deadline.expired:
+        first = next(o for o in range(0, _LONGEST + _PIECE, _PIECE) if o not in pieces)
+        if end is not None and first >= end:
+            return b"".join(pieces[o] for o in sorted(pieces))[:end]
+        if first > _LONGEST:
+            raise BadFile(f"{path} of {session.vehicle} is longer than {_LONGEST} bytes")
+        wanted = [o for o in range(first, first + _ABREAST * _PIECE, _PIECE) if o not in pieces]
+        wanted = [o for o in wanted if end is None or o < end]
+        exchange.replies.clear()
+        for offset in wanted:
+            exchange.ask(_READ, offset=offset, size=_PIECE)
+        session.wait_for(partial(exchange.has, len(wanted)), _REPLY)
+        for reply in exchange.replies:
+            if reply.asked != _READ:
+                continue
+            if reply.is_ack:
+                pieces[reply.offset] = reply.data
+                if len(reply.data) < _PIECE:
+                    end = min(reply.offset + len(reply.data), end if end is not None else reply.offset + _PIECE)
+            elif reply.data[:1] == bytes([_END_OF_FILE]):
+                end = min(reply.offset, end) if end is not None else reply.offset
+            else:
+                raise BadFile(f"{path} of {session.vehicle} cannot be read{_why(reply)}")
+    raise NoReply(f"{path} of {session.vehicle} did not come whole within the time; try a faster link")
+
+
+def _why(reply: _Reply) -> str:
+    return f": {_ERRORS.get(reply.data[0], f'error {reply.data[0]}')}" if reply.data else ""

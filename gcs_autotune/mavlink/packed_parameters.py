@@ -1,0 +1,83 @@
+"""ArduPilot's packed parameter file (``@PARAM/param.pck``): the whole set in one small file, firmware defaults with it.
+
+Six bytes of head (magic, parameters here, parameters in all), then per parameter its type and flags, how much of the
+name before it shares and how long the rest is, that rest, the value and, flagged, the default. Zero bytes pad blocks.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.errors import BadFile
+
+__all__ = ["PackedParameters", "unpack_parameters"]
+
+MAGIC, MAGIC_DEFAULTS = 0x671B, 0x671C
+_HEAD = struct.Struct("<HHH")
+_TYPES: Mapping[int, tuple[str, int]] = {1: ("<b", 2), 2: ("<h", 4), 3: ("<i", 6), 4: ("<f", 9)}
+"""AP_Param's type -> how its value is packed, and the MAV_PARAM_TYPE."""
+_HAS_DEFAULT = 1
+_NAME = 16
+
+
+@dataclass(frozen=True, slots=True)
+class PackedParameters:
+    """Values by name, their MAV_PARAM_TYPE, and the firmware's defaults (empty where the file does not tell them)."""
+
+    values: Mapping[str, float]
+    types: Mapping[str, int]
+    defaults: Mapping[str, float]
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Names whose value is not the firmware's default."""
+        return tuple(n for n, value in self.values.items() if n in self.defaults and self.defaults[n] != value)
+
+
+def unpack_parameters(data: bytes) -> PackedParameters:
+    """Read the file.
+
+    Raises
+    ------
+    BadFile
+        It is none, cut off, or does not hold as many parameters as it says.
+    """
+    try:
+        return _unpacked(data)
+    except (struct.error, IndexError, UnicodeDecodeError) as error:
+        raise BadFile(f"the vehicle's packed parameters are cut off or damaged: {error}") from error
+
+
+def _unpacked(data: bytes) -> PackedParameters:
+    magic, here, whole = _HEAD.unpack_from(data)
+    if magic not in (MAGIC, MAGIC_DEFAULTS):
+        raise BadFile(f"no packed parameters: they begin with {MAGIC:#x}, not {magic:#x}")
+    at, before = _HEAD.size, b""
+    values: dict[str, float] = {}
+    types: dict[str, int] = {}
+    defaults: dict[str, float] = {}
+    while at < len(data):
+        if data[at] == 0:
+            at += 1
+            continue
+        kind, flags = data[at] & 0x0F, data[at] >> 4
+        shared, rest = data[at + 1] & 0x0F, (data[at + 1] >> 4) + 1
+        if kind not in _TYPES or shared > len(before) or shared + rest > _NAME:
+            raise BadFile(f"the vehicle's packed parameters are damaged at byte {at}")
+        before = before[:shared] + data[at + 2 : at + 2 + rest]
+        name = before.decode("ascii")
+        at += 2 + rest
+        code, types[name] = _TYPES[kind]
+        values[name] = float(struct.unpack_from(code, data, at)[0])
+        at += struct.calcsize(code)
+        if magic == MAGIC_DEFAULTS:
+            defaults[name] = values[name]
+            if flags & _HAS_DEFAULT:
+                defaults[name] = float(struct.unpack_from(code, data, at)[0])
+                at += struct.calcsize(code)
+    if not len(values) == here == whole or not all(map(math.isfinite, values.values())):
+        raise BadFile(f"the vehicle's packed parameters hold {len(values)} of {whole} parameters, or one is no number")
+    return PackedParameters(values, types, defaults)
