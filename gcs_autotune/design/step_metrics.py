@@ -124,9 +124,9 @@ def error_behind(error: Array, std: float) -> Array:
         width = 2 * half + 1
         if width > len(error) or not going.any():
             break
-        hat, spread = _parabola(half)
-        inner = np.convolve(error, hat[half], "valid")
-        value = np.concatenate([hat[:half] @ error[:width], inner, hat[half + 1 :] @ error[-width:]])
+        q, middle, spread = _parabola(half)
+        inner = np.convolve(error, middle, "valid")
+        value = np.concatenate([q[:half] @ (error[:width] @ q), inner, q[half + 1 :] @ (error[-width:] @ q)])
         own = std * np.concatenate([spread[:half], np.full(len(inner), spread[half]), spread[half + 1 :]])
         low, high = np.maximum(low, value - INTERVAL * own), np.minimum(high, value + INTERVAL * own)
         going &= low <= high
@@ -136,12 +136,14 @@ def error_behind(error: Array, std: float) -> Array:
 
 
 @lru_cache(maxsize=len(HALVES))
-def _parabola(half: int) -> tuple[Array, Array]:
-    """Return (w, w) what turns w = 2 half + 1 samples into their parabola, and (w,) its standard errors per unit."""
+def _parabola(half: int) -> tuple[Array, Array, Array]:
+    """Return Q (w, 3), whose ``Q Q'`` turns w = 2 half + 1 samples into their parabola, its middle row (w,), and (w,)
+    the parabola's standard errors per unit.
+    """
     powers = np.linspace(-1.0, 1.0, 2 * half + 1)[:, None] ** np.arange(PARABOLA + 1)
     q = np.linalg.qr(powers)[0]
-    hat: Array = q @ q.T
-    return hat, np.sqrt(np.diag(hat))
+    middle: Array = q @ q[half]
+    return q, middle, np.sqrt(np.sum(q * q, axis=1))
 
 
 def _checked(*signals: Array) -> list[Array]:
