@@ -103,6 +103,7 @@ def test_the_end_of_standard_input_is_a_stop_for_nobody_is_there_any_more_who_co
     operator, _, _ = operated(reading)
     os.close(writing)
     until(operator.stop_requested)
+    assert operator.stop_requested()
 
 
 def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:

@@ -1,0 +1,101 @@
+"""The server as a process: its port, its link, and its end, with a run under way and without."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.errors import CannotOpenLink
+from gcs_autotune.web import ServeSettings, serve
+from gcs_autotune.web.server import told
+
+from .serving import ROOT
+
+HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
+posix = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+
+
+class Serving:
+    """A server with a scripted run under way."""
+
+    def __init__(self, runs: Path) -> None:
+        words = [sys.executable, "-m", "tests.web.serving", str(runs), "scripted", "127.0.0.1"]
+        self.process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        assert self.process.stdout is not None
+        self.port = int(self.process.stdout.readline().split("/")[2].rpartition(":")[2])
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60.0)
+        started = {"job": "tune", "axis": "heading", "connect": "udpin:127.0.0.1:14550"}
+        connection.request("POST", "/start", json.dumps(started), HEADERS)
+        self.run = runs / json.loads(connection.getresponse().read())["name"]
+        connection.request("GET", "/events")
+        events = connection.getresponse()
+        while b'"question":{' not in events.readline():
+            pass
+        connection.close()
+
+    def ended(self) -> str:
+        output, _ = self.process.communicate(timeout=60.0)
+        return output
+
+
+@posix
+def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
+    serving = Serving(tmp_path)
+    serving.process.send_signal(signal.SIGINT)
+    output = serving.ended()
+    assert "stopping: putting things back as found" in output
+    assert output.rstrip().endswith("page closed")
+    assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
+    assert serving.process.returncode == 0
+
+
+@posix
+def test_a_run_whose_server_is_killed_stops_by_itself(tmp_path: Path) -> None:
+    serving = Serving(tmp_path)
+    assert not (serving.run / "parameters_after.json").exists()
+    serving.process.kill()
+    serving.ended()  # its output ends when the run, which holds it too, is gone
+    assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
+
+
+def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(CannotOpenLink, match="another --port"):
+            serve(ServeSettings("127.0.0.1", port, tmp_path), lambda text: None)
+        assert main(["serve", "--port", str(port), "--runs", str(tmp_path)]) == 3
+    assert "is another page open?" in capsys.readouterr().err
+
+
+def test_a_missing_extra_is_one_clear_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("gcs_autotune.web", "starlette", "segno"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "starlette", None)
+    monkeypatch.setitem(sys.modules, "segno", None)
+    assert main(["serve"]) == 2
+    assert "pip install 'gcs-autotune[web]'" in capsys.readouterr().err
+
+
+def test_the_token_is_shown_as_link_and_qr_code_only_where_others_can_come() -> None:
+    alone = told("127.0.0.1", 8090, "")
+    assert len(alone) == 1
+    assert "#" not in alone[0]
+    link, code, words = told("192.168.2.2", 8090, "secret-token")
+    assert link == "page: http://192.168.2.2:8090/#secret-token"
+    assert len(set(code) - set(" ▀▄█\n")) == 0
+    assert len(code.splitlines()) > 10
+    assert "not encrypted" in words
+    assert "[fe80::1]" in told("fe80::1", 8090, "t")[0]
