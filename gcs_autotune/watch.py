@@ -17,6 +17,7 @@ __all__ = [
     "Intentions",
     "LeftAs",
     "NewValue",
+    "PredictedCost",
     "Progress",
     "ProposedGains",
     "Room",
@@ -121,14 +122,24 @@ class ProposedGains:
     """What is about to be written, told before anybody is asked.
 
     ``cost_before``, ``cost_after`` are the ITAE of the step per unit step [s^2] that the model promises; NaN where no
-    model does. ``cost_low``, ``cost_high`` bound the latter over what is not known of the model.
+    model does. ``cost_worst`` is the latter at the worst of the 95 % region of the model.
     """
 
     values: tuple[NewValue, ...]
     cost_before: float = math.nan
     cost_after: float = math.nan
-    cost_low: float = math.nan
-    cost_high: float = math.nan
+    cost_worst: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedCost:
+    """What the gains that would be designed by now promise: ITAE of the step per unit step [s^2].
+
+    ``nominal`` by the model fitted so far, ``worst`` over the 95 % region of its parameters.
+    """
+
+    nominal: float
+    worst: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +151,7 @@ class LeftAs:
     differs: Mapping[str, str]
 
 
-Fact = Intentions | Room | Vitals | Words | ProposedGains | LeftAs
+Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | LeftAs
 """What is told besides ticks and sentences."""
 
 

@@ -1,8 +1,8 @@
 """A program in the operator's place: JSON lines on standard output and input instead of a terminal (docs/serve.md).
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
-``room``, ``proposal``, ``left``, ``question``, ``dropped``; numbers in SI and radians, null where unknown. In: ``stop``
-and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a request to stop as well.
+``room``, ``cost``, ``proposal``, ``left``, ``question``, ``dropped``; in SI and radians, null where unknown. In:
+``stop`` and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a STOP, too.
 
 What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
 own writes them out.
@@ -23,7 +23,18 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from gcs_autotune.cli.command import watching
 from gcs_autotune.cli.console import ConsoleOperator
-from gcs_autotune.watch import Fact, Intentions, LeftAs, Progress, ProposedGains, Room, Vitals, Watcher, Words
+from gcs_autotune.watch import (
+    Fact,
+    Intentions,
+    LeftAs,
+    PredictedCost,
+    Progress,
+    ProposedGains,
+    Room,
+    Vitals,
+    Watcher,
+    Words,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -44,6 +55,7 @@ _KEYS: Mapping[type, str] = {
     Room: "room",
     Words: "words",
     ProposedGains: "proposal",
+    PredictedCost: "cost",
     LeftAs: "left",
 }
 

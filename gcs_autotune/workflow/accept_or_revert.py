@@ -35,8 +35,8 @@ def accept_or_revert(
     log = context.log
     if proposal.changes:
         log.say(_promise(proposal))
-        promised = proposal.before.metrics.itae, proposal.after.metrics.itae
-        log.note(ProposedGains(_values(proposal.changes), *promised))
+        old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
+        log.note(ProposedGains(_values(proposal.changes), old, new, new * (1.0 + proposal.spread)))
     if not proposal.changes:
         log.end(
             "unchanged",

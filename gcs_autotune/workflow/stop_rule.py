@@ -28,6 +28,7 @@ from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Relay
 from gcs_autotune.trial import Trial
+from gcs_autotune.watch import PredictedCost, SilentWatcher, Watcher
 from gcs_autotune.workflow.thrust_curve import left
 from gcs_autotune.workflow.worker import Worker
 
@@ -71,7 +72,7 @@ class Assessment:
 
     ``lacks``: what the design still lacks, in words, empty when it is known. ``another_size``: the run is explained by
     itself but not together with the step. ``values``, ``stds``: the model's numbers and their standard errors.
-    ``spread``: by what share the predicted error over time is larger at worst.
+    ``cost`` [s^2 per unit step]: the predicted error over time; ``spread``: by what share it is larger at worst.
     """
 
     lacks: str
@@ -79,6 +80,7 @@ class Assessment:
     values: tuple[float, ...] = ()
     stds: tuple[float, ...] = ()
     spread: float = float("nan")
+    cost: float = float("nan")
 
     def moved_from(self, last: Assessment) -> bool:
         """Whether any number is further from what it was in the *last* one than chance explains."""
@@ -112,7 +114,7 @@ def _assess(question: DesignQuestion, run: Trial | None) -> Assessment:
     stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     wide = proposal.spread > SPREAD
     lacks = f"the predicted error over time is uncertain by {proposal.spread:.0%}" if wide else ""
-    return Assessment(lacks, values=values, stds=stds, spread=proposal.spread)
+    return Assessment(lacks, values=values, stds=stds, spread=proposal.spread, cost=proposal.after.metrics.itae)
 
 
 def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
@@ -127,14 +129,17 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 class KnownDesign:
     """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
 
-    :meth:`start` comes first of all.
+    :meth:`start` comes first of all. *watcher* is told what the gains promise by then.
 
     ``known`` says afterwards whether the last relay ended for that, ``another_size`` whether one of another size is
     called for.
     """
 
-    def __init__(self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion) -> None:
+    def __init__(
+        self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion, watcher: Watcher | None = None
+    ) -> None:
         self._craft, self._worker, self.question = craft, worker, question
+        self._watcher = watcher or SilentWatcher()
         self._at_work = self._stale = False
         self._reversals = 0
         self._of_step: Assessment | None = None
@@ -185,6 +190,8 @@ class KnownDesign:
         if self._of_step is None:
             self._of_step = now
         last, self._last = self._last, now
+        if np.isfinite(now.cost):
+            self._watcher.note(PredictedCost(now.cost, now.cost * (1.0 + now.spread)))
         is_known = not now.lacks and (last is None or bool(last.lacks) or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
         if self._reversals < LEAST_REVERSALS:

@@ -188,7 +188,7 @@ def _rule(context: TuneContext, proof: Proof, before: Trial, grain: float) -> Kn
     if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
         return None
     criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
-    return KnownDesign(context.craft, context.worker, question_of(context, criteria, before))
+    return KnownDesign(context.craft, context.worker, question_of(context, criteria, before), context.log)
 
 
 def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -> None:

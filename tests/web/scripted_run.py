@@ -27,7 +27,7 @@ def main() -> int:
     tell("samples", {"stage": "first self-oscillation", "manoeuvre": "relay", "signal": "psi", "rows": [ROW] * 3})
     tell("now", PROGRESS)
     sys.stdout.write("this is no line of ours\n")
-    tell("proposal", {**PROPOSAL, "cost_before": 10.0, "cost_after": 2.0, "cost_low": 1.5, "cost_high": 3.0})
+    tell("proposal", {**PROPOSAL, "cost_before": 10.0, "cost_after": 2.0, "cost_worst": 3.0})
     tell("question", {"id": 1, "text": "Go ahead?"})
     code = 130
     for line in sys.stdin:

@@ -120,7 +120,7 @@ def test_stop_in_every_stage_puts_everything_back(visit: Any, flying: tuple[str,
 
 def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking: Page) -> None:
     assert asking.page.inner_text("#offer td >> nth=3") == "quicker <b>turns</b>"
-    assert "1.5 to 3" in asking.page.inner_text("#offer")
+    assert "at worst 3" in asking.page.inner_text("#offer")
     asking.page.click("#no")
     asking.page.locator("#end").wait_for()
 

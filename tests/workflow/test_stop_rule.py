@@ -6,7 +6,7 @@ import math
 from copy import deepcopy
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from gcs_autotune.manoeuvres import Relay, RelaySettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from gcs_autotune.trial import Channel, Mark, Trial
+from gcs_autotune.watch import Fact, SilentWatcher
 from gcs_autotune.workflow import stop_rule
 from gcs_autotune.workflow.stop_rule import Assessment, DesignQuestion, KnownDesign, assess
 
@@ -173,6 +174,22 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
     number, why = ended_after(rule)
     assert number == 5 and rule.known
     assert why == "the gains are known: what is unknown of the craft changes their error by 3%"
+
+
+def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
+    class Ear(SilentWatcher):
+        told: ClassVar[list[Fact]] = []
+
+        def note(self, fact: Fact) -> None:
+            self.told.append(fact)
+
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    known = replace(KNOWN, cost=20.0)
+    rule = KnownDesign(craft, Desk(UNKNOWN, UNKNOWN, known, known), question(), Ear())  # type: ignore[arg-type]
+    rule.start()
+    rule.begin()
+    ended_after(rule)
+    assert [(cost.nominal, round(cost.worst, 9)) for cost in Ear.told] == [(20.0, 20.6)] * 2  # type: ignore[union-attr]
 
 
 def test_what_the_step_told_counts_and_yet_it_never_ends_before_three_reversals() -> None:

@@ -94,14 +94,13 @@ function gains(offer) {
   for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), v.reason]));
   const told = document.createElement("p");
   if (offer.cost_after !== null) {
-    told.textContent = `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer)} s²; lower is better.`;
+    told.textContent = `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better, at worst is over what is not known of the craft.`;
   }
   return [table, told];
 }
 
-function costs(offer) {
-  const between = offer.cost_low !== null && offer.cost_high !== null ? ` (${short(offer.cost_low)} to ${short(offer.cost_high)})` : "";
-  return short(offer.cost_after) + between;
+function costs(nominal, worst) {
+  return short(nominal) + (worst === null || worst === undefined ? "" : ` (at worst ${short(worst)})`);
 }
 
 // --- the whole ------------------------------------------------------------------------------------------------------
@@ -176,7 +175,9 @@ function showTiles() {
   if (vitals.round_trip != null) radio.push(`${Math.round(vitals.round_trip * 1000)} ms there and back`);
   if (vitals.attitude_rate != null) radio.push(`attitude ${Math.round(vitals.attitude_rate)} Hz`);
   say("tile-link", radio.join(", ") || "–");
-  say("tile-cost", state.proposal && state.proposal.cost_after !== null ? `${short(state.proposal.cost_before)} → ${costs(state.proposal)} s²` : "after the design");
+  const cost = state.proposal && state.proposal.cost_after !== null
+    ? [state.proposal.cost_after, state.proposal.cost_worst] : state.cost ? [state.cost.nominal, state.cost.worst] : null;
+  say("tile-cost", cost ? `${costs(...cost)} s²` : "not known yet");
 }
 
 let shownWords = -1;
