@@ -62,7 +62,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume",
         type=Path,
         metavar="DIR",
-        help="go on with the plan in DIR: what is flown is not flown again",
+        help="go on with the plan in DIR: what is flown is not flown again; with --until: what DIR tells is known",
     )
     parser.add_argument(
         "--until",
@@ -165,19 +165,17 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
     """Return what is flown, and what all of it has in common."""
     from gcs_autotune.identify import load_model
+    from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import read_area
     from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, first_run, load_flight_plan
 
     until = _precision(args)
-    if until is not None and args.resume is not None:
-        raise UsageError("--resume goes on with a plan; what an earlier trial told, --until does not take over yet")
-    what = str(args.manoeuvre or "") if args.resume is None else str(args.resume / PLAN_FILE)
+    goes_on = args.resume is not None and until is None
+    what = str(args.resume / PLAN_FILE) if goes_on else str(args.manoeuvre or "")
     of_plan = what.endswith(".toml")
     typed = {name: value for name in OPTIONS if (value := getattr(args, name.replace("-", "_"))) is not None}
     if of_plan and (typed or args.force):
         raise UsageError(f"--{next(iter(typed), 'force')} goes into the plan, under [defaults] or its [[run]]")
-    if args.resume is not None and not of_plan:
-        raise UsageError("--resume goes on with a plan, and one manoeuvre is flown again from its beginning")
     if of_plan and until is not None:
         raise UsageError("a plan says all its runs: --until goes with one manoeuvre, or none")
     common = TuneSettings(
@@ -199,13 +197,16 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
         return (plan if area is None else replace(plan, area=area)), common
     options = {name: value * limit_of(name).factor for name, value in typed.items()}
     side = 1 if args.first_to == "starboard" else -1
-    if not what:
-        assert until is not None  # asked by the command
-        first = first_run(until, common)
-        settings = replace(first, options={**first.options, **options}, side=side)
-    else:
+    if until is None:
         settings = FlySettings(what, common, options, side, model, args.full_scale, args.force)
-    return replace(FlightPlan.of(settings), area=area, until=until), common
+        return replace(FlightPlan.of(settings), area=area), common
+    first = (
+        FlySettings(what, common, {}, side, model, args.full_scale, args.force) if what else first_run(until, common)
+    )
+    own = {name: value for name, value in options.items() if name in first.kind.options}
+    settings = replace(first, options={**first.options, **own}, side=side)
+    known = () if args.resume is None else tuple(load_runs(args.resume))
+    return replace(FlightPlan.of(settings), area=area, until=until, options=options, known=known), common
 
 
 def _preview(args: argparse.Namespace) -> int:

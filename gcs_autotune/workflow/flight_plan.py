@@ -35,6 +35,7 @@ from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
 from gcs_autotune.registry import lookup
+from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -124,7 +125,9 @@ class PlannedRun:
 class FlightPlan:
     """Runs in the order in which they are flown, what must hold before each, the ``area`` [deg] to stay in.
 
-    ``text`` is the file it came from. ``until``: after these runs it goes on by itself, up to this precision.
+    ``text`` is the file it came from. ``until``: after these runs it goes on by itself, up to this precision;
+    ``options`` then hold for every run that takes them, and ``known`` are runs of the same craft flown before, so that
+    the first, too, is chosen.
     """
 
     title: str
@@ -134,6 +137,8 @@ class FlightPlan:
     text: str = ""
     area: Area | None = None
     until: Precision | None = None
+    options: Mapping[str, float] = field(default_factory=dict)
+    known: tuple[Trial, ...] = ()
 
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:

@@ -39,6 +39,7 @@ from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.paper_craft import paper_craft
+from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.preflight import (
     STAGE,
     see_depth_is_told,
@@ -128,7 +129,8 @@ def fly_plan(
     OperatorStopped, GuardTripped, NotAchieved, LinkError
         What ended it early; the records are on disk.
     """
-    record, earlier = RunDirectory(common.directory), Earlier(common, plan.names)
+    record = RunDirectory(common.directory)
+    earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
     warm = plan.until.dofs if plan.until is not None else ()
     with (
         jit_warmup(common.connection.uri, warm, []) as worker,
@@ -171,6 +173,7 @@ class _Flight:
         self.steps: list[TrialStep] = []
         self._held: dict[str, float] = {}
         self._area: Area | None = None
+        self._planner: SelfPlanner | None = None
 
     def foresee(self, *, only_preview: bool) -> None:
         """See that the vehicle can fly all of it, and preview each run."""
@@ -184,6 +187,8 @@ class _Flight:
             see_it_suits(run.settings, craft)
             see_it_tells(run.settings.kind, craft)
             leg = self._leg_of(run)
+            if self._plan.until is not None:
+                leg = self._planned_from(leg, self._plan.until)
             seen, assumed = leg.preview, leg.preview.craft.assumed
             self.legs.append(leg)
             of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
@@ -210,6 +215,28 @@ class _Flight:
         manoeuvre = settings.make(throttle, speed=speed)
         seen = preview(manoeuvre, paper, here, floats=firmware.needs_way, way=way)
         return FlightLeg(run, throttle, speed, envelope, seen)
+
+    def _planned_from(self, first: FlightLeg, until: Precision) -> FlightLeg:
+        """Set up what chooses the runs, and return the first: the usual one, or what helps after those known.
+
+        Raises
+        ------
+        UsageError
+            What was flown before tells what was asked for already, or nothing that may be flown helps.
+        """
+        craft, known = self._craft, self._plan.known
+        overhead = BACK if craft.firmware.needs_way else 0.0
+        self._planner = planner = SelfPlanner(
+            until, first, craft.firmware, overhead, self._watcher.say, options=self._plan.options, known=len(known)
+        )
+        self.steps = planner.steps
+        if not known:
+            return first
+        think = partial(run_in_background, craft, self._worker, lambda error: False)
+        leg = planner.next_leg(known, think, self._leg_of)
+        if leg is None:
+            raise UsageError(f"nothing was flown: after the {len(known)} runs given, {planner.steps[-1].ended}")
+        return leg
 
     def _water(self) -> Area | None:
         """Return where the craft may be: in the area given, and in the vehicle's own fence.
@@ -338,7 +365,7 @@ class _Flight:
         watcher = Paced(self._watcher, self._itinerary)
         if self._plan.text:
             (self._record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
-            note_setting_out(self._record, s, craft, self._held)
+        note_setting_out(self._record, s, craft, self._held)
 
         def keep(trial: Trial) -> None:
             beside(craft, partial(self._record.keep, trial))
@@ -373,15 +400,13 @@ class _Flight:
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
         """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""
-        until, craft, first = self._plan.until, self._craft, self.legs[0]
-        if until is None:
+        planner = self._planner
+        if planner is None:
             return
-        overhead = BACK if craft.firmware.needs_way else 0.0
-        planner = SelfPlanner(until, first, craft.firmware, overhead, self._watcher.say)
-        self.steps = planner.steps
-        think = partial(run_in_background, craft, self._worker, runner.bear)
+        think = partial(run_in_background, self._craft, self._worker, runner.bear)
         while True:
-            leg = planner.next_leg([self.flown[leg.run.name] for leg in self.legs], think, self._leg_of)
+            runs = [*self._plan.known, *(self.flown[leg.run.name] for leg in self.legs)]
+            leg = planner.next_leg(runs, think, self._leg_of)
             if leg is None:
                 return
             self.legs.append(leg)

@@ -66,6 +66,8 @@ def way_on(settings: TuneSettings, finished: list[str]) -> str:
 class Earlier:
     """The finished trials of an earlier run (``settings.resume``) that are called *names*; none without it.
 
+    *alike*: it was flown with the same settings, as its trials are to take the place of those flown now.
+
     Raises
     ------
     UsageError
@@ -76,7 +78,7 @@ class Earlier:
         It cannot be read.
     """
 
-    def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN) -> None:
+    def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
         self._run = settings.resume
         self._names = names
         self._told: dict[str, Any] = {}
@@ -88,7 +90,8 @@ class Earlier:
             raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} in it")
         try:
             self._told = json.loads(path.read_text(encoding="utf-8"))
-            self._check_settings(_shape(settings))
+            if alike:
+                self._check_settings(_shape(settings))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadFile(f"{path} cannot be read: {error}") from error
         journal = self._run / JOURNAL

@@ -71,9 +71,10 @@ class Offer:
                 sizes.append(f"{math.degrees(value):.0f} deg")
             elif name == "duration":
                 sizes.append(f"{value:.0f} s")
+        if self.throttle:
+            sizes.append(f"throttle {100.0 * self.throttle:.0f} %")
         force = f" of {self.settings.force}" if self.settings.force else ""
-        ahead = f", throttle {100.0 * self.throttle:.0f} %" if self.throttle else ""
-        return f"{self.settings.kind.name}{force} ({', '.join(sizes)}{ahead})"
+        return f"{self.settings.kind.name}{force}" + (f" ({', '.join(sizes)})" if sizes else "")
 
     def make(self) -> Manoeuvre:
         """Return it."""
@@ -96,11 +97,18 @@ def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
     return FlySettings("steps" if force == "X" else "doublets", common, short, force=force)
 
 
-def offers_for(precision: Precision, first: FlySettings, firmware: Firmware, cruise: float) -> list[Offer]:
+def offers_for(
+    precision: Precision,
+    first: FlySettings,
+    firmware: Firmware,
+    cruise: float,
+    options: Mapping[str, float] | None = None,
+) -> list[Offer]:
     """Return every manoeuvre of the table that tells about the form, in the sizes of :data:`GRID`.
 
-    *cruise* is a boat's throttle; what was given with the *first* run (a rudder's angle) holds for all that take it.
+    *cruise* is a boat's throttle; *options* (SI) hold for all that take them, in place of the sizes there.
     """
+    typed = options or {}
     forces = {DOFS[dof].force for dof in precision.dofs}
     able = forces & set(firmware.channels)
     keep_still = not firmware.needs_way
@@ -111,12 +119,12 @@ def offers_for(precision: Precision, first: FlySettings, firmware: Firmware, cru
             continue
         if kind.tied or kind.needs:  # a bollard, or a wall ahead, nobody chooses unasked
             continue
-        for options, throttle in itertools.product(_sizes(kind), throttles):
+        for sizes, throttle in itertools.product(_sizes(kind, typed), throttles):
             common = replace(first.common, throttle=throttle)
             force = next(iter(kind.drives)) if kind.for_force is not None else ""
-            given = {n: v for n, v in first.options.items() if n in kind.options and n not in GRID}
+            given = {n: v for n, v in typed.items() if n in kind.options}
             try:
-                settings = FlySettings(kind.name, common, {**given, **options}, 1, None, None, force)
+                settings = FlySettings(kind.name, common, {**sizes, **given}, 1, None, None, force)
             except AutotuneError:
                 continue  # a size that this manoeuvre cannot have
             offer = Offer(settings, throttle, keep_still)
@@ -132,8 +140,8 @@ def _kinds(forces: set[str]) -> Iterator[ManoeuvreKind]:
             yield from (kind.of(force) for force in sorted(forces))
 
 
-def _sizes(kind: ManoeuvreKind) -> list[dict[str, float]]:
-    names = [name for name in GRID if name in kind.options]
+def _sizes(kind: ManoeuvreKind, typed: Mapping[str, float]) -> list[dict[str, float]]:
+    names = [name for name in GRID if name in kind.options and name not in typed]
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*(GRID[n] for n in names))]
 
 
@@ -237,20 +245,30 @@ Think = Callable[..., Outlook]
 class SelfPlanner:
     """Says after each run what is known by now and what comes next; ``steps`` is the story.
 
-    *overhead*: seconds that each run costs besides itself (a boat's coming back).
+    *overhead*: seconds that each run costs besides itself (a boat's coming back). *options* hold for every run that
+    takes them. *known*: how many runs there are from before the *first*, which is then chosen too.
     """
 
     def __init__(
-        self, until: Precision, first: FlightLeg, firmware: Firmware, overhead: float, say: Callable[[str], None]
+        self,
+        until: Precision,
+        first: FlightLeg,
+        firmware: Firmware,
+        overhead: float,
+        say: Callable[[str], None],
+        *,
+        options: Mapping[str, float] | None = None,
+        known: int = 0,
     ) -> None:
         self._until, self._say = until, say
         self._overhead = OVERHEAD + overhead
-        self._offers = offers_for(until, first.run.settings, firmware, first.throttle)
+        self._known = known
+        self._offers = offers_for(until, first.run.settings, firmware, first.throttle, options)
         self._before: Fit | None = None
-        self._left = until.seconds - first.preview.seconds
-        self._why = "the first"
-        self._name = first.run.name
-        self._tried = [first.run.settings.kind.name]
+        self._left = until.seconds - (0.0 if known else first.preview.seconds)
+        self._why = "flown before" if known else "the first"
+        self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.run.name
+        self._tried = [] if known else [first.run.settings.kind.name]
         self.steps: list[TrialStep] = []
 
     def next_leg(
@@ -269,9 +287,8 @@ class SelfPlanner:
         self._say(f"after run {len(runs)}: {until.told(seen.relative)}")
         leg, why = self._best(seen, len(runs) + 1, leg_of)
         self._say(f"next: {why}" if leg is not None else why)
-        self.steps.append(
-            TrialStep(self._name, self._why, runs[-1].duration, until, seen, "" if leg is not None else why)
-        )
+        seconds = 0.0 if len(runs) == self._known else runs[-1].duration
+        self.steps.append(TrialStep(self._name, self._why, seconds, until, seen, "" if leg is not None else why))
         if leg is not None:
             self._why, self._name = why, leg.run.name
             self._left -= leg.preview.seconds + self._overhead

@@ -148,8 +148,9 @@ class Form:
         """Surge, sway and yaw with each equation per full output of its own force; None where this form cannot be so.
 
         Momentum is not the same number in two equations then: what Coriolis' term makes of one inertia are products of
-        their own, ``X_vr``, ``Y_ur``, ``N_uv`` (the square of r that an inertia off the diagonal adds to surge is left
-        out). An equation that nothing drives is per unit of its inertia. A mass in kg has no place in it.
+        their own, ``X_vr``, ``Y_ur``, ``N_uv``. An equation that nothing drives is per unit of its inertia. A mass in
+        kg has no place in it, and an inertia off the diagonal stands in sway alone: in yaw nothing tells it from
+        ``N_v`` and ``N_r``, for an undriven sway accelerates as ``v``, ``r`` and ``u r`` say.
         """
         forces = {DOFS[d].force: DOFS[d].velocity for d in self.dofs}
         given = [n for n in self.known if n not in RIGID_BODY and n not in SPECIAL]
@@ -158,9 +159,9 @@ class Form:
             return None
         driven = {force for pairs in self.inputs.values() for force, _ in pairs}
         alone = {f"{force}_{nu}dot": -1.0 for force, nu in forces.items() if force not in driven}
-        products = ["X_vr", "Y_ur", "N_uv"]
-        if {"Y_rdot", "N_vdot", "x_G"} & set(self.parameters):
-            products += ["Y_rdot", "N_vdot", "N_ur"]
+        if "Y_rdot" in self.free:
+            alone["N_vdot"] = 0.0
+        products = ("X_vr", "Y_ur", "N_uv")
         kept = [n for n in self.free if n not in RIGID_BODY and n not in alone]
         return replace(
             self,

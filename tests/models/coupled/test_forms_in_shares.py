@@ -8,7 +8,7 @@ from gcs_autotune.models import FORMS
 def test_without_a_full_scale_each_equation_is_per_full_output_of_its_own_force() -> None:
     form = FORMS["horizontal"].in_shares
     assert form is not None and not form.coriolis and form.normalised and form.per_inertia == ("Y",)
-    assert form.known == {"Y_vdot": -1.0}
+    assert form.known == {"Y_vdot": -1.0, "N_vdot": 0.0}
     assert {"X_vr", "Y_ur", "N_uv"} <= set(form.free)
     units = {n: form.unit_of(n, {"X": "1", "N": "1"}) for n in form.parameters}
     assert units["X_udot"] == "s^2/m" and units["Y_v"] == "1/s" and units["N_uv"] == "s^2/m^2"
