@@ -198,3 +198,40 @@ def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
     result = trial(harness, "Z_wdot 2%")
     assert result.steps[-1].ended == "what was asked for is reached"
     assert_as_found(harness)
+
+
+def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path: Path) -> None:
+    settings = SitlHarness(tmp_path, QUICK).settings()
+    asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
+    boat, first = FIRMWARE["ardurover"], first_run(asked, settings)
+    told = offers_for(asked, first, boat, 0.5, {"heading": math.radians(15.0), "steering": 0.4})
+    steering = {o.settings.options["steering"] for o in told if "steering" in o.settings.kind.options}
+    headings = {o.settings.options["heading"] for o in told if o.settings.kind.name == "zig-zag"}
+    assert steering == {0.4} and headings == {math.radians(15.0)}
+    assert len({o.settings.options["steering"] for o in offers_for(asked, first, boat, 0.5) if "steering" in
+                o.settings.kind.options}) > 1  # fmt: skip
+
+
+def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tmp_path: Path) -> None:
+    asked = precision_of("N_r 5%", "", 600.0)
+    first = first_run(asked, SitlHarness(tmp_path, QUICK).settings())
+    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, SimpleNamespace(seconds=30.0)))
+    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)
+    run = cast(Trial, SimpleNamespace(duration=30.0))
+    known = Outlook(cast(Fit, None), {"beta_r": 0.04}, math.nan, ())
+    assert planner.next_leg([run, run], lambda *work: known, lambda planned: leg) is None
+    (step,) = planner.steps
+    assert (step.run, step.why, step.seconds) == ("2 earlier runs", "flown before", 0.0)
+    assert step.ended == "what was asked for is reached"
+
+
+@pytest.mark.slow
+def test_a_trial_goes_on_from_one_flown_before_and_ends_at_once_where_that_told_it_all(
+    flown: tuple[SitlHarness, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    harness, _ = flown
+    again = ["fly", "--resume", str(harness.directory), "--connect", "sitl:charlie", "--yes", "--out"]
+    assert main([*again, str(tmp_path / "one"), "--until", "N_rdot 0.1%"]) != 0
+    told = capsys.readouterr().err
+    assert "nothing was flown: after the" in told and "what was asked for is reached" in told
+    assert not list((tmp_path / "one").glob("trials/*"))
