@@ -48,7 +48,7 @@ FREEDOMS = (math.inf, 8.0, 4.0)
 WORTH = 3.0
 """Log-likelihood gained on data left out (odds of twenty to one) that a name must have."""
 
-BRIEF = 2.5
+BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
 
 PRESENT = 8.0
@@ -234,7 +234,8 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float) -> WanderingF
         tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
         if tailed is not None and tailed.total > best.total + WORTH:
             best = tailed
-    return best
+    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
+    return blurred if blurred is not None and blurred.total > best.total + WORTH else best
 
 
 def _folds(

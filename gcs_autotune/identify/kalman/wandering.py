@@ -23,6 +23,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
+from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 
 __all__ = ["WanderingFit", "WanderingProblem", "Water", "thinned_to"]
@@ -44,6 +45,9 @@ STEP = 2e-2
 PER_SAMPLE = 4.0
 """Inputs and measured motions are held as means over no less than this share of the interval between samples."""
 
+LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
+"""Time constants of a smoother, in samples of the record."""
+
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 
 SHORTEST_MEMORY = 2.0
@@ -56,12 +60,15 @@ class Water:
 
     ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
     that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
+    ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
+    What a linear craft then shows is what smoothed commands would have done.
     """
 
     size: float
     memory: float
     noise: float
     freedom: float = math.inf
+    smoothing: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +97,7 @@ class WanderingFit:
     @property
     def unknowns(self) -> int:
         """How many numbers were fitted."""
-        return len(self.theta) + len(self.free_effects) + 3
+        return len(self.theta) + len(self.free_effects) + 3 + (self.water.smoothing > 0.0)
 
     def std_of(self, slug: str, place: str, name: str) -> float:
         """Return the standard error of an effect's number, NaN where it was not fitted."""
@@ -185,18 +192,18 @@ class WanderingProblem:
 
     # -- passes
 
-    def bank(self, effects: Sequence[EffectInstance]) -> FilterBank:
+    def bank(self, effects: Sequence[EffectInstance], smoothing: float = 0.0) -> FilterBank:
         """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
         key = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
-        key = (*key, *((e.slug, e.place) for e in effects))
+        key = (*key, *((e.slug, e.place) for e in effects), smoothing)
         if key not in self._banks:
             if len(self._banks) > 60:
                 self._banks.clear()
-            self._banks[key] = self._new_bank(effects)
+            self._banks[key] = self._new_bank(effects, smoothing)
         return self._banks[key]
 
-    def _new_bank(self, effects: Sequence[EffectInstance]) -> FilterBank:
+    def _new_bank(self, effects: Sequence[EffectInstance], smoothing: float) -> FilterBank:
         more: dict[str, None] = {}
         added: dict[str, None] = {}
         for effect in effects:
@@ -211,15 +218,33 @@ class WanderingProblem:
             drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
             for effect in effects:
                 drive = EFFECTS[effect.slug].drive(effect, drive)
+            if smoothing > 0.0:
+                drive = self._smoothed(drive, smoothing, float(segment.stamps[-1]))
             table = {n: np.ones(len(drive.t)) if n == WANDERS else drive.channels[n] for n in inputs}
             records.append(segment.driven(drive.t, table))
         return FilterBank(form, records, (name,))
+
+    def _smoothed(self, drive: Drive, smoothing: float, end: float) -> Drive:
+        """Return the inputs as means over samples, the commands smoothed forwards and backwards."""
+        step = self.data.interval
+        t = np.arange(float(drive.t[0]), end + step, step)
+        every = np.union1d(drive.t[drive.t < t[-1] + step], t)
+        row = np.searchsorted(drive.t, every, side="right") - 1
+        held = np.diff(np.append(every, t[-1] + step))
+        own = np.clip(np.searchsorted(t, every, side="right") - 1, 0, len(t) - 1)
+        weight = np.bincount(own, held, len(t))
+        kept = math.exp(-step / smoothing)
+        channels = {}
+        for name, values in drive.channels.items():
+            mean = np.bincount(own, held * values[row], len(t)) / weight
+            channels[name] = _two_sided(mean, kept) if name in self.form.inputs else mean
+        return replace(drive, t=t, channels=channels)
 
     def run(
         self, theta: Array, effects: Sequence[EffectInstance], water: Water, *, full: bool = False
     ) -> tuple[FilterBank, FilterResult, Levels] | None:
         """Pass the filter over all records; None when it runs away."""
-        bank = self.bank(effects)
+        bank = self.bank(effects, water.smoothing)
         every = self.theta_of(bank.form, theta, effects)
         decay = 1.0 / water.memory
         levels = Levels(
@@ -386,6 +411,16 @@ class Tangent:
     D: Array
 
 
+def _two_sided(x: Array, kept: float) -> Array:
+    """Return *x* (n,) smoothed by weights ``kept**|k|``, as if its ends went on for ever."""
+    rest = 1.0 - kept
+    lfilter = scipy_signal().lfilter
+    forward, _ = lfilter([1.0], [1.0, -kept], x, zi=[kept * x[0] / rest])
+    backward, _ = lfilter([1.0], [1.0, -kept], x[::-1], zi=[kept * x[-1] / rest])
+    both: Array = (forward + backward[::-1] - x) * rest / (1.0 + kept)
+    return both
+
+
 def _free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
     """Return (index, name) of the numbers of *effects* to fit."""
     return tuple(
@@ -411,6 +446,7 @@ class _Coordinates:
         water: Water,
     ) -> None:
         self.problem, self.effects, self.free_effects, self.freedom = problem, effects, free_effects, water.freedom
+        self.levels = 3 + (water.smoothing > 0.0)
         own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
         pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
         longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
@@ -422,32 +458,35 @@ class _Coordinates:
             [low, [p[0] for p in pairs], np.log([1e-12, SHORTEST_MEMORY * problem.interval, finest])]
         )
         self.high = np.concatenate([high, [p[1] for p in pairs], np.log([1e6, longest, 1e6])])
+        if water.smoothing > 0.0:
+            least, most = LEAST_SMOOTHING * problem.data.interval, MOST_SMOOTHING * problem.data.interval
+            self.low, self.high = np.append(self.low, math.log(least)), np.append(self.high, math.log(most))
         spans = np.array([p[1] - p[0] for p in pairs])
         self.widest = np.concatenate(
-            [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(3, 0.1)]
+            [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(self.levels, 0.1)]
         )
 
     def pack(self, theta: Array, effects: Sequence[EffectInstance], water: Water) -> Array:
         values = [effects[i].values[n] for i, n in self.free_effects]
-        levels = [math.log(max(v, 1e-12)) for v in (water.size, water.memory, water.noise)]
-        return np.concatenate([theta, values, levels])
+        every = (water.size, water.memory, water.noise, water.smoothing)[: self.levels]
+        return np.concatenate([theta, values, [math.log(max(v, 1e-12)) for v in every]])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
-        p = len(x) - 3 - len(self.free_effects)
+        p = len(x) - self.levels - len(self.free_effects)
         values: dict[int, dict[str, float]] = {}
         for k, (i, n) in enumerate(self.free_effects):
             values.setdefault(i, {})[n] = float(x[p + k])
         effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
-        size, memory, noise = (float(v) for v in np.exp(x[-3:]))
-        return x[:p].copy(), effects, Water(size, memory, noise, self.freedom)
+        size, memory, noise, *smoothing = (float(v) for v in np.exp(x[-self.levels :]))
+        return x[:p].copy(), effects, Water(size, memory, noise, self.freedom, *smoothing)
 
     def clipped(self, x: Array) -> Array:
         inside: Array = np.clip(x, self.low, self.high)
         return inside
 
     def first_steps(self, x: Array) -> Array:
-        steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[:-3]).max(initial=1e-6)), 1e-9))
-        steps[-3:] = 1e-2
+        steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[: -self.levels]).max(initial=1e-6)), 1e-9))
+        steps[-self.levels :] = 1e-2
         least: Array = np.minimum(steps, self.widest)
         return least
 
@@ -457,7 +496,7 @@ class _Coordinates:
         move = np.zeros(len(x))
         free = np.flatnonzero(~at)
         move[free] = np.linalg.lstsq(A[np.ix_(free, free)], gradient[free], rcond=None)[0]
-        move[-3:] = np.clip(move[-3:], -2.0, 2.0)
+        move[-self.levels :] = np.clip(move[-self.levels :], -2.0, 2.0)
         return move
 
     def at(self, x: Array) -> _Point | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,3 +142,28 @@ def test_an_error_several_seconds_ahead_is_small_in_calm_water_and_grows_with_th
         errors.append(float(np.sqrt(np.mean(problem.ahead(fit, 5.0) ** 2))))
     assert errors[0] < 0.01
     assert errors[1] > 5.0 * errors[0]
+
+
+def test_a_heading_smoothed_both_ways_is_no_lag() -> None:
+    segments = []
+    for seed in (1, 2):
+        segment = run(seed)
+        own = segment.signals["psi"]
+        values, kept = own.values.copy(), math.exp(-STEP / 0.5)
+        for _ in range(2):
+            for i in range(1, len(values)):
+                values[i] = kept * values[i - 1] + (1.0 - kept) * values[i]
+            values = values[::-1]
+        segments.append(replace(segment, signals={"psi": replace(own, values=values)}))
+    problem = problem_of(segments)
+    sharp = problem.fit(*BEGIN)
+    blurred = problem.fit(BEGIN[0], (), replace(BEGIN[2], smoothing=STEP))
+    assert sharp is not None
+    assert blurred is not None
+    assert blurred.total > sharp.total + 5.0
+    assert 0.25 < blurred.water.smoothing < 1.0
+    assert abs(blurred.theta[1] + DAMPING) < abs(sharp.theta[1] + DAMPING)
+    lag = EffectInstance("actuator-lag", "N", {"time_constant": 0.2}, {"resolution": 0.001})
+    late = problem.fit(blurred.theta, (lag,), blurred.water)
+    assert late is not None
+    assert late.total < blurred.total + 6.0
