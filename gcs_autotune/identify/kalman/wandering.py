@@ -195,7 +195,7 @@ class WanderingProblem:
     def bank(self, effects: Sequence[EffectInstance], smoothing: float = 0.0) -> FilterBank:
         """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
-        key = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
+        key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
         key = (*key, *((e.slug, e.place) for e in effects), smoothing)
         if key not in self._banks:
             if len(self._banks) > 60:
