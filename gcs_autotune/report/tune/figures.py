@@ -181,14 +181,16 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
     yield "step", _step_caption(story), partial(_draw_step, story)
     found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
     relays = [series for series in found if series is not None]
+    flown = {run.name: run for run in story.relays}
     for i, relay in enumerate(relays, start=1):
         caption = f"Self-oscillation '{relay.name}': {what} about its reference, with the switchings marked."
+        if flown[relay.name].reason:
+            caption += f" It ended so: {flown[relay.name].reason}."
         if not len(relay.switches):
             caption = f"Throttle steps '{relay.name}': {what} against that before the first step."
         yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
-    caption = f"Limit cycles: rate of change against {what}. Strong lines: the last five periods."
+    caption = f"Limit cycles: rate of change against {what}. Strong lines: up to five periods at the end."
     yield "cycle", caption, partial(_draw_cycles, relays, swung)
-    flown = {run.name: run for run in story.relays}
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         caption = (
             f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over and the "
@@ -325,7 +327,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
     top.set_ylabel(f"{what} from reference [{unit}]")
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: the last five periods" if len(relay.switches) else "time [s]")
+    bottom.set_xlabel("time [s]; shaded: up to five periods at the end" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 
