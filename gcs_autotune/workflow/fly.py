@@ -51,7 +51,7 @@ from gcs_autotune.workflow.preflight import (
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven
+from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, see_it_can_be_told
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.worker import Worker
 
@@ -182,6 +182,8 @@ class _Flight:
         self._earlier.see_that_it_is_the_same(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
+        if self._plan.until is not None:
+            see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
         self._area = self._water()
         for run in self._plan.runs:
             see_it_suits(run.settings, craft)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
 from gcs_autotune.experiments import rank_by_precision, relative_errors, shortfall
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import Fit, fit, validate
@@ -27,7 +27,18 @@ from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["Choice", "Offer", "Outlook", "SelfPlanner", "TrialStep", "driven", "first_run", "look_ahead", "offers_for"]
+__all__ = [
+    "Choice",
+    "Offer",
+    "Outlook",
+    "SelfPlanner",
+    "TrialStep",
+    "driven",
+    "first_run",
+    "look_ahead",
+    "offers_for",
+    "see_it_can_be_told",
+]
 
 GRID: Mapping[str, tuple[float, ...]] = {
     "steering": (0.3, 0.6, 1.0),
@@ -224,6 +235,28 @@ def look_ahead(
 def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
     """Return the degrees of freedom of the form whose actuator the craft has."""
     return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
+
+
+def see_it_can_be_told(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
+    """See, before anything moves, that the craft can drive what is asked for, and that the *first* run does.
+
+    Raises
+    ------
+    UsageError
+        It cannot, or another manoeuvre drives it.
+    """
+    asked, able = precision.title, driven(precision, firmware)
+    if not able:
+        raise UsageError(
+            f"{asked}: nothing aboard drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
+            f"{', '.join(firmware.channels)}), so no run can tell it; nothing was flown"
+        )
+    forces = {DOFS[dof].force for dof in able}
+    if not forces & first.drives:
+        raise UsageError(
+            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and tells nothing of it; leave the "
+            f"manoeuvre out, or name one that drives {' or '.join(sorted(forces))}; nothing was flown"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,11 +14,11 @@ from gcs_autotune.cli import main
 from gcs_autotune.errors import OperatorStopped, UnknownName, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import Fit
-from gcs_autotune.manoeuvres import Envelope, Preview
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Preview
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
 from gcs_autotune.workflow.flight_plan import FlightLeg
-from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for
+from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for, see_it_can_be_told
 
 from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
@@ -235,3 +235,25 @@ def test_a_trial_goes_on_from_one_flown_before_and_ends_at_once_where_that_told_
     told = capsys.readouterr().err
     assert "nothing was flown: after the" in told and "what was asked for is reached" in told
     assert not list((tmp_path / "one").glob("trials/*"))
+
+
+@pytest.mark.parametrize(
+    ("until", "manoeuvre", "words"),
+    [
+        ("K_p 5%", "doublets", "K_p = beta_p to 5 %: nothing aboard drives roll on this vehicle"),
+        ("Z_w 5%", "zig-zag", "nothing aboard drives heave"),
+        (
+            "X_u 5%",
+            "zig-zag",
+            "zig-zag drives N and tells nothing of it; leave the manoeuvre out, or name one that drives X",
+        ),
+    ],
+)
+def test_a_wish_that_this_craft_or_this_manoeuvre_cannot_tell_is_refused_before_anything_moves(
+    until: str, manoeuvre: str, words: str
+) -> None:
+    force = "K" if manoeuvre == "doublets" else ""
+    with pytest.raises(UsageError, match=words):
+        see_it_can_be_told(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
+    for asked in ("N_r 5%", "N_r 5%, Y_v 10%"):
+        see_it_can_be_told(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])
