@@ -39,6 +39,7 @@ class ActuatorStep(NamedTuple):
     ahead: float
     astern: float
     lost: float
+    dither: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,8 @@ class Actuator:
     ``dead_zone`` (half-width) of its linkage or speed controller, ``subtracted`` the share of that width lost beyond it
     (1: the force grows from nothing; 0: it begins with a jump), ``square`` the share of its force that goes with
     ``u|u|/reference``,
-    ``ahead`` and ``astern`` gains for positive and negative outputs, ``weakest`` the gain it may fall to in use.
+    ``ahead`` and ``astern`` gains for positive and negative outputs, ``weakest`` the gain it may fall to in use,
+    ``dither`` the rms of noise that rides on its output, too quick for the craft: the force is the mean over it.
     """
 
     limit: float = math.inf
@@ -63,6 +65,7 @@ class Actuator:
     ahead: float = 1.0
     astern: float = 1.0
     weakest: float = 1.0
+    dither: float = 0.0
 
     @property
     def is_perfect(self) -> bool:
@@ -91,6 +94,7 @@ class Actuator:
             rate=self.rate / size,
             play=self.play / size,
             dead_zone=self.dead_zone / size,
+            dither=self.dither / size,
             reference=self.reference / size,
             **turned,
         )
@@ -152,6 +156,7 @@ class Actuator:
             ahead=self.ahead,
             astern=self.astern,
             lost=self.lost,
+            dither=self.dither,
         )
 
 

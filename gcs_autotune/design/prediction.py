@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import Scenario, Settings
-from gcs_autotune.design.matching import DesignProblem
+from gcs_autotune.design.matching import DesignProblem, output_noise
 from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
 from gcs_autotune.design.step_metrics import combine, step_metrics
@@ -125,7 +126,10 @@ def _fly(
     problem: DesignProblem, model: SingleDof, settings: Settings, scenario: Scenario, begin: float
 ) -> tuple[Array, Array, Array]:
     """Return t (n,) [s] from *begin* on, position and output, at the rate that is kept."""
-    motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay, problem.actuator)
+    actuator = problem.actuator
+    if not actuator.is_plain:  # noise that carries an output over the edge of a dead band works where its mean does not
+        actuator = replace(actuator, dither=output_noise(problem, settings))
+    motion = problem.law.simulate(model, settings, scenario, problem.spec.speed, problem.delay, actuator)
     period = problem.law.loop_period(settings)
     every = max(round(1.0 / (RATE * period)), 1)
     kept = slice(round(begin / period), None, every)

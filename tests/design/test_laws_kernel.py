@@ -89,7 +89,7 @@ def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: fl
 
 def moved(**shape: float) -> ActuatorStep:
     """Return an actuator as the kernel reads it: perfect but for *shape*."""
-    return ActuatorStep(1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0)._replace(**shape)
+    return ActuatorStep(1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)._replace(**shape)
 
 
 def acted(outputs: list[float], **shape: float) -> list[float]:
@@ -152,3 +152,15 @@ def test_a_gyro_filter_is_a_butterworth_low_pass_and_nothing_near_half_the_rate(
         assert kernel.gyro_coefficients(cutoff, rate) == pytest.approx([*b, *a[1:]])
     for cutoff in (0.0, -1.0, 22.5, 30.0):
         assert kernel.gyro_coefficients(cutoff, 50.0) == (1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("u", [0.0, 0.03, 0.056, 0.07, -0.06, 0.1, 0.5])
+@pytest.mark.parametrize("noise", [0.005, 0.015])
+def test_noise_on_an_output_gives_the_mean_force_over_it(u: float, noise: float) -> None:
+    shape = {"dead_zone": 0.056, "lost": 0.056, "square": 0.3, "reference": 0.3}
+    n = np.linspace(-6.0, 6.0, 1201)
+    weight = np.exp(-0.5 * n * n) / np.sum(np.exp(-0.5 * n * n))
+    forces = [acted([u + noise * float(v)], **shape)[0] for v in n]
+    found = acted([u], **shape, dither=noise)[0]
+    assert found == pytest.approx(float(weight @ np.array(forces)), abs=0.08 * noise)
+    assert acted([u], **shape, dither=0.0) == acted([u], **shape)

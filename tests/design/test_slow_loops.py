@@ -151,6 +151,20 @@ def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_long
     assert error_back(30.0) != pytest.approx(error_back(there), rel=0.15)
 
 
+def test_noise_on_the_output_works_off_inside_a_dead_band_what_the_mean_alone_does_not() -> None:
+    law, loaded = LAWS["sub-heading"], yaw(0.0522, 0.0286, 0.0781, delta=0.0016)
+    gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.05, "ATC_ANG_YAW_P": 5.64}
+    region = sample_region(loaded, SPREAD)
+    problem = DesignProblem(law, (), region, gains, replace(STEP, hold=10.0), 30.0 * DEG, 0.004, actuator=THRUSTERS)
+    calm = replace(problem, spec=replace(problem.spec, jitter_std=0.0))
+    noisy, still = (predict_metrics(p, gains, 30.0 * DEG, 8.0).itae for p in (problem, calm))
+    assert noisy < 0.9 * still
+    straight = replace(problem, actuator=Actuator())
+    assert predict_metrics(straight, gains, 30.0 * DEG, 8.0) == predict_metrics(
+        replace(straight, spec=calm.spec), gains, 30.0 * DEG, 8.0
+    )
+
+
 def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
     bent = Actuator(square=0.4, reference=0.8)
     assert bent.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.5 / 0.8)

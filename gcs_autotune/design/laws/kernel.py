@@ -219,6 +219,16 @@ smoothing = compiled(_smoothing)
 advance = compiled(_advance)
 
 
+def _bent(u: float, actuator: ActuatorStep) -> float:
+    """Return the force of a settled output *u*, the play taken up."""
+    size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
+    size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
+    return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
+
+
+bent = compiled(_bent)
+
+
 def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
     """Return the force that *output* gives.
 
@@ -233,10 +243,13 @@ def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64])
     memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
     memory[2] += actuator.lag * (memory[1] - memory[2])
     memory[3] = min(max(memory[3], memory[2] - actuator.play), memory[2] + actuator.play)
-    u = memory[3]
-    size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
-    size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
-    return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
+    u, noise = memory[3], actuator.dither
+    force = bent(u, actuator)
+    if noise > 0.0:  # the mean over normal noise: Gauss-Hermite quadrature of five points
+        near = bent(u - 1.355626 * noise, actuator) + bent(u + 1.355626 * noise, actuator)
+        far = bent(u - 2.856970 * noise, actuator) + bent(u + 2.856970 * noise, actuator)
+        force = 0.5333333 * force + 0.2220759 * near + 0.0112574 * far
+    return float(force)
 
 
 actuate = compiled(_actuate)
