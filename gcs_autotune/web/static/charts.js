@@ -69,7 +69,7 @@ export function draw(state) {
   two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]);
   say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, wanted`);
   drawTrack(rows, state.room);
-  drawPhase(shown, kind);
+  drawPhase(shown.filter((r) => r[0] === legs.length - 1), kind);
 }
 
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
