@@ -193,5 +193,6 @@ _SCENES = (
     ),
     _data_summary(("yaw",), {"delta": "yaw"}, ("r", "psi", "u")),
     _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
+    _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi", "u", "v")),
 )
-"""All but yaw by a rudder; that; and a craft without linear drag."""
+"""All but yaw by a rudder; that; a craft without linear drag; and one whose flow was measured and is not simulated."""
