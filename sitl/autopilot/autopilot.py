@@ -1,19 +1,105 @@
-"""What both firmwares share: boot, modes, arming, texts, and the order of things in one loop."""
+"""What both firmwares share: boot, modes, arming, texts, estimate, battery, and the order of things in one loop."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import Protocol
 
-from sitl.autopilot.battery_monitor import BatteryMonitor
-from sitl.autopilot.estimator import StateEstimate
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rc_input import RcInput
 from sitl.autopilot.servo_rail import ServoRail
+from sitl.autopilot.shaping import TwoPoleLowPass
 from sitl.sensors import SensorReading
 
-__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot"]
+__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot", "BatteryMonitor", "StateEstimate"]
+
+
+class StateEstimate:
+    """The attitude and position that the autopilot believes: the sensors through its filters.
+
+    SI, radians, NED; ``yaw`` is not filtered, ``yaw_rate`` is: it lags by the gyro filter (INS_GYRO_FILTER), 4 Hz on
+    Rover, which is about 55 ms. ``climb`` and ``climb_acceleration`` point up.
+    """
+
+    def __init__(self, parameters: ParameterStore) -> None:
+        self._values = parameters.values
+        self._gyro = TwoPoleLowPass()
+        self._accelerometer = TwoPoleLowPass()
+        self.roll = self.pitch = self.yaw = 0.0
+        self.roll_rate = self.pitch_rate = self.yaw_rate = 0.0
+        self.speed = 0.0
+        self.x = self.y = self.z = 0.0
+        self._sway = self.vz = 0.0
+        self.climb = self.climb_acceleration = 0.0
+        self.distance = math.nan
+
+    def update(self, reading: SensorReading, dt: float) -> None:
+        """Take in one sample of the sensors."""
+        values = self._values
+        self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
+        self.roll_rate, self.pitch_rate = reading.p, reading.q
+        self.yaw_rate = self._gyro.apply(reading.r, values["INS_GYRO_FILTER"], dt)
+        self.speed = reading.u
+        self.x, self.y, self.z = reading.x, reading.y, reading.z
+        self._sway, self.vz = reading.v, reading.w
+        self.distance = reading.d
+        self.climb = -reading.w
+        self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
+
+    @property
+    def vx(self) -> float:
+        """The velocity to the north [m/s]."""
+        return self.speed * math.cos(self.yaw) - self._sway * math.sin(self.yaw)
+
+    @property
+    def vy(self) -> float:
+        """The velocity to the east [m/s]."""
+        return self.speed * math.sin(self.yaw) + self._sway * math.cos(self.yaw)
+
+
+_WARNING = 4
+
+
+class _Owner(Protocol):
+    ms: int
+
+    def say(self, severity: int, text: str) -> None: ...
+
+    def act_on_battery(self, action: int) -> None: ...
+
+
+class BatteryMonitor:
+    """Acts once when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
+
+    def __init__(self, parameters: ParameterStore) -> None:
+        self._values = parameters.values
+        self._low_since_ms: int | None = None
+        self.voltage = 0.0
+        self.is_low = False
+
+    def arming_fault(self) -> str | None:
+        """Return why this battery forbids arming, or None."""
+        if self.voltage < self._values["BATT_ARM_VOLT"]:
+            return "Battery 1 below minimum arming voltage"
+        return "Battery 1 low voltage failsafe" if self.is_low else None
+
+    def update(self, owner: _Owner, voltage: float, consumed_mah: float) -> None:
+        """Take in the present voltage [V] and charge used [mAh]."""
+        values = self._values
+        self.voltage = voltage
+        if self.is_low or not 0.0 < voltage < values["BATT_LOW_VOLT"]:
+            self._low_since_ms = None
+            return
+        if self._low_since_ms is None:
+            self._low_since_ms = owner.ms
+        if owner.ms - self._low_since_ms >= values["BATT_LOW_TIMER"] * 1000.0:
+            self.is_low = True
+            owner.say(_WARNING, f"Battery 1 is low {voltage:.2f}V used {consumed_mah:.0f} mAh")
+            owner.act_on_battery(int(values["BATT_FS_LOW_ACT"]))
+
 
 SLOW_RATE = 50
 """Hz at which sticks are read and failsafes looked at, whatever the loop rate (ArduPilot's scheduler tables)."""
