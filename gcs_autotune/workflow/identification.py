@@ -24,7 +24,8 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
     """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
-    actuator that the record calls for, or None. ``short``: oscillations were ended before five periods agreed.
+    actuator that the record calls for, or None. ``short``: oscillations were ended early for
+    being explained by themselves; what they leave open of the gains nobody has looked at.
     """
 
     fit: AxisFit
@@ -105,7 +106,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     if rule.known:
         log.say("identifying")
         fit = log.fit = _without_cycles(_plain(context, [step, first]))
-        return Identified(fit, [step, first], short=True)
+        return Identified(fit, [step, first])
     short = rule.another_size
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
     turned = context.come_about("relay-2", SWING_AHEAD)
