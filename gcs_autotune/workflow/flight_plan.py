@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
@@ -84,6 +85,19 @@ class FlySettings:
     def kind(self) -> ManoeuvreKind:
         """The row of the table."""
         return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
+
+    def cruise(self, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
+        """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise (*present*) unless told otherwise."""
+        s = self.common
+        if not firmware.needs_way:
+            return s.throttle or 0.0, s.speed or 0.0
+        throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0 if s.throttle is None else s.throttle
+        return throttle, present.get("CRUISE_SPEED", 1.0) if s.speed is None else s.speed
+
+    def envelope(self, speed: float) -> Envelope:
+        """Return the safety limits at *speed* [m/s]; a manoeuvre that turns right round has none of heading."""
+        envelope = replace(self.common.envelope, cruise=speed)
+        return replace(envelope, heading_excursion=math.inf) if self.kind.turns else envelope
 
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
         """Return the manoeuvre; what was not given is as the table of limits says."""

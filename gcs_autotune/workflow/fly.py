@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.firmware import Firmware
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import (
     DOF_OF,
@@ -21,7 +20,6 @@ from gcs_autotune.manoeuvres import (
     ComeBack,
     Dive,
     DiveSettings,
-    Envelope,
     ManoeuvreKind,
     Zone,
     preview,
@@ -93,7 +91,7 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
             raise UsageError(f"model '{settings.model.name}' is about {have}; {run.name} moves {wanted}")
         runs.append(
             FlownRun(
-                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, _envelope(settings, s.speed or 0.0))
+                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
             )
         )
     return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
@@ -209,8 +207,8 @@ class _Flight:
         """Return *run* with its preview from where the craft is now."""
         craft, firmware, area, settings = self._craft, self._craft.firmware, self._area, run.settings
         now = craft.observe()
-        throttle, speed = _cruise(settings, firmware, self._held)
-        envelope = replace(_envelope(settings, speed), area=area)
+        throttle, speed = settings.cruise(firmware, self._held)
+        envelope = replace(settings.envelope(speed), area=area)
         paper = paper_craft(settings, firmware, self._held, throttle, speed)
         here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
@@ -441,20 +439,6 @@ class _Flight:
 
 COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
 """Stages between two runs."""
-
-
-def _cruise(settings: FlySettings, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
-    """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise unless told otherwise."""
-    s = settings.common
-    if not firmware.needs_way:
-        return s.throttle or 0.0, s.speed or 0.0
-    throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0 if s.throttle is None else s.throttle
-    return throttle, present.get("CRUISE_SPEED", 1.0) if s.speed is None else s.speed
-
-
-def _envelope(settings: FlySettings, speed: float) -> Envelope:
-    envelope = replace(settings.common.envelope, cruise=speed)
-    return replace(envelope, heading_excursion=math.inf) if settings.kind.turns else envelope
 
 
 def _checked(kind: ManoeuvreKind) -> str:
