@@ -191,7 +191,7 @@ _SCENES = (
         {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"},
         ("u", "v", "w", "r", "psi", "x", "y", "z"),
     ),
-    _data_summary(("yaw",), {"delta": "yaw"}, ("r", "psi", "u")),
+    _data_summary(("yaw",), {"delta": "yaw"}, ("r", "psi", "u", "v")),
     _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
     _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi", "u", "v")),
 )

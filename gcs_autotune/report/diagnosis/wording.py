@@ -217,7 +217,7 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
     these = "these" if len(numbers.wrong) > 1 else "this"
     return (
         f"With {these} set right{', before any cause is added' if causes else ''},"
-        f" the simulated {signal_words(gain.signal)} errs by {after} instead of {before} on data it has not seen"
+        f" the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by {after} instead of {before} on data it has not seen"
         + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
     )
 
@@ -262,7 +262,7 @@ def _found(diagnosis: Diagnosis) -> str:
         return said
     it = "it" if len(names) == 1 else "them"
     return (
-        f"{said} With {it}, the simulated {signal_words(gain.signal)} errs by "
+        f"{said} With {it}, the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by "
         f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "
         "on data it has not seen."
     )
@@ -298,6 +298,11 @@ def _as_closely(left: Signature) -> str:
     if _is_noise(left):
         return " as closely as the measurement noise allows"
     return "; what remains is small, but correlated, so it stays unexplained"
+
+
+def _ahead(gain: ErrorReduction) -> str:
+    """Return how far ahead an error is told, where no free run could follow."""
+    return f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
 
 
 def _unexplained(diagnosis: Diagnosis) -> str:
