@@ -5,7 +5,13 @@ from __future__ import annotations
 from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
 from sitl.hull import Loads
 
-__all__ = ["SimulatedCoriolisCoupling", "SimulatedSwayYawCoupling"]
+__all__ = [
+    "SimulatedCoriolisCoupling",
+    "SimulatedMunkMoment",
+    "SimulatedSpeedDamping",
+    "SimulatedSwayMoment",
+    "SimulatedSwayYawCoupling",
+]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
 
@@ -65,3 +71,65 @@ class SimulatedSwayYawCoupling(HiddenEffect):
     def alter_parameters(self, t: float, body: HullMotion) -> None:
         """Couple the masses."""
         body.Y_rdot = self["Y_rdot"]
+
+
+class MomentOfFlow(HiddenEffect):
+    """A yaw moment that goes with speeds of the hull, and does nothing back to them."""
+
+    needs: frozenset[str]
+
+    def begin(self, setting: Setting) -> None:
+        """Make sure that the hull has these degrees of freedom."""
+        missing = self.needs - setting.axes.keys()
+        if missing:
+            raise BadEffect(f"{self.slug} needs a hull with {', '.join(sorted(self.needs))}; this one lacks some")
+        self._motion = setting.motion
+
+    def alter_force(self, t: float, loads: Loads) -> None:
+        """Turn."""
+        loads.N += self.moment(self._motion)
+
+    def moment(self, at: HullMotion) -> float:
+        """Return the moment [N m]."""
+        raise NotImplementedError
+
+
+class SimulatedSwayMoment(MomentOfFlow):
+    """``N += N_v v``."""
+
+    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    slug = "sway-moment"
+    meaning = "sliding sideways turns"
+    parameters = (EffectParameter("N_v", "N s"),)
+    needs = frozenset({"sway", "yaw"})
+
+    def moment(self, at: HullMotion) -> float:
+        """As the class says."""
+        return self["N_v"] * at.v
+
+
+class SimulatedSpeedDamping(MomentOfFlow):
+    """``N += N_ur u r``."""
+
+    slug = "speed-damping"
+    meaning = "turning is harder (negative) or easier with way on"
+    parameters = (EffectParameter("N_ur", "kg m"),)
+    needs = frozenset({"surge", "yaw"})
+
+    def moment(self, at: HullMotion) -> float:
+        """As the class says."""
+        return self["N_ur"] * at.u * at.r
+
+
+class SimulatedMunkMoment(MomentOfFlow):
+    """``N += N_uv u v``."""
+
+    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    slug = "munk-moment"
+    meaning = "at an angle to its way the hull turns further"
+    parameters = (EffectParameter("N_uv", "kg"),)
+    needs = frozenset({"surge", "sway", "yaw"})
+
+    def moment(self, at: HullMotion) -> float:
+        """As the class says."""
+        return self["N_uv"] * at.u * at.v

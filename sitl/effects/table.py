@@ -22,7 +22,13 @@ from sitl.effects.bookkeeping import (
     SimulatedTimeScale,
     SimulatedUnitError,
 )
-from sitl.effects.coupling import SimulatedCoriolisCoupling, SimulatedSwayYawCoupling
+from sitl.effects.coupling import (
+    SimulatedCoriolisCoupling,
+    SimulatedMunkMoment,
+    SimulatedSpeedDamping,
+    SimulatedSwayMoment,
+    SimulatedSwayYawCoupling,
+)
 from sitl.effects.effect import BadEffect, HiddenEffect
 from sitl.effects.environment import (
     SimulatedInputBias,
@@ -72,6 +78,9 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedQuadraticDrag,
     SimulatedCoriolisCoupling,
     SimulatedSwayYawCoupling,
+    SimulatedSwayMoment,
+    SimulatedSpeedDamping,
+    SimulatedMunkMoment,
     SimulatedMassChange,
     SimulatedNetBuoyancy,
     SimulatedGroundEffect,
