@@ -217,8 +217,9 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
     these = "these" if len(numbers.wrong) > 1 else "this"
     return (
         f"With {these} set right{', before any cause is added' if causes else ''},"
-        f" the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by {after} instead of {before} on data it has not"
-        " seen" + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
+        f" the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by {after} instead of {before}"
+        " on data it has not seen"
+        + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
     )
 
 
