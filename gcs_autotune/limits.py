@@ -622,6 +622,16 @@ _LINKED = (
         2.5,
         slips=(_MS,),
     ),
+    Limit(
+        "number",
+        "which log on board; 0 only lists them",
+        "",
+        0,
+        65535,
+        "logs are counted so",
+        unset="newest",
+        whole=True,
+    ),
     Limit("seed", "noise seed of a sitl: vehicle", "", 0, 2**32 - 1, "it begins a generator", 1, whole=True),
 )
 _DESK = (

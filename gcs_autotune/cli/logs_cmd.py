@@ -6,12 +6,22 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_loudness,
+    add_number,
+    connection_of,
+    uri_of,
+    watching,
+)
+from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.cli.reading import add_parameters, read_parameters
-from gcs_autotune.cli.writing import fresh
+from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.foreign_text import visible
 
@@ -30,6 +40,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     show = actions.add_parser("list", help="show what is in logs: messages, modes, parameters, runs; writes nothing")
     take = actions.add_parser("import", help="write the runs in logs as CSV files with their meta data")
+    fetch = actions.add_parser("fetch", help="fetch a log from the vehicle's own card over the link")
+    add_number(fetch, "number", "N")
+    fetch.add_argument("--out", type=Path, metavar="FILE", help="where it goes (default log-N.bin)")
+    add_connection(fetch)
+    add_loudness(fetch)
     for action in (show, take):
         action.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
         add_number(action, "system-id", "ID", meaning="the vehicle, in a log that heard several")
@@ -43,6 +58,32 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    return _fetch(args) if args.action == "fetch" else _show(args)
+
+
+def _fetch(args: argparse.Namespace) -> int:
+    from gcs_autotune.workflow import fetch_onboard_log
+
+    operator = ConsoleOperator(yes=True, bell=not args.quiet)
+    connection = connection_of(args, uri_of(args))
+    with operator.listening(), watching(args) as watcher:
+        logs, log, data = fetch_onboard_log(connection, args.number, operator, watcher)
+    if log is None:
+        for one in logs:
+            when = f", {datetime.fromtimestamp(one.utc):%Y-%m-%d %H:%M}" if one.utc else ""
+            sys.stdout.write(f"{one.number}: {one.size} bytes{when}\n")
+        return 0
+    path: Path = args.out or fresh(Path(f"log-{log.number}.bin"))
+    replaced = on_replacing(path)
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
+    sys.stdout.write(f"{visible(str(path))}{replaced}: {len(data)} bytes; gcs-autotune identify {visible(str(path))}\n")
+    return 0
+
+
+def _show(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gcs_autotune.logs import fresh_folder, survey, write_runs

@@ -16,6 +16,7 @@ The only room that knows sockets, serial ports and MAVSDK; what needs none of th
 
 from __future__ import annotations
 
+from gcs_autotune.link.onboard_logs import OnboardLog, fetch_log, list_logs
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.parameters.exchange import same_float32
 from gcs_autotune.link.parameters.journal import Journal, JournalState
@@ -47,6 +48,7 @@ __all__ = [
     "JournalState",
     "MavlinkCraft",
     "MemoryLink",
+    "OnboardLog",
     "Overheard",
     "ParameterTransaction",
     "Parameters",
@@ -57,7 +59,9 @@ __all__ = [
     "Transport",
     "VehicleConfig",
     "difference",
+    "fetch_log",
     "fingerprint_of",
+    "list_logs",
     "open_craft",
     "open_link",
     "overhear",

@@ -15,6 +15,7 @@ from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun, load_flight_plan
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan, preview_of_model
+from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
@@ -41,6 +42,7 @@ __all__ = [
     "Unattended",
     "examine",
     "experiment",
+    "fetch_onboard_log",
     "first_run",
     "fly",
     "fly_plan",

@@ -28,6 +28,7 @@ POSITIONALS = {
     "thrusters": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
+    "logs fetch": ("--connect", "sitl:charlie"),
     "params save": ("all.param", "--connect", "sitl:charlie"),
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),

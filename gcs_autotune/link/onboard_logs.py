@@ -1,0 +1,121 @@
+"""The vehicle's own logs, fetched over the link by LOG_REQUEST_LIST and _DATA; ArduPilot sends them disarmed only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_autotune.errors import BadFile, NoReply
+from gcs_autotune.link.session import Session
+from gcs_autotune.mavlink import Message, mavlink
+
+__all__ = ["OnboardLog", "fetch_log", "list_logs"]
+
+_PIECE = 90
+"""Bytes in one LOG_DATA."""
+_STRETCH = 128 * _PIECE
+"""Chosen: bytes asked for at once: some seconds on a slow radio."""
+_QUIET = 1.0
+"""Chosen: seconds without anything new after which what is missing is asked for again."""
+_TRIES = 5
+_LARGEST = 1 << 30
+"""Chosen: bytes of a log that is fetched at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnboardLog:
+    """A log on board: its number, size [bytes], and when it began [s since 1970, 0: not known]."""
+
+    number: int
+    size: int
+    utc: float
+
+
+def list_logs(session: Session) -> tuple[OnboardLog, ...]:
+    """Return the logs on board, the oldest first; none when there is none.
+
+    Raises
+    ------
+    NoReply
+        The vehicle does not tell.
+    """
+    entries: dict[int, OnboardLog] = {}
+    told: list[int] = []
+
+    def hear(message: Message) -> None:
+        told.append(int(message.num_logs))
+        if message.num_logs:
+            entries[int(message.id)] = OnboardLog(int(message.id), int(message.size), float(message.time_utc))
+
+    stop = session.listen("LOG_ENTRY", hear)
+    try:
+        for _ in range(_TRIES):
+            _ask_list(session)
+            while session.wait_for(_more(entries, told), _QUIET):
+                if told and len(entries) >= told[-1]:
+                    return tuple(entries[n] for n in sorted(entries))
+    finally:
+        stop()
+    raise NoReply(
+        f"{session.vehicle} does not tell its logs whole ({len(entries)} of {told[-1] if told else 'unknown'}); "
+        "it does so disarmed only"
+    )
+
+
+def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool | None]:
+    seen = len(told)
+    return lambda: True if len(told) > seen else None
+
+
+def _ids(session: Session) -> tuple[int, int]:
+    if session.vehicle is None:
+        raise NoReply("logs were asked for before a vehicle was found; discover one first")
+    return session.vehicle.system, session.vehicle.component
+
+
+def _ask_list(session: Session) -> None:
+    session.send(mavlink.MAVLink_log_request_list_message(*_ids(session), 0, 0xFFFF))
+
+
+def fetch_log(
+    session: Session, log: OnboardLog, progress: Callable[[int, int], object] = lambda done, whole: None
+) -> bytes:
+    """Return the bytes of *log*; ``progress(done, size)`` is called as they come.
+
+    Raises
+    ------
+    NoReply
+        They stopped coming. BadFile: it is too large. OperatorStopped: the operator did not want to wait.
+    """
+    if log.size > _LARGEST:
+        raise BadFile(f"log {log.number} has {log.size} bytes: take the card out")
+    data, missing = bytearray(log.size), set(range(0, log.size, _PIECE))
+
+    def hear(message: Message) -> None:
+        offset, count = int(message.ofs), int(message.count)
+        if message.id == log.number and offset in missing and count == min(_PIECE, log.size - offset):
+            data[offset : offset + count] = bytes(message.data[:count])
+            missing.discard(offset)
+
+    stop = session.listen("LOG_DATA", hear)
+    silent = 0
+    try:
+        while missing:
+            first, before = min(missing), len(missing)
+            wanted = {o for o in range(first, min(first + _STRETCH, log.size), _PIECE) if o in missing}
+            count = min(max(wanted) + _PIECE, log.size) - first
+            session.send(mavlink.MAVLink_log_request_data_message(*_ids(session), log.number, first, count))
+            while not wanted.isdisjoint(missing) and session.wait_for(_fewer(missing), _QUIET):
+                progress(log.size - _PIECE * len(missing), log.size)
+            silent = silent + 1 if len(missing) == before else 0
+            if silent == _TRIES:
+                raise NoReply(f"{session.vehicle} sends no more of log {log.number}; it does so disarmed only")
+        return bytes(data)
+    finally:
+        stop()
+        session.send(mavlink.MAVLink_log_request_end_message(*_ids(session)))
+
+
+def _fewer(missing: set[int]) -> Callable[[], bool | None]:
+    before = len(missing)
+    return lambda: True if len(missing) < before else None
