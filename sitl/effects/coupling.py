@@ -80,9 +80,10 @@ class MomentOfFlow(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull has these degrees of freedom."""
-        missing = self.needs - setting.axes.keys()
-        if missing:
-            raise BadEffect(f"{self.slug} needs a hull with {', '.join(sorted(self.needs))}; this one lacks some")
+        if not self.needs <= setting.axes.keys():
+            does = {"sway": "sways", "surge": "moves ahead", "yaw": "turns"}
+            wanted = " and ".join(word for dof, word in does.items() if dof in self.needs)
+            raise BadEffect(f"{self.slug} needs a hull that {wanted}; this one does not")
         self._motion = setting.motion
 
     def alter_force(self, t: float, loads: Loads) -> None:
@@ -100,7 +101,7 @@ class SimulatedSwayMoment(MomentOfFlow):
     on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "sway-moment"
     meaning = "sliding sideways turns"
-    parameters = (EffectParameter("N_v", "N s"),)
+    parameters = (EffectParameter("N_v", "N s", default=0.0),)
     needs = frozenset({"sway", "yaw"})
 
     def moment(self, at: HullMotion) -> float:
@@ -113,7 +114,7 @@ class SimulatedSpeedDamping(MomentOfFlow):
 
     slug = "speed-damping"
     meaning = "turning is harder (negative) or easier with way on"
-    parameters = (EffectParameter("N_ur", "kg m"),)
+    parameters = (EffectParameter("N_ur", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: HullMotion) -> float:
@@ -127,7 +128,7 @@ class SimulatedMunkMoment(MomentOfFlow):
     on_vehicles = "no: these do not sway (unless they fly a --model that does)"
     slug = "munk-moment"
     meaning = "at an angle to its way the hull turns further"
-    parameters = (EffectParameter("N_uv", "kg"),)
+    parameters = (EffectParameter("N_uv", "kg", default=0.0),)
     needs = frozenset({"surge", "sway", "yaw"})
 
     def moment(self, at: HullMotion) -> float:
