@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance
 from gcs_autotune.identify import (
     Fitted,
     Problem,
@@ -313,10 +313,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         gain = fit.total - present.total
         now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
         foretold = _unseen(search, fit) - before if gain > 0.5 * needed else np.zeros(len(before))
-        brief = any(
-            q.unit == "s" and abs(now.values[q.name]) < BRIEF * problem.data.interval
-            for q in EFFECTS[now.slug].parameters
-        )
+        brief = _lasts(now, problem.data) < BRIEF * problem.data.interval
         judged.append(Attested(now, fit, gain, foretold, needed, len(search.named) + 1, brief))
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
     search = replace(search, judged=(*search.judged, *judged), tried=tried, fit=present)
@@ -335,6 +332,18 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         names = [winner.effect.slug, *(a.effect.slug for a in alike if a is not winner)]
         groups = (*groups, tuple(dict.fromkeys(names)))
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+
+
+def _lasts(effect: EffectInstance, data: DataSummary) -> float:
+    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
+    times = [math.inf]
+    for q in EFFECTS[effect.slug].parameters:
+        value = abs(effect.values.get(q.name, math.inf))
+        if q.unit == "s":
+            times.append(value)
+        elif q.unit == f"{INPUT}/s":
+            times.append(data.amplitude.get(effect.place, math.inf) / max(value, 1e-300))
+    return min(times)
 
 
 def _price(fit: WanderingFit, present: WanderingFit) -> float:
