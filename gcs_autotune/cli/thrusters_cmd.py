@@ -23,7 +23,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--force", metavar="COLUMN", help="column of the force (default: T, force, thrust ...)")
     parser.add_argument(
-        "--forces", metavar="F,F,...", help="pull of each row [N], instead of a column (fly bollard-staircase)"
+        "--forces",
+        metavar="F,F,...|LOG.csv",
+        help="pull of each row [N], instead of a column, or a load cell's log (t[s], force[N]), joined by time to the "
+        "levels of fly bollard-staircase",
     )
     add_number(parser, "neutral", "C")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and perhaps Q")
@@ -40,6 +43,7 @@ def _run(args: argparse.Namespace) -> int:
         fit_bilinear,
         fit_open_water,
         fit_thruster,
+        pulls_from_log,
         read_columns,
         read_open_water,
         read_pull_test,
@@ -50,9 +54,14 @@ def _run(args: argparse.Namespace) -> int:
         found = fit_bilinear(test) if args.diameter is None else fit_open_water(test, args.diameter, rho=args.density)
         shown, data = propeller_summary(found), found.to_dict()
     else:
+        if args.forces is not None and args.forces.endswith(".csv"):
+            pulls: list[float] | None
+            pulls, offset = pulls_from_log(args.file, Path(args.forces), force=args.force)
+            sys.stderr.write(f"the load cell's clock is {offset:+.1f} s off the vehicle's, by the levels themselves\n")
+        else:
+            pulls = _pulls(args.forces)
         fit = fit_thruster(
-            read_pull_test(args.file, command=args.column, force=args.force, pulls=_pulls(args.forces)),
-            neutral=args.neutral,
+            read_pull_test(args.file, command=args.column, force=args.force, pulls=pulls), neutral=args.neutral
         )
         shown, data = thruster_summary(fit), fit.to_dict()
     if args.json:

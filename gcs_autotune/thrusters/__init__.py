@@ -14,7 +14,14 @@ from gcs_autotune.thrusters.propeller import (
     fit_bilinear,
     fit_open_water,
 )
-from gcs_autotune.thrusters.pull_test import PullTest, read_columns, read_open_water, read_pull_test, write_pulls
+from gcs_autotune.thrusters.pull_test import (
+    PullTest,
+    pulls_from_log,
+    read_columns,
+    read_open_water,
+    read_pull_test,
+    write_pulls,
+)
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap
 
 __all__ = [
@@ -29,6 +36,7 @@ __all__ = [
     "fit_bilinear",
     "fit_open_water",
     "fit_thruster",
+    "pulls_from_log",
     "read_columns",
     "read_open_water",
     "read_pull_test",

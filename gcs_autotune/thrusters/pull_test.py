@@ -20,6 +20,7 @@ __all__ = [
     "COMMANDS",
     "FORCES",
     "PullTest",
+    "pulls_from_log",
     "read_columns",
     "read_open_water",
     "read_pull_test",
@@ -37,6 +38,9 @@ FORCES = ("T", "force", "thrust", "X", "Z")
 
 MIN_PULLS = 5
 """Fewest pulls a map is fitted to."""
+
+SLACK, GRID = 0.2, 0.1
+"""Share of a bollard run that a load cell's log may lack, and the step [s] in which its clock is sought."""
 
 _RAW = {"us": "us", "pwm": "us"}
 """Command units left as they are: a pulse width is a name for a position of the stick, not a duration."""
@@ -135,6 +139,55 @@ def read_pull_test(
         counts = np.diff(np.append(starts, len(n)))
         n, f = n[starts], np.add.reduceat(f, starts) / counts
     return PullTest(f"{path.stem}/{n_name}", n, f, n_unit)
+
+
+def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple[list[float], float]:
+    """Return the pull [N] of each level of a flown *table* (:func:`write_pulls`) in a load cell's *log*.
+
+    And by how many seconds the log's clock is off the vehicle's: where command, linear and squared, explains most of
+    what the cell showed, found to a tenth of a second. A level's pull is the mean from its middle to shortly before its
+    end; NaN where the log has none of it.
+
+    Raises
+    ------
+    BadFile, MissingChannel, NotInformative
+        Not such tables; the log is shorter than four fifths of the run, or its force never changes.
+    """
+    levels, cell = read_columns(table), read_columns(log)
+    for path, columns, wanted in ((table, levels, ("from", "to")), (log, cell, ("t",))):
+        if not set(wanted) <= columns.keys():
+            heads = " and ".join(f"{n}[s]" for n in wanted)
+            raise MissingChannel(f"{path} tells no times: {heads} wanted; it has {', '.join(columns)}")
+    starts, ends, t = levels["from"][1], levels["to"][1], cell["t"][1]
+    _, _, F = _column(log, cell, force, FORCES, "force")
+    good = np.isfinite(t) & np.isfinite(F)
+    t, F = t[good], F[good]
+    slack = SLACK * float(ends[-1] - starts[0])
+    if len(t) < MIN_PULLS or t[-1] - t[0] < ends[-1] - starts[0] - slack or np.ptp(F) == 0.0:
+        raise NotInformative(
+            f"{log} cannot be the load cell's log of {table}: it has to cover {ends[-1] - starts[0]:.0f} s of levels, "
+            "with a force that changes"
+        )
+    _, _, command = _column(table, levels, None, COMMANDS, "command")
+    shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])
+
+    def unexplained(offset: float) -> float:
+        """Return the share of the force's variance that the commands leave with that offset."""
+        level = np.searchsorted(starts + offset, t, side="right") - 1
+        used = (level >= 0) & (t <= ends[-1] + offset)
+        if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:
+            return math.inf
+        told = shapes[level[used]]
+        left = F[used] - told @ np.linalg.lstsq(told, F[used], rcond=None)[0]
+        return float(np.var(left) / np.var(F[used]))
+
+    offsets = np.arange(t[0] - starts[0] - slack, t[-1] - ends[-1] + slack + GRID, GRID)
+    best = float(min(offsets, key=unexplained))
+    pulls = []
+    for begin, end in zip(0.5 * (starts + ends) + best, 0.1 * starts + 0.9 * ends + best, strict=True):
+        held = F[np.searchsorted(t, begin) : np.searchsorted(t, end)]
+        pulls.append(float(held.mean()) if len(held) else math.nan)
+    return pulls, best
 
 
 def write_pulls(run: Trial, force: str, path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.research import TwinThrusters
-from gcs_autotune.thrusters import MapStructure, PullTest, ThrusterMap, fit_thruster, read_pull_test
+from gcs_autotune.thrusters import MapStructure, PullTest, ThrusterMap, fit_thruster, pulls_from_log, read_pull_test
 
 BLUEBOAT = Path(__file__).parents[2] / ".." / "shared" / "data" / "blueboat"
 
@@ -177,3 +177,37 @@ def test_twin_thrusters_give_what_is_asked_and_keep_the_moment_when_they_cannot(
     assert full.port == pytest.approx(1.0)
     round_ = twin.commands(0.0, 1e3)
     assert round_.saturated and round_.N == pytest.approx(0.2 * (one.limits[1] - one.limits[0]))
+
+
+def bollard(folder: Path, *, clock: float, shown: float = 1.0) -> tuple[Path, Path, list[float]]:
+    """Write the levels of a bollard run and a load cell's log on a clock of its own, slow to answer and noisy."""
+    levels = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.0, -0.3, -0.6, -0.9]
+    rows = [f"{c},,{100.0 + 8.0 * k:.2f},{108.0 + 8.0 * k:.2f}" for k, c in enumerate(levels)]
+    table, log = folder / "bollard.csv", folder / "cell.csv"
+    table.write_text("command[1],force[N],from[s],to[s]\n" + "\n".join(rows) + "\n")
+    t = np.arange(90.0, 100.0 + 80.0 * shown + 5.0, 0.1)
+    pulls = [20.0 * c * abs(c) for c in levels]
+    wanted = np.array([pulls[k] if 0 <= k < len(levels) else 0.0 for k in np.floor((t - 100.0) / 8.0).astype(int)])
+    force = np.zeros(len(t))
+    for i in range(1, len(t)):
+        force[i] = force[i - 1] + 0.1 / 0.6 * (wanted[i] - force[i - 1])
+    force += np.random.default_rng(1).normal(0.0, 0.2, len(t))
+    log.write_text("t[s],force[N]\n" + "\n".join(f"{a + clock:.2f},{b:.3f}" for a, b in zip(t, force, strict=True)))
+    return table, log, pulls
+
+
+@pytest.mark.parametrize("clock", [0.0, 1234.5, -60.0])
+def test_a_load_cells_log_is_joined_to_the_levels_by_time_whatever_its_clock_says(tmp_path: Path, clock: float) -> None:
+    table, log, pulls = bollard(tmp_path, clock=clock)
+    found, offset = pulls_from_log(table, log)
+    assert offset == pytest.approx(clock, abs=1.5)
+    np.testing.assert_allclose(found, pulls, atol=0.3)
+
+
+def test_a_log_that_is_too_short_or_has_no_times_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    table, log, _ = bollard(tmp_path, clock=0.0, shown=0.5)
+    with pytest.raises(NotInformative, match="has to cover 80 s of levels"):
+        pulls_from_log(table, log)
+    log.write_text("force[N]\n1\n2\n")
+    with pytest.raises(MissingChannel, match=r"t\[s\] wanted"):
+        pulls_from_log(table, log)
