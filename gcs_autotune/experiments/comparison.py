@@ -94,7 +94,7 @@ def compare_dof(
 ) -> DofComparison:
     """Compare two models of one degree of freedom, their constant forces left out.
 
-    Where both have linear drag only, or both quadratic drag only, time constants are the thesis' own; any other pair is
+    Where both have linear drag only, or both quadratic drag only, time constants are Miskovic2010's; any other pair is
     compared by the time to 63 % of its steady state.
 
     Raises

@@ -79,7 +79,7 @@ class TuneContext:
     def come_about(self, before: str, ahead: float, *, last: bool = False) -> bool:
         """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
 
-        Not before a trial that an earlier run has flown; with the thesis' stop rule in any case.
+        Not before a trial that an earlier run has flown; with the stop rule of Miskovic2010 in any case.
         """
         if self.earlier.has(before):
             return False

@@ -140,7 +140,7 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
 
 
 def _enough(settings: TuneSettings, seconds: float) -> float:
-    """Return how long the craft stands at its target before a half is over: for ever with the thesis' stop rule."""
+    """Return how long the craft stands at its target before a half is over: for ever with Miskovic2010's stop rule."""
     return math.inf if settings.stop_rule == SETTLED else seconds
 
 
