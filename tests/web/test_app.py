@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ from starlette.websockets import WebSocketDisconnect
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
+from gcs_autotune.web.job import Job
+from gcs_autotune.web.live import Live
 
 SCRIPT = Path(__file__).with_name("scripted_run.py")
 PROGRAM = CommandLine((sys.executable, str(SCRIPT)))
@@ -87,6 +90,19 @@ def test_the_first_answer_counts_and_no_other(client: TestClient) -> None:
     assert "ATC_STR_RAT_P 0.2 -> 0.4" in end["put_back"][1]
 
 
+def test_a_stop_that_comes_before_the_process_is_there_reaches_it(tmp_path: Path) -> None:
+    live = Live()
+    live.begin({"name": "run"})
+    job = Job(PROGRAM, [f"--out={tmp_path / 'run'}"], tmp_path / "run", live)
+
+    async def scene() -> None:
+        job.stop()
+        await asyncio.wait_for(job.run(), 60.0)
+
+    asyncio.run(scene())
+    assert live.get("end")["code"] == 130
+
+
 def test_viewers_come_and_go_without_the_run_noticing(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         client.post("/start", json=HEADING, headers=OURS)
@@ -107,8 +123,6 @@ def test_the_server_s_end_stops_the_run_and_waits_for_it(tmp_path: Path) -> None
 
 
 def test_the_same_is_told_by_server_sent_events(tmp_path: Path) -> None:
-    import asyncio
-
     async def scene() -> list[bytes]:
         """Ask as a browser would, and go after the first event: the test client waits for an end there is none of."""
         sent: list[bytes] = []

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from .serving import served
+from .serving import ROOT, served
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -99,6 +102,36 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     (run,) = set(runs.iterdir()) - before
     assert json.loads((run / "summary.json").read_text())["ending"] == "kept"
     assert not page.page.is_enabled("#stop")
+
+
+@pytest.fixture
+def at_sea() -> Iterator[str]:
+    """The link to a vehicle that keeps a clock of its own, eight times ours, and is asked about as a real one is."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "sitl", "charlie", "--listen", f"tcp:127.0.0.1:{port}", "--speedup", "8"]
+    with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
+        assert vehicle.stderr is not None
+        vehicle.stderr.readline()
+        yield f"tcp:127.0.0.1:{port}"
+        vehicle.terminate()
+
+
+def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
+    visit: Any, flying: tuple[str, Path], at_sea: str
+) -> None:
+    page = visit(flying[0])
+    page.start(connect=at_sea)
+    page.shows("#question-text", "Go ahead?")
+    assert "arm the vehicle, and disarm it at the end" in page.page.inner_text("#intentions-list")
+    assert page.page.inner_text("#tile-mode") == "HOLD, disarmed"
+    page.page.click("#yes")
+    page.shows("#question-text", "Write ATC_STR_RAT_FF")
+    assert "ATC_STR_RAT_FF" in page.page.inner_text("#offer")
+    page.page.click("#no")
+    page.shows("#end-reason", "the new gains were not wanted; nothing was written")
+    assert "as they were before" in page.page.inner_text("#put-back")
 
 
 @pytest.mark.parametrize(
