@@ -86,6 +86,13 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
         "PSC_ACCZ_I": 0.583,
         "PSC_ACCZ_FF": 0.5,
     },
+    ("videoray", "depth"): {
+        "PSC_POSZ_P": 3.0,
+        "PSC_VELZ_P": 8.0,
+        "PSC_ACCZ_P": 1.5,
+        "PSC_ACCZ_I": 0.463,
+        "PSC_ACCZ_FF": 0.5,
+    },
     ("falcon", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0201, "ATC_ANG_YAW_P": 6.0},
     ("falcon", "depth"): {
         "PSC_POSZ_P": 3.0,
@@ -98,7 +105,6 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
 """(vehicle, axis) -> what ``--search 80 --first-seed 1`` found."""
 EARLIER: Mapping[tuple[str, str], float] = {
     ("videoray", "heading"): 0.301,
-    ("videoray", "depth"): 1.326,
     ("charlie", "heading"): 17.67,
 }
 """(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2; an ROV was held for
@@ -185,7 +191,9 @@ class Bench:
         self.signal = kind.stepped
         self.size, self.duration = kind.step, 3.5 if self.signal == "r" else kind.step_duration
         sensors = open_vehicle(name).vehicle.data.sensors
+        self.quantum = sensors.heading_quantum if self.signal == "psi" else 0.0
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
+        self.noise = max(self.noise, self.quantum / math.sqrt(12.0))
 
     def fly(self, gains: Mapping[str, float], windows: Sequence[float] = ()) -> StepMetrics:
         """Return the metrics of the step and the step back, as a tune reads them: over *windows* [s] where it did."""
@@ -206,7 +214,7 @@ class Bench:
             target = np.full_like(t, end)
             target[0] = start
             noise = self.noise or _noise_in(x)
-            parts.append(step_metrics(t, target, x, u, noise_std=noise))
+            parts.append(step_metrics(t, target, x, u, noise_std=noise, quantum=self.quantum))
         return combine(parts)
 
     def shortfall(self, gains: Mapping[str, float]) -> float:
