@@ -322,8 +322,9 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     paid = [a for a in judged if a.paid]
     if not paid:
         return search
-    worth = [a.gain - _price(a.fit, present) for a in paid]
-    alike = [a for a, w in zip(paid, worth, strict=True) if w > worth[0] - 0.5 * ALIKE]
+    # On runs it has not seen a model pays for its own parameters; on real water those fitted tell less.
+    best_foretold = max(a.foretold for a in paid)
+    alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
     winner = alike[0]
