@@ -120,8 +120,8 @@ class Job:
 def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return what the page says of a run that is over, from its exit code, its last words and what it left on disk.
 
-    Keys: ``code``; ``meaning``; ``reason`` in words; ``report`` whether there is one; ``fine`` whether nothing is left
-    to be done; ``put_back`` sentences.
+    Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` how the steps before and after compare, in words;
+    ``report`` whether there is one; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
     marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
@@ -132,6 +132,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
         "code": code,
         "meaning": _MEANINGS.get(code, f"it ended by itself, with code {code}"),
         "reason": reason,
+        "flown": [str(line) for line in summary.get("verdict_reasons") or []],
         "fine": fine,
         "report": (directory / "report.html").exists(),
         "put_back": [craft, *_as_to_parameters(directory)],

@@ -99,6 +99,8 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     put_back = page.page.inner_text("#put-back")
     assert "mode HOLD, disarmed, as it was found" in put_back
     assert "->" in put_back  # the gains that stay
+    assert "error over time (ITAE)" in page.page.inner_text("#flown")
+    assert " are chosen for the least predicted error" in page.page.inner_text("#gains")  # said once for all of them
     (run,) = set(runs.iterdir()) - before
     assert json.loads((run / "summary.json").read_text())["ending"] == "kept"
     assert not page.page.is_enabled("#stop")

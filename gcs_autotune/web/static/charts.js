@@ -11,12 +11,12 @@ export const about = (signal) => SIGNALS[signal] || { name: signal || "signal", 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 let plots = null;
 
-function makePlot(node, series, least, legend) {
+function makePlot(node, series, least, legend, label) {
   const axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
   return new uPlot({
     width: node.clientWidth, height: 205, cursor: { show: false }, legend: { show: legend, live: false },
     scales: { x: { time: false }, y: { range: (u, low, high) => spread(low, high, least()) } },
-    axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }],
+    axes: [{ ...axis, size: 34 }, { ...axis, size: 52, values: (u, ticks) => ticks.map(label) }],
     series: [{}, ...series],
   }, [[], ...series.map(() => [])], node);
 }
@@ -32,14 +32,19 @@ export function forget() {
   plots = null;
 }
 
+// A heading runs on past north in what is drawn, and is read off from 0 to 360 as a compass has it.
+let isHeading = false;
+const onCompass = (degrees) => ((degrees % 360) + 360) % 360;
+
 let least = 1;
 function made() {
   if (plots) return plots;
   const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false } });
   plots = {
     signal: makePlot(document.getElementById("chart-signal"),
-      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least, true),
-    output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10, false),
+      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least, true,
+      (v) => String(isHeading ? onCompass(v) : v)),
+    output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10, false, String),
   };
   return plots;
 }
@@ -63,6 +68,7 @@ export function draw(state) {
   const shown = rows.slice(begin);
   const scaled = (v) => (v === null || v === undefined ? null : v * kind.factor);
   const x = shown.map((r) => r[1] - first);
+  isHeading = signal === "psi";
   least = kind.unit === "°" || kind.unit === "°/s" ? 5 : 0.2;
   const { signal: one, output: two } = made();
   one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]);

@@ -90,11 +90,16 @@ function gains(offer) {
     for (const text of cells) { const cell = document.createElement(tag); cell.textContent = text; line.append(cell); }
     return line;
   };
-  table.append(row("th", ["Parameter", "Old", "New", "Why"]));
-  for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), v.reason]));
+  // "what a gain does: how it was chosen"; a way that several share is said once, below.
+  const parts = (v) => { const k = v.reason.indexOf(": "); return k < 0 ? [v.reason, ""] : [v.reason.slice(0, k), v.reason.slice(k + 2)]; };
+  const shared = offer.values.map((v) => parts(v)[1]).find((how, k, all) => how && all.indexOf(how) !== k);
+  const why = (v) => (parts(v)[1] === shared ? parts(v)[0] : v.reason);
+  table.append(row("th", ["Parameter", "Old", "New", shared ? "What it does" : "Why"]));
+  for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), why(v)]));
   const told = document.createElement("p");
+  if (shared) told.textContent = `${offer.values.every((v) => parts(v)[1] === shared) ? "All are" : "The others are"} ${shared}. `;
   if (offer.cost_after !== null) {
-    told.textContent = `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better, at worst is over what is not known of the craft.`;
+    told.textContent += `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better, at worst is over what is not known of the craft.`;
   }
   return [table, told];
 }
@@ -204,6 +209,7 @@ function showEnd() {
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.name) return;
   $("put-back").dataset.of = state.run.name;
+  $("flown").replaceChildren(...items(end.flown || []));
   $("put-back").replaceChildren(...items(end.put_back));
 }
 
