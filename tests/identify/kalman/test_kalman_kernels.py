@@ -205,17 +205,21 @@ def test_what_is_measured_is_the_velocity_over_ground_or_the_position(code: int,
     assert not H[6:].any()
 
 
-def test_a_covariance_is_carried_by_the_transition_and_grows_by_simpsons_rule() -> None:
+def test_a_covariance_is_carried_by_the_transition_and_grows_by_simpsons_rule_and_as_a_process_that_returns() -> None:
     rng = np.random.default_rng(2)
-    F, late = rng.standard_normal((3, 5)), rng.standard_normal((3, 3))
-    q, walk, h = np.array([0.2, 0.0, 0.5]), np.array([0.1, 0.3]), 0.7
-    cov = covariance(5)
-    whole = np.vstack([F, np.eye(2, 5, 3)])
+    F, late = rng.standard_normal((3, 6)), rng.standard_normal((3, 3))
+    q, h = np.array([0.2, 0.0, 0.5]), 0.7
+    walk, decay = np.array([0.1, 0.3, 0.2]), np.array([0.0, 0.9, 2.0])
+    kept = np.exp(-decay * h)
+    cov = covariance(6)
+    whole = np.vstack([F, np.hstack([np.zeros((3, 3)), np.diag(kept)])])
     Q = np.diag(q)
     expected = whole @ cov @ whole.T
     expected[:3, :3] += h / 6.0 * (F[:, :3] @ Q @ F[:, :3].T + 4.0 * late @ Q @ late.T + Q)
-    expected[3:, 3:] += h * np.diag(walk)
-    sweep._time_update(cov, F, late, q, walk, h)
+    # An Ornstein-Uhlenbeck process that has walked for ever has the variance walk / (2 decay), and keeps it.
+    forever = walk[1:] / (2.0 * decay[1:])
+    expected[3:, 3:] += np.diag([h * walk[0], *(forever * (1.0 - kept[1:] ** 2))])
+    sweep._time_update(cov, F, late, q, walk, decay, h)
     assert cov == pytest.approx(expected, abs=1e-12)
 
 
@@ -300,6 +304,8 @@ def test_a_sigma_point_that_cannot_be_carried_changes_nothing(far: float, place:
 STAMPS = np.array([0.05, 0.2, 0.5, 0.6, 1.1])
 CODES = ints(5, 6, 0)
 R = np.array([0.02, 0.05, 0.03]) ** 2
+DECAY, CONSTANT = np.array([0.8, 0.0]), np.zeros(2)
+"""One parameter that returns to zero, one that stays; sigma points know constants only."""
 READ = np.array(
     [
         [0.31, np.nan, 0.7],
@@ -316,10 +322,11 @@ def result(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Fi
     reference = options.get("reference", np.zeros((0, 6)))
     mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     history = new_history(5, 3, 6, 8, full=True)
-    given = options.get("given", (T_IN, INPUTS))
+    given, sigma = options.get("given", (T_IN, INPUTS)), options.get("sigma", False)
     rate = forward(
         BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, *given, STAMPS,
-        options.get("read", READ), CODES, r, q, WALK, reference, options.get("sigma", False), PACE, history, scratch(8),
+        options.get("read", READ), CODES, r, q, WALK, CONSTANT if sigma else DECAY, reference, sigma, PACE, history,
+        scratch(8),
     )  # fmt: skip
     return rate, history, mean, cov
 
@@ -344,7 +351,8 @@ def filtered(reference: Array | None = None, *, sigma: bool = False) -> tuple[li
                 BOAT, theta, FREE_PLACES, mean, cov, x, F, late, Q_STATES, WALK, t, stamp, row_at(t), T_IN, INPUTS,
                 PACE, scratch(8),
             ):  # fmt: skip
-                sweep._time_update(cov, F, late, Q_STATES, WALK, stamp - t)
+                sweep._time_update(cov, F, late, Q_STATES, WALK, DECAY, stamp - t)
+                mean[6:] *= np.exp(-DECAY * (stamp - t))
             mean[:6] = x
         for i in np.flatnonzero(np.isfinite(READ[s])):
             H = np.zeros(8)
@@ -398,7 +406,7 @@ def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
     lean = new_history(5, 3, 6, 8, full=False)
     end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     forward(
-        BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
+        BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK, DECAY,
         np.zeros((0, 6)), False, PACE, lean, scratch(8),
     )  # fmt: skip
     assert np.array_equal(lean.e, full.e, equal_nan=True) and np.array_equal(lean.S, full.S, equal_nan=True)
@@ -436,14 +444,16 @@ def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivative
     adjoint, information = np.zeros(8), np.zeros((8, 8))
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
     by_noise, by_drive = np.ones((2, 3)), np.ones((2, 6))
-    backward(STAMPS, R, history, adjoint, information, smoothed, variances, by_noise, by_drive)
+    backward(STAMPS, R, DECAY, history, adjoint, information, smoothed, variances, by_noise, by_drive)
     x, P = history.mean[-1], history.covariance[-1]
     assert smoothed[-1] == pytest.approx(x, abs=1e-12)
     for s in range(3, -1, -1):
-        F = np.vstack([history.F[s + 1], np.eye(2, 8, 6)])
+        kept = np.exp(-DECAY * (STAMPS[s + 1] - STAMPS[s]))
+        F = np.vstack([history.F[s + 1], np.hstack([np.zeros((2, 6)), np.diag(kept)])])
         ahead, given = history.covariance[s].copy(), np.concatenate([PATH[s], THETA[FREE_PLACES]])
-        sweep._time_update(ahead, history.F[s + 1], history.late[s + 1], Q_STATES, WALK, STAMPS[s + 1] - STAMPS[s])
-        before = np.concatenate([moved(PATH[s], STAMPS[s], STAMPS[s + 1]), THETA[FREE_PLACES]])
+        h = STAMPS[s + 1] - STAMPS[s]
+        sweep._time_update(ahead, history.F[s + 1], history.late[s + 1], Q_STATES, WALK, DECAY, h)
+        before = np.concatenate([moved(PATH[s], STAMPS[s], STAMPS[s + 1]), kept * THETA[FREE_PLACES]])
         G = history.covariance[s] @ F.T @ np.linalg.inv(ahead)
         x = history.mean[s] + G @ (x - before - F @ (history.mean[s] - given))
         P = history.covariance[s] + G @ (P - ahead) @ G.T
@@ -467,7 +477,7 @@ def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> 
     e = 0.3
     adjoint, information = -seen[0] * e / S, np.outer(seen[0], seen[0]) / S
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
-    backward(STAMPS, R, history, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
+    backward(STAMPS, R, DECAY, history, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
     K = cov @ seen[0] / S
     assert smoothed[-1] == pytest.approx(mean + K * e, abs=1e-12)
     assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)
@@ -480,7 +490,7 @@ def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> Non
     for boat in (BOAT._replace(delay=-1), BOAT):
         mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
         forward(
-            boat, prompt, FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK,
+            boat, prompt, FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK, DECAY,
             np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
         )  # fmt: skip
         means.append(mean)
