@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.blind.craft import POSITION, SPEED, Craft, log_uniform
 from benchmarks.blind.secret import Hidden, Recipe
 
-__all__ = ["RECIPES"]
+__all__ = ["NOT_DRAWN", "RECIPES"]
 
 Rng = np.random.Generator
 
@@ -298,3 +298,10 @@ RECIPES: Mapping[str, Recipe] = {
     "outliers": Recipe(("yaw", "surge", "heave"), _outliers),
 }
 """Slug -> recipe, in the order of the book; every effect the simulator's table has."""
+
+NOT_DRAWN: Mapping[str, str] = dict.fromkeys(
+    ("sway-moment", "speed-damping", "munk-moment"),
+    "it is looked for where yaw alone is simulated beside measured u and v, and every craft here simulates what it "
+    "measures",
+)
+"""Effects of the book that no case hides -> why."""

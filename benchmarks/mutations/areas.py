@@ -98,9 +98,6 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/mavlink/tlog.py::TlogReader.__iter__: 0 -> 1 in end = position + _STAMP.size + (length or 0)": (
         "without a length it is not looked at"
     ),
-    "gcs_autotune/design/step_metrics.py::_beyond: np.abs(error - floor) -> (error - floor)": (
-        "far below the floor the formula gives nothing, too"
-    ),
     "gcs_autotune/mavlink/tlog.py::read_tlog: 1 -> 2 in is_empty = not stream.peek(1)": "whatever is buffered comes",
     "gcs_autotune/models/simulation.py::_sweep: 1 -> 2 in w = np.zeros((5, DEGREE + 1))": "room larger than is used",
     "gcs_autotune/identify/least_squares.py::descend: 1e-6 -> 2e-06 in damping, worse, converged, trial = 1e-6, 4.0, "

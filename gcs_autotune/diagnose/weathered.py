@@ -228,11 +228,11 @@ def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | Non
         told = np.nan_to_num(curve[at])
         left += float(np.sum((own_y - told) ** 2))
         whole += float(np.sum(own_y**2))
-    # Between runs, for samples of one run are not independent.
+    # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
-    count = np.maximum(np.sum(np.isfinite(each), axis=0), 1)
-    with np.errstate(all="ignore"):
-        spread = np.nanstd(each, axis=0, ddof=0) / np.sqrt(np.maximum(count - 1, 1))
+    count = np.sum(np.isfinite(each), axis=0)
+    spread, told = np.full(len(edges) - 1, np.nan), count > 1
+    spread[told] = np.nanstd(each[:, told], axis=0) / np.sqrt(count[told] - 1)
     force = means(x, y)
     known = np.isfinite(force) & np.isfinite(spread)
     if known.sum() < 3:

@@ -112,6 +112,7 @@ class SimulatedSwayMoment(MomentOfFlow):
 class SimulatedSpeedDamping(MomentOfFlow):
     """``N += N_ur u r``."""
 
+    on_vehicles = "yaw"
     slug = "speed-damping"
     meaning = "turning is harder (negative) or easier with way on"
     parameters = (EffectParameter("N_ur", "kg m", default=0.0),)

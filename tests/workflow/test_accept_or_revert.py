@@ -161,6 +161,7 @@ def proposed(promised: float, changes: list[Change]) -> Any:
         after=SimpleNamespace(metrics=step(promised)),
         worst_margins=margins,
         windows=(9.0, 9.0),
+        spread=0.1,
     )
 
 

@@ -20,7 +20,9 @@ def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
     def silent() -> None:
         raise LinkLost("silent for 5.0 s")
 
-    session = SimpleNamespace(transport=SimpleNamespace(is_simulated=True), notes=[])
+    session = SimpleNamespace(
+        transport=SimpleNamespace(is_simulated=True), notes=[], listen=lambda name, listener: None
+    )
     craft = SimpleNamespace(release=silent, rates=SimpleNamespace(restore=lambda: None))
     monkeypatch.setattr(connection, "connect", lambda *_: nullcontext(session))
     monkeypatch.setattr(connection, "open_craft", lambda *_, **__: craft)

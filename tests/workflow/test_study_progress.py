@@ -78,8 +78,8 @@ def test_the_command_shows_them_on_standard_error_unless_json_is_wanted(json, qu
     seen: list[str] = []
 
     class Bar:
-        def __init__(self, console):
-            assert console.stderr
+        def __init__(self, console, *, verbose):
+            assert console.stderr and not verbose
             assert console.quiet == quiet
 
         def __enter__(self):
