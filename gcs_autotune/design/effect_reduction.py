@@ -244,6 +244,12 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "ground-effect": ("left out: near the bottom there is more drag, the margins are on the safe side", ""),
     "coriolis-coupling": ("left out: it is a disturbance to this loop", ""),
     "sway-yaw-coupling": ("left out: hold the speed of the runs when the gains are proved", ""),
+    "sway-moment": ("left out: hold the speed of the runs when the gains are proved", ""),
+    "speed-damping": (
+        "left out: the damping of the loop is that of the plain model, at rest",
+        "prove the gains at the speed they are for",
+    ),
+    "munk-moment": ("left out: hold the speed of the runs when the gains are proved", ""),
     "steady-current": ("left out: headings and depths do not feel it", ""),
     "wind-moment": ("left out: it is a disturbance to this loop, worked off by the integral gain", ""),
     "wave-disturbance": (

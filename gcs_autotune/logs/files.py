@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -229,6 +230,9 @@ def _of_directory(
         return trials
     told = [_with_history(t, file) for t, file in zip(trials, files, strict=True) if t.purpose]
     whole = [t for t in told if t.purpose == "identification" and t.ending != "aborted"]
+    known = _fitted_to(place)
+    if known and known <= {t.name for t in told}:
+        whole = list({t.name: t for t in told if t.name in known}.values())  # of one flown again the last
     found = whole or list(_makeshift(told))
     if not found:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
@@ -237,6 +241,14 @@ def _of_directory(
             "a CSV file to try it all the same"
         )
     return found
+
+
+def _fitted_to(place: Path) -> set[str]:
+    """Return the names of the runs that the model beside them was fitted to, empty where none says."""
+    try:
+        return set(json.loads((place / "fit.json").read_text(encoding="utf-8"))["used"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return set()
 
 
 def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
