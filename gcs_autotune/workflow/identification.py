@@ -114,7 +114,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
-    found = _with_curve(context, _without_cycles(_plain(context, trials)), trials, step)
+    plain = log.fit = _without_cycles(_plain(context, trials))
+    found = _with_curve(context, plain, trials, step)
     if found.left < BENT_UNEXPLAINED or not short:
         return replace(found, short=short)
     log.say(f"{found.left:.0f} % of the motion is not explained: flying it again until five periods agree")
