@@ -13,7 +13,7 @@ from gcs_autotune.diagnose.report_builder import build_report
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.simulation import surrogate_of
 from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
-from gcs_autotune.diagnose.strategies import SEARCH, SECOND_LOOKS, follow, foretells
+from gcs_autotune.diagnose.strategies import SEARCH, follow, foretells, look_at_all_runs, look_in_pieces
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
@@ -89,7 +89,9 @@ def diagnose(
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
     question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
-    state = follow(begin(question), (*SEARCH, look_under_process_noise, *SECOND_LOOKS, judge_numbers))
+    state = follow(
+        begin(question), (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces, judge_numbers)
+    )
     chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
     sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
     return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)

@@ -1,7 +1,7 @@
 """The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
 
-:data:`SEARCH` looks for causes over the runs as they are, :data:`SECOND_LOOKS` over pieces, or over all runs together,
-where that found nothing. :func:`follow` goes through them in order.
+:data:`SEARCH` looks for causes over the runs as they are. Where that found nothing :func:`look_at_all_runs` looks over
+all together, :func:`look_in_pieces` over pieces of them. :func:`follow` goes through them in order.
 
 ===========================  ==========================================================================================
 ``add_causes``               one cause after the other; each earlier one defends its place when the next is known
@@ -46,7 +46,16 @@ from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
 
-__all__ = ["SEARCH", "SECOND_LOOKS", "Strategy", "blocked_cv", "drop_insignificant", "follow", "foretells"]
+__all__ = [
+    "SEARCH",
+    "Strategy",
+    "blocked_cv",
+    "drop_insignificant",
+    "follow",
+    "foretells",
+    "look_at_all_runs",
+    "look_in_pieces",
+]
 
 Strategy = Callable[[SearchState], SearchState | None]
 
@@ -401,9 +410,6 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt))
-
-
-SECOND_LOOKS: tuple[Strategy, ...] = (look_in_pieces, look_at_all_runs)
 
 
 def _is_lost(state: SearchState) -> bool:
