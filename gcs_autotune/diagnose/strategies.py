@@ -397,8 +397,7 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
 def look_at_all_runs(state: SearchState) -> SearchState | None:
     """Search all runs together, parts left out in turn, where those kept apart show what the others do not."""
     question = state.question
-    done = state.pieces is not None or state.weather is not None
-    if not question.unseen or question.given is not None or done or not _contradicted(state):
+    if not question.unseen or question.given is not None or not _contradicted(state):
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:

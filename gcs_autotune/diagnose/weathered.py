@@ -231,8 +231,8 @@ def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | Non
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
     count = np.sum(np.isfinite(each), axis=0)
-    spread, told = np.full(len(edges) - 1, np.nan), count > 1
-    spread[told] = np.nanstd(each[:, told], axis=0) / np.sqrt(count[told] - 1)
+    spread, repeated = np.full(len(edges) - 1, np.nan), count > 1
+    spread[repeated] = np.nanstd(each[:, repeated], axis=0) / np.sqrt(count[repeated] - 1)
     force = means(x, y)
     known = np.isfinite(force) & np.isfinite(spread)
     if known.sum() < 3:
