@@ -326,7 +326,8 @@ def _time_column(path: Path, heads: list[tuple[str, str]], units: list[tuple[str
     for i, (unit, _) in enumerate(units):
         if unit == "s":
             return i
-    raise BadFile(f"{path} has no time column t[s]; it has {', '.join(name for name, _ in heads)}")
+    found = ", ".join(name for name, _ in heads)
+    raise BadFile(f"{path} has no time column t[s]; it has {found}. Say what the columns mean: --columns OLD=t[s],...")
 
 
 def _table(path: Path, rows: list[list[str]], width: int) -> tuple[NDArray[np.float64], int]:

@@ -94,7 +94,7 @@ def test_a_truncated_last_row_is_dropped_and_noted_and_one_before_it_is_not(path
     [
         ("t[s],N[N m]\n", "holds no samples"),
         ("t[s],N[N m]\n0\n", "no complete row"),
-        ("x[m],N[N m]\n0,1\n", r"no time column t\[s\]; it has x, N"),
+        ("x[m],N[N m]\n0,1\n", r"no time column t\[s\]; it has x, N\. .*--columns OLD=t\[s\]"),
         ("t[s],N[N m],N[kN m]\n0,1,1\n", "more than one column called N"),
         ("t[s],N[N m]\n0,one\n1,2\n", "row 2"),
     ],

@@ -32,6 +32,9 @@ MESSAGES = 12
 CHANGES = 8
 """Changes of mode or arming shown of each boot."""
 
+AT_ONCE = 2.0
+"""What is first told within so long [s] of a log's beginning was so before: heartbeats come once a second."""
+
 
 def log_summary(told: Mapping[str, Any]) -> Group:
     """Return what ``logs list`` shows of one log."""
@@ -57,7 +60,7 @@ def log_summary(told: Mapping[str, Any]) -> Group:
     parts.append(grid(_messages(told["messages"])))
     if told["truth"]:
         parts.append(paragraph(f"A simulator's own truth ({', '.join(told['truth'])}) is in it and is not used."))
-    parts.append(title("Runs") if told["runs"] else paragraph("No run to identify from."))
+    parts.append(title("Runs") if told["runs"] else paragraph(_no_run(told["boots"])))
     for run in told["runs"]:
         parts.append(paragraph(f"{run['name']} (inputs: {run['input_from']})"))
         parts += [bullet(_look(look)) for look in run["excitation"]]
@@ -67,12 +70,18 @@ def log_summary(told: Mapping[str, Any]) -> Group:
     return Group(*parts)
 
 
+def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
+    told = [on for boot in boots for _, on in boot["armed"]]
+    never = " It was never armed." if told and not any(told) else ""
+    return f"No run to identify from.{never}"
+
+
 def _course(boot: Mapping[str, Any]) -> str:
     said = [(t, f"{mode}") for t, mode in boot["modes"]]
     said += [(t, "armed" if on else "disarmed") for t, on in boot["armed"]]
     said.sort(key=lambda row: row[0])
     said = [row for i, row in enumerate(said) if i == 0 or row[1] != said[i - 1][1]]
-    shown = "; ".join(f"{format_seconds(t)} {what}" for t, what in said[:CHANGES])
+    shown = "; ".join(what if t < AT_ONCE else f"after {format_seconds(t)} {what}" for t, what in said[:CHANGES])
     more = f" and {len(said) - CHANGES} more" if len(said) > CHANGES else ""
     return f"Course: {shown}{more}." if said else "It tells neither mode nor arming: it counts as armed throughout."
 

@@ -50,13 +50,31 @@ def test_a_list_writes_nothing_and_says_what_runs_may_tell(
     before = sorted(tmp_path.rglob("*"))
     assert main(["logs", "list", str(dive)]) == 0
     shown = capsys.readouterr().out
-    for text in ("telemetry log", "ArduRover (system 1)", "ATTITUDE", "dive#2 GUIDED 40-60 s", "yaw: worth a try"):
+    for text in (
+        "telemetry log",
+        "ArduRover (system 1)",
+        "ATTITUDE",
+        "dive#2 GUIDED 40-60 s",
+        "yaw: worth a try",
+        "after 1 min 00 s disarmed",
+    ):
         assert text in shown
     assert main(["logs", "import", str(dive), "--dry-run", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [run["name"] for run in told["logs"][0]["runs"]] == ["dive#1 MANUAL 0-40 s", "dive#2 GUIDED 40-60 s"]
     assert told["written"] == []
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = Tlog()
+    parameters(log, BOAT)
+    sail(log, swing(30.0))
+    beats(log, 0.0, 30.0, armed=False)
+    assert main(["logs", "list", str(log.write(tmp_path / "idle.tlog"))]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "No run to identify from. It was never armed." in shown
+    assert "Course: MANUAL; disarmed." in shown
 
 
 def test_a_parameter_file_gives_the_servo_map_that_a_log_lacks(

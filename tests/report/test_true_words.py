@@ -21,6 +21,7 @@ from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, stud
 from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
 from gcs_autotune.report.study.study import verdict_headline
 from gcs_autotune.report.toolkit.axis_fit import (
+    cycle_table,
     estimate_table,
     model_sentences,
     model_table,
@@ -28,7 +29,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     remainder_sentence,
 )
 from gcs_autotune.report.toolkit.terminal import render_text
-from gcs_autotune.report.toolkit.wording import format_error, format_factor
+from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor
 from gcs_autotune.report.tune.tables import margins_table
 from gcs_autotune.report.tune.wording import safety
 from gcs_autotune.trial import Channel, Trial
@@ -170,3 +171,11 @@ def test_estimates_of_the_refined_fit_are_rounded_to_their_error() -> None:
     assert estimate_table(stories.fit()).rows[-1] == (
         "refined", "0.1795 ± 0.0011", "0", "0.408 ± 0.006", "0.0100 ± 0.0009"
     )  # fmt: skip
+
+
+def test_one_period_alone_has_no_scatter() -> None:
+    fitted = stories.fit()
+    first, *others = fitted.iso
+    once = replace(first, cycle=replace(first.cycle, periods=1, scatter=np.inf))
+    row = cycle_table(replace(fitted, iso=(once, *others))).rows[0]
+    assert row[6:8] == ("1", UNKNOWN)

@@ -12,6 +12,7 @@ from gcs_autotune.identify import AxisFit, IsoEstimate, Parameter, Remainder, St
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
+    UNKNOWN,
     doubt_sentence,
     format_error,
     format_number,
@@ -225,7 +226,7 @@ def _cycle_row(estimate: IsoEstimate, unit: str, input_unit: str) -> tuple[str, 
         format_quantity(cycle.x_0, unit, 2),
         format_seconds(period),
         str(cycle.periods),
-        format_share(cycle.scatter),
+        format_share(cycle.scatter) if math.isfinite(cycle.scatter) else UNKNOWN,  # one period scatters about nothing
         "yes" if cycle.valid else "NO (7.12)",
     )
 
