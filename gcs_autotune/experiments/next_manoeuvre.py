@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
-from gcs_autotune.experiments.preview import ROLES, Flight, ManoeuvringRoom, allocation_of, allocation_of_shares, fly
+from gcs_autotune.experiments.preview import (
+    CONTROL_STEP,
+    ROLES,
+    Flight,
+    ManoeuvringRoom,
+    allocation_of,
+    allocation_of_shares,
+    fly,
+)
 from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
@@ -169,6 +177,11 @@ def plan_next(
     return RankedManoeuvre(now, seconds, tuple(ranked), names)
 
 
+ROUGHLY = 0.4
+"""Chosen [s]: the step between commands, and samples, with which all manoeuvres are weighed before the best are again;
+four times what they are flown with."""
+FINALISTS = 12
+"""Chosen: so many are weighed again as they are flown."""
 UNTOLD = 1e3
 """Chosen: relative standard error that counts for a parameter nothing is known of yet."""
 
@@ -223,7 +236,8 @@ def rank_by_precision(
     most : force -> share of full beyond which nothing comes out of its actuators, where that is known.
 
     Expected standard errors are those of the information (Goodwin1977, chapter 6) times what the present ones exceed
-    theirs by (coloured residuals), so that a model that misses something does not promise too much.
+    theirs by (coloured residuals), so that a model that misses something does not promise too much. All are weighed
+    roughly (:data:`ROUGHLY`), and the :data:`FINALISTS` best of them again as they are flown: those come first.
 
     Raises
     ------
@@ -232,26 +246,41 @@ def rank_by_precision(
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})
-    now = look_into(subject)
-    present = relative_errors(fit, wanted)
-    ideal = now.information.std
-    ranked = []
-    for candidate in candidates:
-        if not {ROLES[force] for force in candidate.drives} & set(allocation.columns):
-            continue
-        plan = ranking_of(subject, now, fly(subject, allocation, candidate, longest, to_its_end=True), candidate)
-        if plan is None:
-            continue
-        expected = dict(present)
-        for i, name in enumerate(now.names):
-            if name in wanted and math.isfinite(plan.std[i]) and subject.values[i] != 0.0:
-                told = math.isfinite(ideal[i]) and math.isfinite(present[name])
-                excess = max(present[name] * abs(subject.values[i]) / ideal[i], 1.0) if told else 1.0
-                expected[name] = min(present[name], excess * plan.std[i] / abs(float(subject.values[i])))
-        seconds = plan.flight.reach.seconds + overhead
-        rate = 60.0 * (shortfall(present, wanted) - shortfall(expected, wanted)) / seconds
-        ranked.append(PrecisionGain(candidate, plan.flight, expected, rate, seconds))
-    return tuple(sorted(ranked, key=lambda w: -w.rate))
+    now, present = look_into(subject), relative_errors(fit, wanted)
+
+    def weighed(candidates: Iterable[Preset], step: float) -> list[PrecisionGain]:
+        found = []
+        for candidate in candidates:
+            flight = fly(subject, allocation, candidate, longest, to_its_end=True, step=step)
+            plan = ranking_of(subject, now, flight, candidate)
+            if plan is not None:
+                found.append(_gain_of(plan, subject, now, present, wanted, overhead))
+        return sorted(found, key=lambda w: -w.rate)
+
+    able = [c for c in candidates if {ROLES[force] for force in c.drives} & set(allocation.columns)]
+    roughly = weighed(able, ROUGHLY) if len(able) > FINALISTS else []
+    best = [w.candidate for w in roughly[:FINALISTS]] if roughly else able
+    return (*weighed(best, CONTROL_STEP), *roughly[FINALISTS:])
+
+
+def _gain_of(
+    plan: Ranking,
+    subject: FittedModel,
+    now: Identifiability,
+    present: Mapping[str, float],
+    wanted: Mapping[str, float],
+    overhead: float,
+) -> PrecisionGain:
+    """Return what *plan* brings of what is *wanted*; arguments as those of :func:`rank_by_precision`."""
+    expected, ideal = dict(present), now.information.std
+    for i, name in enumerate(now.names):
+        if name in wanted and math.isfinite(plan.std[i]) and subject.values[i] != 0.0:
+            told = math.isfinite(ideal[i]) and math.isfinite(present[name])
+            excess = max(present[name] * abs(subject.values[i]) / ideal[i], 1.0) if told else 1.0
+            expected[name] = min(present[name], excess * plan.std[i] / abs(float(subject.values[i])))
+    seconds = plan.flight.reach.seconds + overhead
+    rate = 60.0 * (shortfall(present, wanted) - shortfall(expected, wanted)) / seconds
+    return PrecisionGain(plan.candidate, plan.flight, expected, rate, seconds)
 
 
 def ranking_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:

@@ -221,30 +221,42 @@ CONTROL_STEP = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """``t`` (j,) and ``inputs`` (j, m) as commanded, each held; ``record`` as it would be recorded, without noise."""
+    """``t`` (j,) and ``inputs`` (j, m) as commanded, each held; ``record`` as it would be recorded, without noise.
+
+    ``thinned``: for each signal, how many samples of the runs one of the record stands for.
+    """
 
     t: Array
     inputs: Array
     record: Segment
     initial: Array
     reach: ManoeuvringRoom
+    thinned: Mapping[str, float]
 
     def as_fitted_model(self, subject: FittedModel) -> FittedModel:
-        """Return *subject* on this flight alone."""
-        return replace(subject, records=(self.record,), initial=(self.initial,))
+        """Return *subject* on this flight alone; a sample that stands for *n* has the noise of their mean."""
+        noise = {n: std / math.sqrt(self.thinned.get(n, 1.0)) for n, std in subject.noise.items()}
+        return replace(subject, records=(self.record,), initial=(self.initial,), noise=noise)
 
 
 def fly(
-    subject: FittedModel, allocation: ChannelAllocation, preset: Preset, seconds: float, *, to_its_end: bool = False
+    subject: FittedModel,
+    allocation: ChannelAllocation,
+    preset: Preset,
+    seconds: float,
+    *,
+    to_its_end: bool = False,
+    step: float = CONTROL_STEP,
 ) -> Flight | None:
     """Let the model fly *preset* for *seconds*; None when it runs away.
 
     It starts from rest, or, when no input drives surge, at the median speed of the runs. ``to_its_end``: the flight
     ends with the manoeuvre, and is None where that takes more than *seconds* or comes to no good end; else the inputs
-    are none from there on.
+    are none from there on. ``step`` [s]: between two commands; a longer one is quicker to compute, and the record is
+    then thinned to it, too.
     """
     x_0 = _start(subject, allocation)
-    t: Array = np.arange(round(seconds / CONTROL_STEP), dtype=np.float64) * CONTROL_STEP
+    t: Array = np.arange(round(seconds / step), dtype=np.float64) * step
     commanded = _commanded(subject, allocation, preset, t, x_0, seconds)
     if commanded is None:
         return None
@@ -252,10 +264,11 @@ def fly(
     if to_its_end:
         if outcome is None or outcome.ending == "aborted":
             return None
-        t, inputs, seconds = t[:used], inputs[:used], used * CONTROL_STEP
-    signals = {}
+        t, inputs, seconds = t[:used], inputs[:used], used * step
+    signals, thinned = {}, {}
     for name, period in _periods(subject).items():
-        own = np.arange(0.0, seconds, period)
+        thinned[name] = max(step / period, 1.0) if step > CONTROL_STEP else 1.0
+        own = np.arange(0.0, seconds, thinned[name] * period)
         signals[name] = Signal(name, own, np.zeros(len(own)), 0.0)
     record = replace(
         subject.records[0],
@@ -276,7 +289,7 @@ def fly(
     for name, signal in signals.items():
         value = simulator.outputs(subject.theta, X, S, name)[0][np.searchsorted(stamps, signal.t)]
         signals[name] = replace(signal, values=value)
-    return Flight(t, inputs, replace(record, signals=signals), x_0, room_of(subject.form, stamps, X))
+    return Flight(t, inputs, replace(record, signals=signals), x_0, room_of(subject.form, stamps, X), thinned)
 
 
 def _commanded(

@@ -60,6 +60,11 @@ class HoldController:
         """The force it drives."""
         return self._gains.force
 
+    @property
+    def signal(self) -> str:
+        """The signal it holds."""
+        return self._gains.signal
+
     def demand(self, observation: Observation) -> float:
         """Return the output to apply now, fraction of full."""
         g = self._gains

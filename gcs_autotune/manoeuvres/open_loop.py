@@ -56,6 +56,12 @@ class OpenLoopProgramme(Manoeuvre):
         self._heading_hold = HeadingHold() if on_course else None
 
     @property
+    def held(self) -> frozenset[str]:
+        """The signals that are held meanwhile: only to their motion does it answer."""
+        course = {"psi"} if self._heading_hold is not None else set()
+        return frozenset({hold.signal for hold in self._holds} | course)
+
+    @property
     def asked(self) -> Mapping[str, Any]:
         """Force, its degree of freedom and the duration."""
         return {"dof": DOF_OF[self.force], "force": self.force, "duration": self._duration}

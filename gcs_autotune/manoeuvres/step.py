@@ -3,6 +3,9 @@
 The craft holds where it is until it is steady, follows a step one way, then the step back: both directions,
 because thrusters, rudders and buoyancy are not symmetric. Each of these halves ends early once the signal has stood at
 its target for long enough; how long each lasted is kept, for only what both of two proofs recorded can be compared.
+
+What is waited for, before the step and at its target, is an integral to come to rest. It shows in the signal or in the
+output, so a wait may end early when neither would change by more than a trifle in the rest of it.
 """
 
 from __future__ import annotations
@@ -32,6 +35,12 @@ ONE_QUANTUM = 1.01
 """A reading one quantum off is as near as the sensor can tell."""
 LEAST_SAMPLES = 5
 """Second differences fewer than this tell no noise."""
+LOOK = 3.0
+"""Chosen [s]: so much is looked at to tell whether signal and output are at rest."""
+TRIFLE = 0.01
+"""Chosen: share of the step, and of full output, that does not matter, ..."""
+TRIFLE_NOISES = 2.0
+"""... nor do so many standard deviations of the noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +54,8 @@ class StepSettings:
     ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as running
     away and the manoeuvre stops by itself.
     ``duration`` is the longest that each half lasts; it is over once the signal has stood at its target for ``enough``.
+    ``least_hold`` and ``least_enough``: after so long ``hold`` and ``enough`` may end early, where signal and output
+    are at rest.
     """
 
     signal: str
@@ -58,6 +69,51 @@ class StepSettings:
     hold: float = 0.0
     diverged: float = 2.5
     enough: float = math.inf
+    least_hold: float = math.inf
+    least_enough: float = math.inf
+
+
+class Rest:
+    """Whether signal and output have come to rest; NaN in either, and there is no telling."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, float, float]] = deque()
+
+    def begin(self) -> None:
+        """Forget what was seen."""
+        self._seen.clear()
+
+    def update(self, t: float, x: float, output: float) -> None:
+        """Take one sample: time [s], signal [SI] and output [fraction of full]."""
+        self._seen.append((t, x, output))
+        while self._seen[0][0] < t - LOOK:
+            self._seen.popleft()
+
+    def lasts(self, seconds: float, size: float) -> bool:
+        """Return whether, as the last :data:`LOOK` went, nothing changes in the *seconds* to come.
+
+        Neither the line through it, carried on, nor what scatters about that line (waves, a limit cycle) may be more
+        than a trifle of the step's *size* and of full output, or than the noise from sample to sample.
+        """
+        seen = np.array(self._seen)
+        if len(seen) < 2 * LEAST_SAMPLES or seen[-1, 0] - seen[0, 0] < 0.9 * LOOK:
+            return False
+        t, x, output = seen.T
+        return _is_at_rest(t, x, seconds, TRIFLE * size) and _is_at_rest(t, output, seconds, TRIFLE)
+
+
+def _is_at_rest(t: Array, x: Array, seconds: float, trifle: float) -> bool:
+    """Whether the line through *x* (n,) at *t* (n,) goes on and scatters by less than a *trifle* or the noise."""
+    since, off = t - t.mean(), x - x.mean()
+    pace = float(since @ off / (since @ since))
+    scatter = math.sqrt(float(np.mean((off - pace * since) ** 2)))
+    return max(abs(pace) * seconds, scatter) <= max(trifle, TRIFLE_NOISES * _noise_in(x))
+
+
+def _noise_in(x: Array) -> float:
+    """Return the standard deviation of the noise of *x* (n,), from second differences; 0 with too few."""
+    second = np.diff(x, n=2)
+    return math.sqrt(float(np.mean(second**2)) / 6.0) if len(second) >= LEAST_SAMPLES else 0.0
 
 
 class Step(Manoeuvre):
@@ -77,6 +133,7 @@ class Step(Manoeuvre):
         self._base = math.nan
         self._course = math.nan
         self._held: list[float] = []
+        self._rest = Rest()
         self._latest: deque[float] = deque(maxlen=3)
         self._there_since = math.inf
         self._band = math.nan
@@ -97,7 +154,7 @@ class Step(Manoeuvre):
             "steady_band": s.steady_band,
             "hold": s.hold,
             **({} if s.base is None else {"base": s.base}),
-            **({"enough": s.enough} if math.isfinite(s.enough) else {}),
+            **{n: v for n in ("enough", "least_hold", "least_enough") if math.isfinite(v := getattr(s, n))},
             **({"band": self._band} if math.isfinite(self._band) else {}),
             "lasted": list(self._lasted),
         }
@@ -116,6 +173,7 @@ class Step(Manoeuvre):
         s = self._settings
         elapsed = observation.t - self._step_start
         error = observation.value(s.signal) - self.target
+        self._rest.update(observation.t, error, observation.output.get(SIGNAL_FORCES[s.signal], math.nan))
         held = self._step > 0 or s.base is None
         if not math.isfinite(error):
             self._step = 3
@@ -138,22 +196,27 @@ class Step(Manoeuvre):
             self._there_since = math.inf
         else:
             self._there_since = min(self._there_since, t)
-        return t - self._there_since >= self._settings.enough
+        s = self._settings
+        return self._is_over(t - self._there_since, s.enough, s.least_enough)
+
+    def _is_over(self, waited: float, enough: float, least: float) -> bool:
+        """Whether *waited* [s] is *enough*, or at *least* so much that the rest of it would tell nothing new."""
+        return waited >= enough or (waited >= least and self._rest.lasts(enough - waited, abs(self._settings.size)))
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
         s = self._settings
         if not abs(error) <= s.steady_band * abs(s.size):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
-        if elapsed >= s.hold and (steady or elapsed >= s.settle):
+        over = self._is_over(elapsed, s.hold, s.least_hold if steady else math.inf)
+        if over and (steady or elapsed >= s.settle):
             self._band = self._band_about(np.array(self._held))
             self._next(observation.t)
 
     def _band_about(self, held: Array) -> float:
         """Return how near [SI] is there, by the noise of what was *held* (n,) before the step."""
-        noise = np.diff(held, n=2)
-        std = math.sqrt(float(np.mean(noise**2)) / 6.0) if len(noise) >= LEAST_SAMPLES else 0.0
-        return max(SETTLED_BAND * abs(self._settings.size), SETTLED_NOISES * std, ONE_QUANTUM * self._quantum(held))
+        noise = SETTLED_NOISES * _noise_in(held)
+        return max(SETTLED_BAND * abs(self._settings.size), noise, ONE_QUANTUM * self._quantum(held))
 
     def _next(self, t: float) -> None:
         if self._step == 2:
@@ -167,6 +230,7 @@ class Step(Manoeuvre):
         self._step, self._step_start, self.target = number, t, target
         self._there_since = math.inf
         self._latest.clear()
+        self._rest.begin()
         self.phase = ("settling", "step", "step back")[number]
         self._mark(t, "target", {"value": target, "phase": ("hold", "step", "back")[number]})
 

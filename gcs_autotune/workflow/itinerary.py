@@ -25,8 +25,9 @@ of half a metre to 2.4 m take."""
 KNOWN_UNDER_WAY, KNOWN_AT_REST = 30.0, 8.0
 """...and of a self-oscillation that ends once the gains are known: one under way, two of a craft at rest, whose
 thrusters mostly have a dead band."""
-HOLD, SETTLES = 10.0, 14.0
-"""Seconds of holding still before a step, and until a half is over that ends once the craft stands at its target."""
+HOLD, RESTS, SETTLES = 10.0, 5.0, 12.0
+"""Seconds of holding still before a step, and of one that ends once the craft is at rest; and until a half is over
+that ends once the craft stands at its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +101,9 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
     if each is None:
         kind = axis_kind(settings.axis)
         each = kind.guessed_duration if moving else kind.step_duration
-    if settings.stop_rule != SETTLED:
-        each = min(each, SETTLES)
-    return HOLD + 2.0 * each
+    if settings.stop_rule == SETTLED:
+        return HOLD + 2.0 * each
+    return RESTS + 2.0 * min(each, SETTLES)
 
 
 class Itinerary:

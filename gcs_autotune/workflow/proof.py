@@ -56,6 +56,8 @@ HOLD = 10.0
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
 """Chosen: a half of a proof is over once the craft has stood at its target for so long [s], under way and at rest.
 What creeps on behind a thruster's dead band does so for longer."""
+LEAST = 3.0
+"""Chosen: each of these waits lasts so long [s], even where craft and output are plainly at rest."""
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
 """The turn-rate step, with way on and without, from half of it to port to half of it to starboard; less where the craft
 cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead band. There it is a matter
@@ -118,11 +120,13 @@ class Proof:
         """Return the proof whose next step is held for as long as *before* was.
 
         What the integral has come to when the step begins is part of what is measured: 3 s of hold instead of 12 s
-        double the error over time of a BlueROV2's heading step.
+        double the error over time of a BlueROV2's heading step. So it is held at least as long, and longer where it is
+        not at rest by then.
         """
-        targets = [mark.t for mark in before.marks if mark.kind == "target"]
-        held = targets[1] - targets[0] if len(targets) > 1 else 0.0
-        return replace(self, settings=replace(self.settings, hold=max(held, self.settings.hold)))
+        s, targets = self.settings, [mark.t for mark in before.marks if mark.kind == "target"]
+        held = targets[1] - targets[0] if len(targets) > 1 else s.hold
+        least = max(held, s.least_hold) if math.isfinite(s.least_hold) else math.inf
+        return replace(self, settings=replace(s, hold=max(held, s.hold), least_hold=least))
 
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
@@ -135,12 +139,14 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
         speed=speed,
         hold=0.0 if axis.needs_speed else HOLD,
         enough=_enough(settings, ENOUGH if axis.needs_speed else ENOUGH_AT_REST),
+        least_hold=_enough(settings, LEAST),
+        least_enough=_enough(settings, LEAST),
     )
     return Proof(step, None, {})
 
 
 def _enough(settings: TuneSettings, seconds: float) -> float:
-    """Return how long the craft stands at its target before a half is over: for ever with Miskovic2010's stop rule."""
+    """Return the *seconds* after which a wait may end early: never with Miskovic2010's stop rule."""
     return math.inf if settings.stop_rule == SETTLED else seconds
 
 
@@ -176,7 +182,8 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
     duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
-    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=_enough(settings, ENOUGH))
+    enough, least = _enough(settings, ENOUGH), _enough(settings, LEAST)
+    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=enough, least_enough=least)
     if top < NEAR * kept:
         throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
     return Proof(step, top - size, _cruise_pair(known, throttle, present))

@@ -91,11 +91,11 @@ class Offer:
         """Return it."""
         return self.settings.make(self.throttle, keep_still=self.keep_still)
 
-    def as_preset(self) -> Preset:
-        """Return it as something that is weighed."""
-        kind = self.settings.kind
-        forces = sorted(kind.drives | ({"X"} if self.throttle else set()))
-        by_the_clock = isinstance(self.make(), OpenLoopProgramme) and not self.keep_still and "X" not in kind.drives
+    def as_preset(self, dofs: Sequence[str]) -> Preset:
+        """Return it as something that is weighed by a model of *dofs*."""
+        forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
+        made, told = self.make(), {DOFS[dof].position for dof in dofs}
+        by_the_clock = isinstance(made, OpenLoopProgramme) and not made.held & told
         return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=not by_the_clock)
 
 
@@ -214,7 +214,7 @@ def look_ahead(
     for run in runs:
         for force, (_, came) in limited_orders(run).items():
             most[force] = max(most.get(force, 0.0), came)
-    presets = [offer.as_preset() for offer in offers]
+    presets = [offer.as_preset(precision.dofs) for offer in offers]
     number = {id(preset): i for i, preset in enumerate(presets)}
     try:
         ranked = rank_by_precision(

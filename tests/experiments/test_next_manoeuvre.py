@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 from experiment_plants import BOAT, Steps, circle, recorded, sail
 
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, plan_next
+from gcs_autotune.experiments import next_manoeuvre
+from gcs_autotune.experiments.next_manoeuvre import PRESETS, RankedManoeuvre, plan_next, rank_by_precision
 from gcs_autotune.experiments.pictures import proposal_picture
-from gcs_autotune.experiments.preview import allocation_of
+from gcs_autotune.experiments.preview import CONTROL_STEP, Flight, allocation_of, fly
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.information import fitted_model_of
+from gcs_autotune.manoeuvres import Manoeuvre, Preset
 from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
 from gcs_autotune.trial import Trial
 
@@ -153,3 +157,32 @@ def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoe
     _, _, proposal = circled
     axes = proposal_picture(proposal).axes[0]
     assert len(axes.patches) == 2 * len(proposal.names)
+
+
+def test_weighed_roughly_first_the_best_are_the_same_and_weighed_as_they_are_flown(
+    circled: tuple[list[Trial], Fit, RankedManoeuvre], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs, made, _ = circled
+    flown: list[float] = []
+
+    def counted(*args: Any, step: float, **named: Any) -> Flight | None:
+        flown.append(step)
+        return fly(*args, step=step, **named)
+
+    monkeypatch.setattr(next_manoeuvre, "fly", counted)
+    wanted = {"N_r": 1e-3, "N_rdot": 1e-3, "Y_v": 1e-3}
+    drawn = [replace(p, make=partial(_for_seconds, p, seconds)) for p in PRESETS.values() for seconds in (20.0, 35.0)]
+    found = []
+    for finalists in (6, len(drawn)):
+        monkeypatch.setattr(next_manoeuvre, "FINALISTS", finalists)
+        flown.clear()
+        most = {"X": 5.0, "N": 5.0}
+        found.append(rank_by_precision(made, runs, wanted, drawn, longest=60.0, overhead=5.0, most=most))
+        assert flown.count(CONTROL_STEP) == (6 if finalists == 6 else len(flown))
+    assert len(found[0]) == len(found[1]) > 12
+    assert [w.candidate for w in found[0][:6]] == [w.candidate for w in found[1][:6]]
+    assert [w.rate for w in found[0][:6]] == [w.rate for w in found[1][:6]]
+
+
+def _for_seconds(preset: Preset, seconds: float, longest: float) -> Manoeuvre:
+    return preset.make(seconds)

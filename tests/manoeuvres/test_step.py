@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from gcs_autotune.craft import DepthTarget, HeadingTarget
@@ -101,3 +102,50 @@ def test_noise_and_a_coarse_compass_widen_what_counts_as_there():
     assert quiet.asked["band"] == pytest.approx(0.015)
     assert coarse.asked["band"] > 0.03
     assert quiet.asked["lasted"] == [] and coarse.asked["lasted"] != []
+
+
+def waited(held, output=lambda t: 0.06, size=1.0, seconds=60.0):
+    """Return how long [s] a step held and its halves lasted; *held*: depth until the step, by time."""
+    step = Step(StepSettings("z", size, 30.0, hold=10.0, enough=6.0, least_hold=3.0, least_enough=3.0))
+    rough = 0.003 * np.random.default_rng(4).standard_normal((2, round(10.0 * seconds)))
+    commands = None
+    for i, (x, y) in enumerate(rough.T):
+        t = 0.1 * i
+        z = held(t) if i == 0 or step.phase == "settling" else step.target
+        now = at_rest(t=t, z=z + x, output={"Z": output(t) + y})
+        commands, sent = (step.commands(now), None) if commands is None else (commands, now)
+        commands.send(sent)
+        if step.outcome is not None:
+            break
+    first, second, *_ = (m.t for m in step.take_marks())
+    return second - first, step.asked["lasted"]
+
+
+def test_a_craft_plainly_at_rest_is_waited_for_no_longer_than_it_takes_to_see_that():
+    hold, lasted = waited(lambda t: 2.0)
+    assert 3.0 <= hold <= 4.5
+    assert all(3.0 <= seconds <= 4.5 for seconds in lasted)
+
+
+@pytest.mark.parametrize(
+    ("held", "output", "least"),
+    [
+        (lambda t: 2.0 + 0.006 * t, lambda t: 0.06, 7.5),  # creeps: 1 % of the step in less than 2 s
+        (lambda t: 2.0, lambda t: 0.06 + 0.006 * t, 7.5),  # an integral winds
+        (lambda t: 2.0 + 0.03 * math.sin(1.5 * t), lambda t: 0.06, 9.4),  # waves
+        (lambda t: 2.0, lambda t: 0.06 + 0.03 * math.copysign(1.0, math.sin(3.0 * t)), 9.9),  # hunts in a dead band
+        (lambda t: 2.0, lambda t: math.nan, 9.9),  # nobody tells the output
+    ],
+)
+def test_what_still_moves_or_winds_is_waited_for(held, output, least):
+    hold, _ = waited(held, output)
+    assert least <= hold <= 10.11
+
+
+def test_without_leave_to_end_early_every_wait_is_as_long_as_asked():
+    step = Step(StepSettings("z", 1.0, 30.0, hold=10.0, enough=6.0))
+    fly(step, [2.0] * 101 + [3.0] * 61 + [2.0] * 70)
+    marks = [m.t for m in step.take_marks()]
+    assert marks[1] - marks[0] == pytest.approx(10.0, abs=0.11)
+    assert step.asked["lasted"] == [pytest.approx(6.0, abs=0.21)] * 2
+    assert "least_hold" not in step.asked

@@ -46,6 +46,18 @@ def test_the_second_step_is_held_as_long_as_the_first_was() -> None:
     flown = Trial("step-before", {}, marks, meta={"signal": "psi"})
     assert proof.after(flown).settings.hold == pytest.approx(13.5)
     assert proof.after(Trial("stopped while held", {}, marks[:1])).settings.hold == 10.0
+    assert proof.after(flown).settings.least_hold == math.inf
+
+
+@pytest.mark.parametrize("held", [4.5, 13.5])
+def test_the_second_step_is_held_no_shorter_than_the_first_where_holds_may_end_early(held: float) -> None:
+    proof = Proof(StepSettings("psi", 0.5, 30.0, hold=10.0, least_hold=3.0), None, {})
+    marks = [Mark(t, "target") for t in (2.0, 2.0 + held, 45.5)]
+    after = proof.after(Trial("step-before", {}, marks, meta={"signal": "psi"})).settings
+    assert after.least_hold == pytest.approx(held)
+    assert after.hold == pytest.approx(max(held, 10.0))
+    stopped = proof.after(Trial("stopped while held", {}, marks[:1])).settings
+    assert stopped.least_hold == stopped.hold == 10.0
 
 
 @pytest.mark.parametrize("slowness", [0.5, 1.0, 5.0])
