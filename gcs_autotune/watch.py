@@ -18,6 +18,7 @@ __all__ = [
     "LeftAs",
     "NewValue",
     "PredictedCost",
+    "PredictedTrack",
     "Progress",
     "ProposedGains",
     "Room",
@@ -143,6 +144,24 @@ class PredictedCost:
 
 
 @dataclass(frozen=True, slots=True)
+class PredictedTrack:
+    """The preview of a run, told before it is flown.
+
+    ``x``, ``y`` [m north, east] and ``psi`` [rad] are where the craft was then; ``ahead``, ``abeam`` [m] the track as
+    seen from there, bow ahead. ``told`` is time, room and turning in words, ``trouble`` why it had better not be flown.
+    """
+
+    run: str
+    x: float
+    y: float
+    psi: float
+    ahead: tuple[float, ...]
+    abeam: tuple[float, ...]
+    told: str
+    trouble: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class LeftAs:
     """How the craft was left: mode and armed state by its heartbeat, and what ``differs`` from how it was found."""
 
@@ -151,7 +170,7 @@ class LeftAs:
     differs: Mapping[str, str]
 
 
-Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | LeftAs
+Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
 """What is told besides ticks and sentences."""
 
 

@@ -240,8 +240,11 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
     with attending(args) as (operator, watcher):
         when = now.isoformat(timespec="seconds")
         result = fly_plan(plan, common, operator, watcher, when, only_preview=args.preview)
+        if args.remote:  # standard output is the program's
+            for remark in result.remarks:
+                watcher.say(remark)
     if args.remote:
-        return 0  # standard output is the program's
+        return 0
     if args.preview:
         return _tell_preview(result)
     if args.json:

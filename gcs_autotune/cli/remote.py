@@ -1,7 +1,7 @@
 """A program in the operator's place: JSON lines on standard output and input instead of a terminal (docs/serve.md).
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
-``room``, ``cost``, ``proposal``, ``left``, ``question``, ``dropped``; in SI and radians, null where unknown. In:
+``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null where unknown. In:
 ``stop`` and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a STOP, too.
 
 What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
@@ -28,6 +28,7 @@ from gcs_autotune.watch import (
     Intentions,
     LeftAs,
     PredictedCost,
+    PredictedTrack,
     Progress,
     ProposedGains,
     Room,
@@ -56,6 +57,7 @@ _KEYS: Mapping[type, str] = {
     Words: "words",
     ProposedGains: "proposal",
     PredictedCost: "cost",
+    PredictedTrack: "track",
     LeftAs: "left",
 }
 

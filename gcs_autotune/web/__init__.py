@@ -6,8 +6,8 @@
 * ``archive`` is what is on disk, ``desk`` what is done with it. ``static`` is the page, by hand, with uPlot
   (MIT) and nothing else.
 
-It imports nothing that flies or computes: what does is another process, which neither waits for a viewer nor ends with
-one.
+It imports tables (axes, limits, manoeuvres) and nothing that flies or computes: what does is another process, which
+neither waits for a viewer nor ends with one.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from typing import Any
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.foreign_text import visible
-from gcs_autotune.web.job import read_json
+from gcs_autotune.web.job import page_of, read_json
 
 __all__ = ["KINDS", "Archive"]
 
@@ -52,7 +52,7 @@ class Archive:
             "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
             "ending": visible(str(summary.get("ending", ""))),
             "reason": visible(str(summary.get("reason", ""))),
-            "report": (folder / "report.html").is_file(),
+            "report": page_of(folder),
             "log": visible(logs[0]) if logs else "",
         }
 

@@ -18,7 +18,7 @@ from typing import Any
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.web.live import Live
 
-__all__ = ["CommandLine", "Job", "read_json"]
+__all__ = ["CommandLine", "Job", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
@@ -121,7 +121,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     """Return what the page says of a run that is over, from its exit code, its last words and what it left on disk.
 
     Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` how the steps before and after compare, in words;
-    ``report`` whether there is one; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
+    ``report`` the file of its page, if there is one; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
     marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
@@ -134,7 +134,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
         "reason": reason,
         "flown": [str(line) for line in summary.get("verdict_reasons") or []],
         "fine": fine,
-        "report": (directory / "report.html").exists(),
+        "report": page_of(directory),
         "put_back": [craft, *_as_to_parameters(directory)],
     }
 
@@ -166,6 +166,11 @@ def _as_to_parameters(directory: Path) -> list[str]:
     if changed:
         return [f"Parameters read again: {', '.join(changed)}; the other {len(before) - len(changed)} as before."]
     return [f"Parameters read again: all {len(before)} as they were before."]
+
+
+def page_of(directory: Path) -> str:
+    """Return the page that a run left, its report or else its preview; empty when there is none."""
+    return next((name for name in ("report.html", "preview.html") if (directory / name).is_file()), "")
 
 
 def read_json(path: Path) -> dict[str, Any]:

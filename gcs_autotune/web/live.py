@@ -25,7 +25,7 @@ ROWS, WORDS = 4000, 300
 BEHIND = 30
 """Chosen: deltas that a viewer may be behind before he gets everything again."""
 MOST_VIEWERS = 32
-_KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "left", "dropped")
+_KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
 """What is kept as it came, the last one counting."""
 _LONGEST = 2000
 """Chosen: characters kept of a sentence."""

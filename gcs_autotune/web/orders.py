@@ -1,4 +1,4 @@
-"""From what was chosen on the page to a command line of ours: one table of fields, with the limits of the table.
+"""From what was chosen on the page to a command line of ours: fields out of the tables of axes, manoeuvres, limits.
 
 Each value is handed over as ``--name=value``, so that none of them can be an option itself.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -15,7 +16,9 @@ from typing import Any
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.errors import UsageError
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
+from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind
 from gcs_autotune.registry import lookup
 
 __all__ = ["RunOrder", "fields", "make_order"]
@@ -23,6 +26,7 @@ __all__ = ["RunOrder", "fields", "make_order"]
 JOBS: Mapping[str, str] = {
     "tune": "Tune: swing, identify, design, prove",
     "experiment": "Experiment: swing and identify, write nothing",
+    "fly": "Fly a standard manoeuvre: preview, figures and model, write nothing",
 }
 """What can be started -> what it does, in a line."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
@@ -31,11 +35,18 @@ _ASKED: Mapping[str, tuple[str, ...]] = {
         *("max-roll", "max-pitch", "min-battery", "min-battery-voltage", "max-time"),
     ),
     "Manoeuvre": ("throttle", "speed", "relay-output", "relay-hysteresis", "relays", "patience"),
-    "Proof (tune)": ("step", "step-duration", "settling-time"),
+    "Proof": ("step", "step-duration", "settling-time"),
     "Link": ("baud", "system-id"),
 }
 """Numbers that the page asks for, by heading; the names of the table of limits."""
-_TUNE_ONLY = _ASKED["Proof (tune)"]
+_ONLY: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(_ASKED["Proof"], ("tune",)),
+    **dict.fromkeys(("relay-output", "relay-hysteresis", "relays"), ("tune", "experiment")),
+}
+"""Number -> the jobs that take it, where not all do."""
+_BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
+"""Simulated vehicles to fly a manoeuvre, when no link is given."""
+SIDES = ("starboard", "port")
 _LONGEST_URI = 300
 
 
@@ -68,15 +79,45 @@ def fields() -> dict[str, Any]:
         "link": os.environ.get(LINK_VARIABLE, ""),
         "jobs": [{"name": name, "title": title} for name, title in JOBS.items()],
         "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
+        "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
+        "sides": SIDES,
         "numbers": {heading: [_field(name) for name in names] for heading, names in _ASKED.items()},
     }
+
+
+def _manoeuvre(kind: ManoeuvreKind) -> dict[str, Any]:
+    """Return what the page asks for a manoeuvre: its options, the forces it may drive, each with a craft for it."""
+    return {
+        "name": kind.name,
+        "help": kind.help,
+        "room": kind.room,
+        "options": [_field(name) for name in kind.options],
+        "forces": {force: _example(kind.of(force)) for force in _forces(kind)},
+        "example": _example(kind),
+    }
+
+
+def _forces(kind: ManoeuvreKind) -> list[str]:
+    found = []
+    for force in DOF_OF if kind.for_force is not None else ():
+        with suppress(UsageError):
+            if any(kind.of(force).drives <= set(firmware.channels) for firmware in FIRMWARE.values()):
+                found.append(force)
+    return found
+
+
+def _example(kind: ManoeuvreKind) -> str:
+    if kind.needs:
+        return _BEFORE_A_WALL
+    tilts = not kind.excites.isdisjoint(("roll", "pitch"))
+    return _ROV if kind.stays or tilts or not kind.drives <= {"N", "X"} else _BOAT
 
 
 def _field(name: str) -> dict[str, Any]:
     rows = axes_of(name)
     return {
         "name": name,
-        "tune_only": name in _TUNE_ONLY,
+        "jobs": _ONLY.get(name, tuple(JOBS)),
         "by_axis": {
             row.axis: {
                 "meaning": row.meaning,
@@ -90,40 +131,60 @@ def _field(name: str) -> dict[str, Any]:
 
 
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
-    """Return the order for what was *chosen*: ``job``, ``axis``, ``connect``, ``dry_run``, ``numbers`` by name.
+    """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``numbers`` by name, and ``axis``, or
+    to fly ``manoeuvre``, ``force``, ``first_to``; a dry run of a manoeuvre is its preview.
 
     Raises
     ------
     UsageError, UnknownName
         It cannot be had; the message names the field.
     """
-    job, axis, uri = (str(chosen.get(name, "")) for name in ("job", "axis", "connect"))
+    job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
     lookup(JOBS, job, "job")
-    lookup(AXES, axis, "axis")
-    uri = uri.strip() or AXES[axis].example
+    numbers, dry = chosen.get("numbers") or {}, chosen.get("dry_run") is True
+    if job == "fly":
+        kind, force = _chosen_manoeuvre(chosen)
+        what, axis, example, words = kind.name, "", _example(kind), [f"--force={force}"] if force else []
+        side = str(chosen.get("first_to") or SIDES[0])
+        lookup(dict.fromkeys(SIDES, True), side, "side")
+        words += [f"--first-to={side}", *_numbers(numbers, job, axis, kind.options), *["--preview"] * dry]
+    else:
+        what = axis = str(chosen.get("axis", ""))
+        example = lookup(AXES, axis, "axis").example
+        words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job == "tune")
+    uri = uri or example
     if len(uri) > _LONGEST_URI or not uri.isprintable():
         raise UsageError("link: that is no connection string")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
-    directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{axis}")
-    words = [job, axis, f"--connect={uri}", f"--out={directory}", *_numbers(chosen.get("numbers") or {}, job, axis)]
-    if chosen.get("dry_run") is True and job == "tune":
-        words.append("--dry-run")
-    return RunOrder(f"{job} {axis}", (*words, "--remote"), directory)
+    directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}")
+    title = f"preview of {what}" if job == "fly" and dry else f"{job} {what}"
+    return RunOrder(title, (job, what, f"--connect={uri}", f"--out={directory}", *words, "--remote"), directory)
+
+
+def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
+    """Return the row of the manoeuvre chosen and the force it is to drive, empty for its own."""
+    kind = lookup(MANOEUVRES, str(chosen.get("manoeuvre", "")), "manoeuvre")
+    if kind.make is None:
+        raise UsageError(f"{kind.name} is flown by {kind.command}, not by itself")
+    force = str(chosen.get("force") or "")
+    if force and force not in _forces(kind):
+        raise UsageError(f"{kind.name} drives no force '{force[:10]}'")
+    return kind.of(force), force
 
 
 def _fresh(path: Path) -> Path:
     return next(p for p in (path, *(path.with_name(f"{path.name}-{k}") for k in range(2, 1000))) if not p.exists())
 
 
-def _numbers(given: Any, job: str, axis: str) -> list[str]:
+def _numbers(given: Any, job: str, axis: str, options: Sequence[str] = ()) -> list[str]:
     if not isinstance(given, Mapping):
         raise UsageError("the numbers are no object of name and value")
-    asked = {name for names in _ASKED.values() for name in names}
+    asked = {name for names in _ASKED.values() for name in names} | set(options)
     words = []
     for name, text in given.items():
         if name not in asked:
             raise UsageError(f"the page asks for no number '{str(name)[:40]}'")
-        if not str(text).strip() or (job != "tune" and name in _TUNE_ONLY):
+        if not str(text).strip() or job not in _ONLY.get(name, JOBS):
             continue
         try:
             value = limit_of(name, axis).parse(str(text).strip())

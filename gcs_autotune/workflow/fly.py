@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
@@ -25,7 +27,7 @@ from gcs_autotune.manoeuvres import (
     preview,
 )
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Intentions, Watcher
+from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import TWITCHING, connect_craft
@@ -65,6 +67,8 @@ _LEFT = 0.7
 """Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
 BACK, LOOKING = 45.0, 6.0
 """Seconds of coming back between two runs, and of looking whether it is calm; guesses, told beforehand."""
+_POINTS = 400
+"""Chosen: of a predicted track that are told; more no screen shows."""
 
 
 def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> FlightResult:
@@ -193,6 +197,7 @@ class _Flight:
             self.legs.append(leg)
             of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
             self._watcher.say(f"{of}: {seen.told()}")
+            self._tell_track(leg)
             if seen.trouble and not assumed and not only_preview:
                 raise PreconditionFailed(f"not flown, for the {of} ends early: {seen.trouble}; nothing was armed")
             if seen.trouble:
@@ -202,6 +207,14 @@ class _Flight:
             legs = Itinerary(list(self._planned_legs()))
             self._watcher.say(f"it would take {legs.seconds:.0f} s without the checks before: {legs.told()}")
             self._watcher.say(f"it would {battery(craft.observe(), self._common.envelope, legs.seconds)}")
+
+    def _tell_track(self, leg: FlightLeg) -> None:
+        """Tell who watches where the run is expected to go from where the craft is now."""
+        seen, now = leg.preview, self._craft.observe()
+        ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
+        some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
+        track = (tuple(map(float, axis[some])) for axis in (ahead, abeam))
+        self._watcher.note(PredictedTrack(leg.run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
 
     def _leg_of(self, run: PlannedRun) -> FlightLeg:
         """Return *run* with its preview from where the craft is now."""
@@ -410,6 +423,7 @@ class _Flight:
             if leg is None:
                 return
             self.legs.append(leg)
+            self._tell_track(leg)
             yield leg
 
     def _come_back(self, runner: ManoeuvreRunner, leg: FlightLeg, home: Observation) -> None:

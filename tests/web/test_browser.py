@@ -44,8 +44,9 @@ class Page:
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
         for name, value in fields.items():
-            (self.page.select_option if name in ("job", "axis") else self.page.fill)(f"#{name}", value)
-        self.page.set_checked("#dry", dry)
+            chosen = name in ("job", "axis", "manoeuvre", "force", "first-to")
+            (self.page.select_option if chosen else self.page.fill)(f"#{name}", value)
+        self.page.locator("#dry").set_checked(dry) if dry else None
         self.page.click("#start")
 
     def stopped(self) -> str:
@@ -136,30 +137,97 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
     assert "as they were before" in page.page.inner_text("#put-back")
 
 
-def test_stop_in_the_sign_check_puts_everything_back(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
-    page = visit(flying[0])  # in a time of its own the check is over before anybody sees it
-    page.start(connect=at_sea)
+def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
+    visit: Any, flying: tuple[str, Path], at_sea: str
+) -> None:
+    link, runs = flying
+    before = set(runs.iterdir())
+    page = visit(link)
+    options = {"n-heading": "10", "n-steering": "0.5", "n-executes": "3"}
+    page.start(job="fly", manoeuvre="zig-zag", **{"first-to": "port", "connect": at_sea, **options})
     page.shows("#question-text", "Go ahead?")
+    assert "of free water" in page.page.inner_text("#question-track")
+    assert "zig-zag" in page.page.inner_text("#intentions-list")
+    page.shows("#caption-track", "dashed: predicted")
+    drawn = page.page.evaluate(
+        "() => { const c = document.getElementById('track');"
+        " return new Set(c.getContext('2d').getImageData(0, 0, c.width, c.height).data).size; }"
+    )
+    assert drawn > 10
+    assert not page.page.is_visible("#figure-signal")  # nothing has been measured yet
     page.page.click("#yes")
-    page.shows("#stage", "sign check")
-    page.page.keyboard.press("Space")
-    put_back = page.stopped()
-    assert "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found" in put_back
-    assert "as they were before" in put_back
+    page.shows("#stage", "zig-zag")
+    page.shows("#end-title", "fly zig-zag: done")
+    assert ", disarmed, as it was found" in page.page.inner_text("#put-back")
+    (run,) = set(runs.iterdir()) - before
+    (sheet,) = json.loads((run / "figures.json").read_text())["sheets"]
+    assert sheet["manoeuvre"] == "zig-zag"
+    marks = json.loads((run / "trials" / "02-zig-zag.json").read_text())["marks"]
+    assert [mark["kind"] for mark in marks].count("execute") == 3
+    assert page.page.get_attribute("#end-report-link", "href").endswith("/report.html")
+
+
+def test_a_preview_alone_is_drawn_and_moves_nothing(visit: Any, flying: tuple[str, Path]) -> None:
+    page = visit(flying[0])
+    page.start(job="fly", manoeuvre="steps", force="Z", dry=True)
+    page.shows("#end-title", "preview of steps: done")
+    assert "before anything was armed" in page.page.inner_text("#put-back")
+    page.shows("#caption-track", "dashed: predicted")
+    assert page.page.get_attribute("#end-report-link", "href").endswith("/preview.html")
+
+
+def test_the_options_are_those_of_the_manoeuvre_with_their_limits(visit: Any, scripted: str) -> None:
+    page = visit(scripted)
+    page.page.click("#tab-start")
+    page.page.select_option("#job", "fly")
+    page.page.select_option("#manoeuvre", "turning-circle")
+    assert "90 to 3600 deg" in page.page.inner_text("#h-turn")
+    assert page.page.locator("#n-heading, #n-relays, #n-step, #axis:visible, #force:visible").count() == 0
+    page.page.select_option("#manoeuvre", "chirp")
+    assert page.page.locator("#force option").all_inner_texts() == ["N", "X", "Y", "Z"]
+    page.page.fill("#n-steering", "50")
+    page.page.click("#start")
+    page.shows("#form-error", "steering: 50 is out of range")
+    page.troubles.clear()  # the browser logs the refusal
 
 
 @pytest.mark.parametrize(
-    ("axis", "stage"),
+    ("stage", "is_question"),
     [
-        ("heading", "step with present gains"),
-        ("heading", "first self-oscillation"),
-        ("depth", "self-oscillation"),
+        ("Go ahead?", True),
+        ("sign check", False),
+        ("step with present gains", False),
+        ("first self-oscillation", False),
+        ("Write ATC_STR_RAT_FF", True),
+        ("step with new gains", False),
     ],
 )
-def test_stop_in_every_stage_puts_everything_back(visit: Any, flying: tuple[str, Path], axis: str, stage: str) -> None:
+def test_stop_in_every_stage_of_a_tune_puts_everything_back(
+    visit: Any, flying: tuple[str, Path], at_sea: str, stage: str, is_question: bool
+) -> None:
+    """Over a link that keeps its own time: in a time that flies ahead of ours the last stage is over unseen."""
     page = visit(flying[0])
-    page.start(axis=axis)
-    page.shows("#stage", stage)
+    page.start(connect=at_sea)
+    for question in ("Go ahead?", "Write ATC_STR_RAT_FF"):
+        here = page.page.locator("#question-text" if is_question else "#stage", has_text=stage)
+        here.or_(page.page.locator("#question-text", has_text=question)).first.wait_for(timeout=LONG)
+        if here.is_visible():
+            break
+        page.page.click("#yes")
+    page.shows("#question-text" if is_question else "#stage", stage)
+    page.page.keyboard.press("Space")
+    put_back = page.stopped()
+    if stage == "Go ahead?":
+        assert "Nothing was armed" in put_back or "before anything was armed" in put_back
+    else:
+        assert "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found" in put_back
+    assert "as they were before" in put_back or stage == "Go ahead?"
+
+
+def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Path]) -> None:
+    page = visit(flying[0])
+    page.start(axis="depth")
+    page.shows("#stage", "self-oscillation")
     page.page.keyboard.press("Space")
     put_back = page.stopped()
     assert "Actuators neutral, seen at the outputs; mode " in put_back

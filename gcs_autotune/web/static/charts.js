@@ -4,7 +4,9 @@ const DEG = 180 / Math.PI;
 export const SIGNALS = {
   psi: { name: "heading", unit: "°", factor: DEG, rate: "°/s" }, r: { name: "turn rate", unit: "°/s", factor: DEG, rate: "°/s²" },
   z: { name: "depth", unit: "m", factor: 1, rate: "m/s" }, x: { name: "position ahead", unit: "m", factor: 1, rate: "m/s" },
-  u: { name: "speed", unit: "m/s", factor: 1, rate: "m/s²" },
+  d: { name: "distance ahead", unit: "m", factor: 1, rate: "m/s" }, y: { name: "position abeam", unit: "m", factor: 1, rate: "m/s" },
+  phi: { name: "roll", unit: "°", factor: DEG, rate: "°/s" }, theta: { name: "pitch", unit: "°", factor: DEG, rate: "°/s" },
+  v: { name: "speed abeam", unit: "m/s", factor: 1, rate: "m/s²" }, u: { name: "speed", unit: "m/s", factor: 1, rate: "m/s²" },
 };
 export const about = (signal) => SIGNALS[signal] || { name: signal || "signal", unit: "", factor: 1, rate: "" };
 
@@ -60,6 +62,8 @@ export function resize() {
 // rows: [leg, t, value, target, output, rate, x, y, psi]
 export function draw(state) {
   const { rows, legs } = state;
+  for (const name of ["signal", "output", "phase"]) document.getElementById(`figure-${name}`).hidden = !rows.length;
+  if (!rows.length) { drawTrack(rows, legs, state); return; }
   const signal = legs.length ? legs[legs.length - 1].signal : "";
   const kind = about(signal), last = rows.length ? rows[rows.length - 1][1] : 0;
   const first = rows.length ? rows[0][1] : 0;
@@ -74,7 +78,7 @@ export function draw(state) {
   one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]);
   two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]);
   say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, wanted`);
-  drawTrack(rows, state.room);
+  drawTrack(rows, legs, state);
   drawPhase(shown.filter((r) => r[0] === legs.length - 1), kind);
 }
 
@@ -100,16 +104,29 @@ function niceStep(range) {
   return power * [1, 2, 5, 10].find((k) => k * power >= rough);
 }
 
-function drawTrack(rows, room) {
+// The predicted track on the ground: from where the craft lay, and once its run is flown, from where that began.
+function foretold(track, rows, legs) {
+  if (!track) return [];
+  const start = rows.find((r) => legs[r[0]].stage === track.run && r[6] !== null && r[7] !== null);
+  const [x, y, psi] = start ? [start[6], start[7], start[8]] : [track.x, track.y, track.psi];
+  const c = Math.cos(psi || 0), s = Math.sin(psi || 0);
+  return track.ahead.map((a, k) => [(x || 0) + a * c - track.abeam[k] * s, (y || 0) + a * s + track.abeam[k] * c]);
+}
+
+function drawTrack(rows, legs, { room, track }) {
   const { pen, width, height } = canvas("track");
   const points = rows.filter((r) => r[6] !== null && r[7] !== null);
-  if (!points.length) {
+  const predicted = foretold(track, rows, legs);
+  if (!points.length && !predicted.length) {
     say("caption-track", "Track: the vehicle tells no position");
     return;
   }
   let [north, south, east, west] = [-Infinity, Infinity, -Infinity, Infinity];
   for (const r of points) {
     north = Math.max(north, r[6]); south = Math.min(south, r[6]); east = Math.max(east, r[7]); west = Math.min(west, r[7]);
+  }
+  for (const [n, e] of predicted) {
+    north = Math.max(north, n); south = Math.min(south, n); east = Math.max(east, e); west = Math.min(west, e);
   }
   const zones = (room && room.zones) || [];
   for (const [corners, radius] of zones) for (const [n, e] of corners) {
@@ -141,10 +158,16 @@ function drawTrack(rows, room) {
     pen.stroke(); pen.setLineDash([]);
   }
   if (zones.length) limit += "; area and fence drawn (dotted: keep out)";
+  if (predicted.length) {
+    pen.strokeStyle = css("wanted"); pen.setLineDash([8, 5]); pen.beginPath();
+    predicted.forEach(([n, e], i) => (i ? pen.lineTo(px(e), py(n)) : pen.moveTo(px(e), py(n))));
+    pen.stroke(); pen.setLineDash([]);
+    limit += "; dashed: predicted";
+  }
   pen.strokeStyle = css("measured"); pen.beginPath();
   points.forEach((r, i) => (i ? pen.lineTo(px(r[7]), py(r[6])) : pen.moveTo(px(r[7]), py(r[6]))));
   pen.stroke();
-  const now = points[points.length - 1];
+  const now = points.length ? points[points.length - 1] : [0, 0, 0, 0, 0, 0, track.x || 0, track.y || 0, track.psi];
   bow(pen, px(now[7]), py(now[6]), now[8] || 0);
   say("caption-track", `Track from above, north up; grid ${step} m${limit}`);
 }

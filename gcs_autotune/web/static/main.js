@@ -62,6 +62,7 @@ function showQuestion() {
   say("question-text", question.text);
   $("intentions").hidden = !state.intentions || Boolean(state.now);
   $("offer").hidden = !state.proposal;
+  say("question-track", state.track && !state.now ? `Predicted: ${state.track.told}.${state.track.trouble ? ` It had better not be flown so: ${state.track.trouble}.` : ""}` : "");
   if (asked === question.id) return;
   asked = question.id;
   $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
@@ -166,7 +167,7 @@ function showTiles() {
     return now.signal === "psi" ? `${(((shown % 360) + 360) % 360).toFixed(1)}°` : `${shown.toFixed(2)} ${kind.unit}`;
   };
   const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
-  $("charts").hidden = !state.rows.length;
+  $("charts").hidden = !state.rows.length && !state.track;
   say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, wanted ${reading(now.target)}` : ""}` : "–");
   say("tile-output", percent(now.output));
   say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} alike` : "–");
@@ -205,7 +206,7 @@ function showEnd() {
   $("end").classList.toggle("bad", !end.fine);
   say("end-title", `${state.run.title}: ${end.meaning}`);
   $("end-report").hidden = !end.report;
-  $("end-report-link").href = `files/${state.run.name}/report.html`;
+  $("end-report-link").href = `files/${state.run.name}/${end.report}`;
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.name) return;
   $("put-back").dataset.of = state.run.name;
@@ -233,13 +234,13 @@ function show() {
     $("gains").dataset.of = JSON.stringify(state.proposal);
     $("gains-table").replaceChildren(...gains(state.proposal));
   }
-  if (fresh && state.rows.length && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
+  if (fresh && (state.rows.length || state.track) && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
 }
 
 function take(delta) {
   const before = state.run && state.run.name;
   state = apply(state, delta);
-  if (delta.whole || delta.fresh || delta["+rows"] || delta.room) fresh = true;
+  if (delta.whole || delta.fresh || delta["+rows"] || delta.room || delta.track) fresh = true;
   if ((state.run && state.run.name) !== before) { wantStop = 0; refused = ""; shownWords = -1; }
   if (!running()) { wantStop = 0; }
   requestAnimationFrame(show);

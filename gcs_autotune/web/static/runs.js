@@ -52,7 +52,7 @@ export async function list() {
 
 function row(each) {
   const node = item(press(each.name, () => open(each.name)), ` ${each.log || each.title}${each.ending ? `: ${each.ending}` : ""} `);
-  if (each.report) node.append(report(each.name, "report.html", "report"));
+  if (each.report) node.append(report(each.name, each.report, each.report.split(".")[0]));
   return node;
 }
 

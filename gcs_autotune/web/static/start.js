@@ -15,7 +15,11 @@ export function make(fields, started) {
   table = fields;
   $("job").replaceChildren(...fields.jobs.map((job) => option(job.name, job.title)));
   $("axis").replaceChildren(...fields.axes.map((axis) => option(axis.name, axis.name)));
-  $("job").onchange = $("axis").onchange = offer;
+  $("manoeuvre").replaceChildren(...fields.manoeuvres.map((kind) => option(kind.name, kind.name)));
+  $("first-to").replaceChildren(...fields.sides.map((side) => option(side, side)));
+  $("job").onchange = $("axis").onchange = $("force").onchange = offer;
+  $("manoeuvre").onchange = () => { forces(); offer(); };
+  forces();
   $("connect").value ||= fields.link || "";
   offer();
   $("form").onsubmit = async (event) => {
@@ -32,23 +36,41 @@ export function make(fields, started) {
 function chosen() {
   const numbers = {};
   for (const node of document.querySelectorAll("#numbers input")) if (node.value.trim()) numbers[node.name] = node.value.trim();
-  return { job: $("job").value, axis: $("axis").value, connect: $("connect").value.trim(), dry_run: $("dry").checked, numbers };
+  return {
+    job: $("job").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
+    first_to: $("first-to").value, connect: $("connect").value.trim(), dry_run: $("dry").checked, numbers,
+  };
+}
+
+const manoeuvre = () => table.manoeuvres.find((each) => each.name === $("manoeuvre").value);
+
+function forces() {
+  const names = Object.keys(manoeuvre().forces);
+  $("force").replaceChildren(...names.map((name) => option(name, name)));
+  $("force-row").hidden = !names.length;
 }
 
 function offer() {
-  const axis = table.axes.find((each) => each.name === $("axis").value);
-  const tune = $("job").value === "tune";
+  const job = $("job").value, flies = job === "fly", kind = manoeuvre();
+  const axis = flies ? { name: "", example: kind.forces[$("force").value] || kind.example }
+    : table.axes.find((each) => each.name === $("axis").value);
   $("example").textContent = axis.example;
-  $("dry-row").hidden = !tune;
+  $("axis-row").hidden = flies;
+  $("fly-rows").hidden = !flies;
+  $("manoeuvre-help").textContent = `${kind.help}. Room: ${kind.room}.`;
+  $("dry-row").hidden = job === "experiment";
+  $("dry-label").textContent = flies ? "Preview only: time, room and track; nothing moves"
+    : "Dry run: fly, identify and design, but write nothing";
   const kept = chosen().numbers;
   const groups = [];
-  for (const [heading, numbers] of Object.entries(table.numbers)) {
-    const fields = numbers.filter((n) => tune || !n.tune_only).map((n) => field(n, axis.name, kept)).filter(Boolean);
+  const tables = flies ? { [`Options of ${kind.name}`]: kind.options, ...table.numbers } : table.numbers;
+  for (const [heading, numbers] of Object.entries(tables)) {
+    const fields = numbers.filter((n) => n.jobs.includes(job)).map((n) => field(n, axis.name, kept)).filter(Boolean);
     if (!fields.length) continue;
     const group = document.createElement("details"), title = document.createElement("summary");
     title.textContent = heading;
     group.append(title, ...fields);
-    group.open = fields.some((each) => each.querySelector("input").value);
+    group.open = numbers === kind.options || fields.some((each) => each.querySelector("input").value);
     groups.push(group);
   }
   $("numbers").replaceChildren(...groups);
