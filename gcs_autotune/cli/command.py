@@ -29,6 +29,7 @@ __all__ = [
     "add_connection",
     "add_envelope",
     "add_experiment",
+    "add_fetch_log",
     "add_loudness",
     "add_number",
     "add_output",
@@ -205,6 +206,16 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="run directory to make (default runs/<date>-<time>-<vehicle>-<axis>)",
+    )
+
+
+def add_fetch_log(parser: argparse.ArgumentParser) -> None:
+    """Add ``--fetch-log``."""
+    parser.add_argument(
+        "--fetch-log",
+        action="store_true",
+        help="after the run, once everything is put back, fetch the vehicle's own log of it into the run directory and "
+        "identify from that, too; refused before anything is armed where the vehicle tells no logs",
     )
 
 

@@ -15,6 +15,7 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_envelope,
     add_experiment,
+    add_fetch_log,
     add_loudness,
     add_output,
     add_remote,
@@ -38,6 +39,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=(*AXES, *OTHER_NAMES), help="what to swing")
     add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
+    add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
     add_loudness(parser)
     add_remote(parser)
@@ -75,6 +77,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         most_relays=args.relays,
         stop_rule=args.stop_rule,
         patience=args.patience,
+        fetch_log=args.fetch_log,
         envelope=envelope_from(args),
     )
     with attending(args) as (operator, watcher):

@@ -16,6 +16,7 @@ from gcs_autotune.cli.command import (
     Command,
     add_connection,
     add_envelope,
+    add_fetch_log,
     add_loudness,
     add_number,
     add_output,
@@ -99,6 +100,7 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
         help="where it may go: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file (beside its own fence)",
     )
     parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
+    add_fetch_log(parser)
     add_loudness(parser)
     add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print figures and model as JSON on standard output")
@@ -187,6 +189,7 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
         delay=args.delay,
         control_rate=args.control_rate,
         patience=args.patience,
+        fetch_log=args.fetch_log,
         envelope=envelope_from(args),
         resume=args.resume,
     )

@@ -17,6 +17,7 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_envelope,
     add_experiment,
+    add_fetch_log,
     add_loudness,
     add_number,
     add_output,
@@ -45,6 +46,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted(AXES), help="the loop to tune")
     add_connection(parser, otherwise="sitl:charlie for heading, speed and yaw, sitl:videoray for depth")
     add_output(parser)
+    add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     add_loudness(parser)
@@ -157,6 +159,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         most_relays=args.relays,
         stop_rule=args.stop_rule,
         patience=args.patience,
+        fetch_log=args.fetch_log,
         resume=args.resume,
         envelope=envelope_from(args),
         gains=_gains(args),

@@ -27,7 +27,7 @@ from gcs_autotune.report.summaries import (
 )
 from gcs_autotune.report.toolkit.axis_fit import fit_summary
 from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
-from gcs_autotune.report.toolkit.wording import format_factor
+from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
 from gcs_autotune.report.tune.run_directory import summarise, write_story
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.tables import show_tune
@@ -45,6 +45,7 @@ __all__ = [
     "TerminalWatcher",
     "TrialTold",
     "TuneStory",
+    "beside_telemetry",
     "diagnosis_summary",
     "effects_list",
     "effects_to_dict",

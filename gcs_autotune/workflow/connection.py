@@ -94,11 +94,12 @@ def connect_craft(
                 watcher.say(note)
             yield craft
         except BaseException:
-            with suppress(AutotuneError):  # what is under way says what is left to be done
+            with suppress(AutotuneError), craft.shielded():  # what is under way says what is left to be done
                 _leave(craft)
             raise
         else:
-            _leave(craft)
+            with craft.shielded():
+                _leave(craft)
         finally:
             for note in session.notes[told:]:
                 watcher.say(note)

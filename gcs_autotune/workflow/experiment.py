@@ -21,6 +21,7 @@ from gcs_autotune.workflow.experiments import dive_for, speed_for
 from gcs_autotune.workflow.identification import identify
 from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
+from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import see_depth_is_told
 from gcs_autotune.workflow.record import RunDirectory
@@ -54,11 +55,13 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     ):
         context = _set_out(settings, operator, log, record, craft, worker)
         await_warmup(craft, worker, log)
-        _announce(context, craft.observe())
-        with armed(craft, log, record, settings.connection):
-            context.begin()
-            found = identify(context, turns_first=False)
+        with log_of_run(settings.fetch_log, craft, record, operator, log) as onboard:
+            _announce(context, craft.observe())
+            with armed(craft, log, record, settings.connection):
+                context.begin()
+                found = identify(context, turns_first=False)
     fit = log.fit or found.fit
+    onboard.identify([fit], when)
     record.save_json("fit.json", fit.to_dict())
     save_model(fit, record.path / "model.json")
     page = render_study(study_of(fit, [run.proper for run in found.runs], f"Experiment: {settings.axis}", when))

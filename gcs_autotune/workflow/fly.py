@@ -14,6 +14,7 @@ import numpy as np
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import (
     DOF_OF,
@@ -37,6 +38,7 @@ from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
+from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.paper_craft import paper_craft
 from gcs_autotune.workflow.precision import Precision
@@ -144,14 +146,17 @@ def fly_plan(
             runs = [FlownRun(leg.run, leg.preview) for leg in flight.legs]
             return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
         await_warmup(craft, worker, watcher)
-        flight.announce()
-        try:
-            flight.fly()
-        except AutotuneError:
-            flight.say_how_to_go_on()
-            raise
+        with log_of_run(common.fetch_log, craft, record, operator, watcher) as onboard:
+            flight.announce()
+            try:
+                flight.fly()
+            except AutotuneError:
+                flight.say_how_to_go_on()
+                raise
     runs = [FlownRun(leg.run, leg.preview, flight.flown[leg.run.name]) for leg in flight.legs]
-    return read_flight(plan, common, record, runs, when, flight.steps)
+    result = read_flight(plan, common, record, runs, when, flight.steps)
+    onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
+    return result
 
 
 class _Flight:

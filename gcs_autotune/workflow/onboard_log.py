@@ -1,19 +1,38 @@
-"""Fetch a log from the vehicle's own card."""
+"""Fetch a log from the vehicle's own card: one that is asked for, or the one it wrote of the run just flown."""
 
 from __future__ import annotations
 
-from gcs_autotune.clock import Deadline
-from gcs_autotune.errors import UsageError
-from gcs_autotune.link import OnboardLog, fetch_log, list_logs
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs_autotune.clock import Clock, Deadline
+from gcs_autotune.errors import (
+    AutotuneError,
+    DataError,
+    LinkError,
+    NoReply,
+    OperatorStopped,
+    PreconditionFailed,
+    UsageError,
+)
+from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
+from gcs_autotune.logs import load_runs
+from gcs_autotune.report import beside_telemetry, render_study
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
+from gcs_autotune.workflow.study import study_of
 
-__all__ = ["fetch_onboard_log"]
+__all__ = ["RunLog", "fetch_onboard_log", "log_of_run"]
 
 _EVERY = 5.0
 """Chosen: seconds between two words on how far it is."""
+_BY_HAND = "`gcs-autotune logs fetch` gets it later"
 
 
 def fetch_onboard_log(
@@ -35,12 +54,128 @@ def fetch_onboard_log(
             have = ", ".join(str(log.number) for log in logs) or "none"
             raise UsageError(f"there is no such log on board; there is: {have}")
         watcher.say(f"fetching log {chosen.number}, {chosen.size} bytes")
-        told = Deadline.after(session.clock, _EVERY)
+        return logs, chosen, fetch_log(session, chosen, _teller(session.clock, watcher))
 
-        def tell(done: int, whole: int) -> None:
-            nonlocal told
-            if told.expired:
-                watcher.say(f"{done} of {whole} bytes")
-                told = Deadline.after(session.clock, _EVERY)
 
-        return logs, chosen, fetch_log(session, chosen, tell)
+def _teller(clock: Clock, watcher: Watcher) -> Callable[[int, int], None]:
+    told = Deadline.after(clock, _EVERY)
+
+    def tell(done: int, whole: int) -> None:
+        nonlocal told
+        if told.expired:
+            watcher.say(f"{done} of {whole} bytes")
+            told = Deadline.after(clock, _EVERY)
+
+    return tell
+
+
+@dataclass(slots=True)
+class RunLog:
+    """The log on board of one run; ``path`` once it is fetched."""
+
+    record: RunDirectory
+    watcher: Watcher
+    path: Path | None = None
+
+    def identify(self, fits: Sequence[AxisFit], when: str) -> None:
+        """Identify from it what the telemetry was identified for; both models are told beside each other.
+
+        ``fit-onboard.json`` and ``onboard.html`` are left in the run directory. A log that tells nothing is no failure
+        of the run: it is said.
+        """
+        for fit in fits if self.path is not None else ():
+            assert self.path is not None
+            stem = "" if len(fits) == 1 else f"-{fit.dof}"
+            try:
+                runs = load_runs(self.path)
+                found = fit_axis(runs, dof=fit.dof, structure=fit.structure)
+            except (DataError, UsageError) as error:
+                self.watcher.say(f"from {self.path.name} {fit.dof} is not identified: {error}")
+                continue
+            self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
+            page = render_study(study_of(found, runs, f"{fit.dof} by the log on board", when))
+            (self.record.path / f"onboard{stem}.html").write_text(page, encoding="utf-8")
+            for line in beside_telemetry(fit, found):
+                self.watcher.say(line)
+
+
+@contextmanager
+def log_of_run(
+    wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, watcher: Watcher
+) -> Iterator[RunLog]:
+    """Fetch, once all inside is over and put back, the log that the vehicle wrote of it, if it is *wanted*.
+
+    Nothing is fetched while anything is to be put back, after a STOP, or over a link that is in trouble: then it is
+    said how it is fetched later. A STOP while it is fetched ends the fetching and nothing else.
+
+    Raises
+    ------
+    PreconditionFailed
+        The vehicle tells no logs; before anything inside begins.
+    """
+    kept = RunLog(record, watcher)
+    before = _logs_before(craft) if wanted else ()
+    try:
+        yield kept
+    except AutotuneError as error:
+        if wanted and isinstance(error, (OperatorStopped, LinkError)):
+            watcher.say(f"the log on board was not fetched; {_BY_HAND}")
+        elif wanted:
+            _fetch(kept, craft, operator, before)
+        raise
+    if wanted:
+        _fetch(kept, craft, operator, before)
+
+
+def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
+    if craft.armed:
+        raise PreconditionFailed(
+            "--fetch-log: the vehicle is armed already and stays so, and sends its logs disarmed only; disarm it first, "
+            "or leave out --fetch-log. Nothing was moved"
+        )
+    try:
+        return list_logs(craft.session)
+    except NoReply as error:
+        raise PreconditionFailed(
+            f"--fetch-log: {error}. Has it a card, and is LOG_BACKEND_TYPE not 0? Leave out --fetch-log to go without "
+            "a log; nothing was armed"
+        ) from error
+
+
+def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequence[OnboardLog]) -> None:
+    """Fetch the log that is new, or has grown; what goes wrong with it is said, for the run is over and good."""
+    session, say = craft.session, kept.watcher.say
+    sizes = {log.number: log.size for log in before}
+    tell = _teller(session.clock, kept.watcher)
+
+    def go_on(done: int, whole: int) -> None:
+        if operator.stop_requested():
+            raise _Enough
+        tell(done, whole)
+
+    try:
+        with craft.shielded():
+            logs = list_logs(session)
+            log = next((log for log in reversed(logs) if log.size > sizes.get(log.number, 0)), None)
+            if log is None:
+                say("the vehicle wrote no log of this run (LOG_BACKEND_TYPE, LOG_BITMASK, a full card?)")
+                return
+            say(f"fetching log {log.number} from the vehicle, {log.size} bytes; a STOP ends the fetching only")
+            data = fetch_log(session, log, go_on)
+    except _Enough:
+        say(f"the log on board was not fetched to its end; {_BY_HAND}")
+    except AutotuneError as error:
+        say(f"the log on board was not fetched: {error}; {_BY_HAND}")
+    else:
+        path = kept.record.path / f"onboard-{log.number}.bin"
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            say(f"the log on board could not be kept in {path}: {error.strerror or error}")
+            return
+        kept.path = path
+        say(f"log {log.number} of the vehicle: {path}")
+
+
+class _Enough(Exception):
+    """The operator does not want to wait for the log."""

@@ -87,7 +87,8 @@ class TuneSettings:
     ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
     ``stop_rule`` one of :data:`STOP_RULES`; with ``settled`` steps run to their end, too, and a boat turns about before
     each manoeuvre. ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
-    directory of a run that ended early, to go on from.
+    directory of a run that ended early, to go on from. ``fetch_log``: the vehicle's own log of the run is fetched
+    afterwards.
 
     Raises
     ------
@@ -119,6 +120,7 @@ class TuneSettings:
     proving: str = ""
     patience: float = 60.0
     resume: Path | None = None
+    fetch_log: bool = False
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:

@@ -30,6 +30,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, res
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
+from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
     remarks_on,
@@ -70,12 +71,14 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
         ):
             context = _set_out(settings, operator, log, record, craft, worker, earlier)
             await_warmup(craft, worker, log)
-            announce(context)
-            try:
-                with armed(craft, log, record, settings.connection) as journal:
-                    _on_the_water(context, journal)
-            finally:
-                read_again(craft, log, record)
+            with log_of_run(settings.fetch_log, craft, record, operator, log) as onboard:
+                announce(context)
+                try:
+                    with armed(craft, log, record, settings.connection) as journal:
+                        _on_the_water(context, journal)
+                finally:
+                    read_again(craft, log, record)
+        onboard.identify([log.fit] if log.fit is not None else [], when)
     except BaseException as error:
         log.abort(error)
         on = way_on(settings, log.finished)

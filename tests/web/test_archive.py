@@ -52,7 +52,12 @@ def client(runs: Path) -> Iterator[TestClient]:
 
 def test_runs_are_listed_with_what_can_be_replayed(client: TestClient) -> None:
     (entry,) = [e for e in client.get("/runs").json()["entries"] if e["name"] == "20260101-run"]
-    assert (entry["title"], entry["ending"], entry["report"], entry["log"]) == ("tune heading", "kept", "report.html", "")
+    assert (entry["title"], entry["ending"], entry["report"], entry["log"]) == (
+        "tune heading",
+        "kept",
+        "report.html",
+        "",
+    )
     told = client.get("/runs/20260101-run").json()
     assert [t["name"] for t in told["trials"]] == ["step"]
     assert told["trials"][0]["targets"] == [[0.1, 0.5]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
-from gcs_autotune.identify import Doubt
+from gcs_autotune.identify import AxisFit, Doubt
 from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "UNKNOWN",
     "Headline",
     "Tone",
+    "beside_telemetry",
     "doubt_sentence",
     "format_change",
     "format_error",
@@ -68,6 +69,22 @@ def format_parameter(name: str, value: float, std: float, unit: str) -> str:
     if std > 0.5 * math.pi:
         return NOT_TOLD
     return format_value(value % (2.0 * math.pi), std)
+
+
+def beside_telemetry(telemetry: AxisFit, onboard: AxisFit) -> list[str]:
+    """Return, in words, a model identified from a log on board beside the one from telemetry."""
+    lines = [f"{telemetry.dof}, by telemetry and by the log on board:"]
+    for name, one in telemetry.parameters.items():
+        other = onboard.parameters.get(name)
+        if other is None or "absent" in (one.status, other.status):
+            continue
+        apart = abs(one.value - other.value) / (math.hypot(one.std, other.std) or math.inf)
+        both = " and ".join(format_parameter(name, p.value, p.std, p.unit) for p in (one, other))
+        lines.append(
+            f"{name} [{pretty_unit(one.unit)}]: {both}"
+            + (f", {apart:.1f} standard errors apart" if apart > 0.0 else "")
+        )
+    return lines
 
 
 def format_factor(factor: float, digits: int = 3) -> str:
