@@ -121,7 +121,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     """Return what the page says of a run that is over, from its exit code, its last words and what it left on disk.
 
     Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` how the steps before and after compare, in words;
-    ``report`` the file of its page, if there is one; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
+    ``report`` its page, if any; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
     marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]

@@ -130,8 +130,8 @@ def log_of_run(
 def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     if craft.armed:
         raise PreconditionFailed(
-            "--fetch-log: the vehicle is armed already and stays so, and sends its logs disarmed only; disarm it first, "
-            "or leave out --fetch-log. Nothing was moved"
+            "--fetch-log: the vehicle is armed already and stays so, and sends its logs disarmed only; disarm it "
+            "first, or leave out --fetch-log. Nothing was moved"
         )
     try:
         return list_logs(craft.session)

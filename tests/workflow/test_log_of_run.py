@@ -1,4 +1,4 @@
-"""``--fetch-log``: after the run the vehicle's own log of it is fetched and identified; never before all is put back."""
+"""``--fetch-log``: the vehicle's own log of a run is fetched and identified, once all is put back."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_p
 
 def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "charlie")
-    with pytest.raises(PreconditionFailed, match="--fetch-log: .* does not tell its logs.*nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* does not tell its logs.*nothing was armed"):
         circle(harness)
     assert not any(text.startswith("found: mode") for text in harness.said)
     assert_left(harness)
