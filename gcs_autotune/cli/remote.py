@@ -2,7 +2,8 @@
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
 ``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null where
-unknown. In: ``stop`` and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a STOP, too.
+unknown. In: ``stop`` and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a
+STOP, too.
 
 What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
 own writes them out.
