@@ -218,7 +218,7 @@ class _Flight:
         seen, now = leg.preview, self._craft.observe()
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
         some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
-        track = (tuple(map(float, axis[some])) for axis in (ahead, abeam))
+        track = tuple(map(float, ahead[some])), tuple(map(float, abeam[some]))
         self._watcher.note(PredictedTrack(leg.run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
 
     def _leg_of(self, run: PlannedRun) -> FlightLeg:
