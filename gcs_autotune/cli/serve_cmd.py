@@ -35,6 +35,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="a name by which browsers call this server, besides addresses, localhost and *.local; repeatable",
     )
+    parser.add_argument(
+        "--joystick-stop",
+        action="store_true",
+        help="offer Cockpit a STOP for a joystick button: whoever can look may then stop a run, and do nothing else",
+    )
 
 
 def _port(text: str) -> int:
@@ -57,7 +62,7 @@ def _run(args: argparse.Namespace) -> int:
         sys.stderr.write(visible(text, keep="\n") + "\n")
         sys.stderr.flush()
 
-    serve(ServeSettings(args.host, args.port, args.runs, tuple(args.allow_host)), say)
+    serve(ServeSettings(args.host, args.port, args.runs, tuple(args.allow_host), args.joystick_stop), say)
     return 0
 
 

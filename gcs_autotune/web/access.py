@@ -19,10 +19,12 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["TOKEN_HEADER", "Access", "AccessMiddleware", "is_loopback"]
+__all__ = ["JOYSTICK_STOP", "TOKEN_HEADER", "Access", "AccessMiddleware", "is_loopback"]
 
 TOKEN_HEADER = "x-autotune-token"
 """What carries the token. A page elsewhere cannot set it without asking first, and is not answered."""
+JOYSTICK_STOP = "joystick-stop"
+"""Last part of the one address that is guarded by a key of its own, for STOP and nothing else."""
 WRONG, WITHIN = 10, 60.0
 """Chosen: wrong tokens from one address within so many seconds, after which more of them are not looked at."""
 _ADDRESSES = 1000
@@ -52,10 +54,18 @@ class Access:
 
     token : what he must show who wants to do more than look; empty where the port is this machine's own.
     hosts : names by which the server may be called, besides addresses, ``localhost`` and ``*.local``.
+    stop_key : what a joystick's STOP shows instead, wherever it comes from; empty where none is offered.
     """
 
-    def __init__(self, token: str = "", hosts: Iterable[str] = (), now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        token: str = "",
+        hosts: Iterable[str] = (),
+        now: Callable[[], float] = time.monotonic,
+        stop_key: str = "",
+    ) -> None:
         self.token = token
+        self.stop_key = stop_key
         self._hosts = {host.lower() for host in hosts}
         self._now = now
         self._wrong: OrderedDict[str, list[float]] = OrderedDict()
@@ -65,11 +75,18 @@ class Access:
         """Return a token of 128 random bits."""
         return secrets.token_urlsafe(16)
 
-    def trouble_with_host(self, headers: Headers) -> str:
+    def may_stop(self, key: str) -> bool:
+        """Whether *key* is the one for STOP; nobody's is where none is offered."""
+        return bool(self.stop_key) and hmac.compare_digest(key.encode(), self.stop_key.encode())
+
+    def trouble_with_host(self, headers: Headers, *, origin_too: bool = True) -> str:
         """Return what is wrong with ``Host`` and ``Origin``; empty when nothing is."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
             return f"this server is not called '{host}'; give --allow-host where that is its name"
+        return self._trouble_with_origin(host, headers) if origin_too else ""
+
+    def _trouble_with_origin(self, host: str, headers: Headers) -> str:
         origin = headers.get("origin")
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
             return "a page elsewhere sent this; only this server's own page may"
@@ -137,9 +154,12 @@ class AccessMiddleware:
             await JSONResponse({"error": refused[1]}, refused[0])(scope, receive, _with_headers(send))
 
     def _refused(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        trouble = self._access.trouble_with_host(headers)
+        keyed = scope["type"] == "http" and scope["method"] == "POST" and scope["path"].endswith(f"/{JOYSTICK_STOP}")
+        trouble = self._access.trouble_with_host(headers, origin_too=not keyed)
         if trouble:
             return 403, trouble
+        if keyed:
+            return None  # its handler looks at the key
         if scope["type"] == "websocket" or scope["method"] in _SAFE:
             return None
         if TOKEN_HEADER not in headers:

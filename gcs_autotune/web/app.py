@@ -131,7 +131,13 @@ def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> 
 
     looking, (drop, work) = archive_routes(control.archive, control.desk, lambda: control.is_running)
     app = Starlette(
-        routes=[*_page(), *blueos_routes(), *_looking(control, access), *looking, *_touching(control, drop, work)],
+        routes=[
+            *_page(),
+            *blueos_routes(access, control.stop),
+            *_looking(control, access),
+            *looking,
+            *_touching(control, drop, work),
+        ],
         middleware=[Middleware(AccessMiddleware, access=access)],
         lifespan=lifespan,
     )

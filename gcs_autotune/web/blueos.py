@@ -1,11 +1,13 @@
 """What BlueOS asks a service for: who it is (``/register_service``), and what it offers Cockpit.
 
 The page's addresses are relative, so BlueOS may show it under ``/extensionv2/...``. STOP is on the page and its space
-bar; as an action of Cockpit's own (a joystick button) it is not offered: that page would have to hold the token.
+bar; for a joystick button it is offered as an action of Cockpit's own, where the server was told to: its key is good
+for STOP and nothing else, and whoever can read what Cockpit reads has it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from starlette.requests import Request
@@ -13,10 +15,13 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from gcs_autotune import __version__
+from gcs_autotune.web.access import JOYSTICK_STOP, Access
 
 __all__ = ["blueos_routes", "cockpit_extras", "registration"]
 
 _NAME = "GCS Autotune"
+_PATH = "/extensionv2/gcsautotune"
+"""Where BlueOS shows an extension of that name."""
 _HOME = "https://github.com/gcs-autotune/gcs-autotune"
 
 
@@ -37,8 +42,12 @@ def registration() -> dict[str, Any]:
     }
 
 
-def cockpit_extras() -> dict[str, Any]:
-    """Return what Cockpit may show: the page as a widget. Keys as Cockpit 1.18 and later want them."""
+def cockpit_extras(stop_key: str = "") -> dict[str, Any]:
+    """Return what Cockpit may show: the page as a widget, and with a *stop_key* STOP as an action for a button.
+
+    Keys as Cockpit 1.18 and later want them. The action is a request that a browser sends across sites without asking
+    first: Cockpit's own program is no page of the vehicle.
+    """
     return {
         "targetSystem": "Cockpit",
         "targetCockpitApiVersion": "1.0.0",
@@ -51,17 +60,44 @@ def cockpit_extras() -> dict[str, Any]:
                 "useExtensionPathAsBaseUrl": True,
             }
         ],
-        "actions": [],
+        "actions": [_stop_action(stop_key)] if stop_key else [],
     }
 
 
-def blueos_routes() -> list[BaseRoute]:
-    """Return the routes."""
+def _stop_action(stop_key: str) -> dict[str, Any]:
+    name = "Autotune: STOP"
+    return {
+        "id": "gcs-autotune-stop",
+        "name": name,
+        "type": "http-request",
+        "config": {
+            "name": name,
+            "url": f"http://{{{{ vehicle-address }}}}{_PATH}/{JOYSTICK_STOP}",
+            "method": "POST",
+            "headers": {},
+            "urlParams": {"key": stop_key},
+            "body": "",
+        },
+        "version": __version__,
+    }
+
+
+def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
+    """Return the routes; *stop* stops the run, and returns whether there is one."""
 
     async def register(request: Request) -> Response:
         return JSONResponse(registration())
 
     async def extras(request: Request) -> Response:
-        return JSONResponse(cockpit_extras())
+        return JSONResponse(cockpit_extras(access.stop_key))
 
-    return [Route("/register_service", register), Route("/cockpit_extras.json", extras)]
+    async def joystick_stop(request: Request) -> Response:
+        if not access.may_stop(request.query_params.get("key", "")):
+            return JSONResponse({"error": "that is not the key for STOP of this server"}, 403)
+        return JSONResponse({"stopping": stop()})
+
+    return [
+        Route(f"/{JOYSTICK_STOP}", joystick_stop, methods=["POST"]),
+        Route("/register_service", register),
+        Route("/cockpit_extras.json", extras),
+    ]

@@ -22,12 +22,16 @@ __all__ = ["ServeSettings", "serve"]
 
 @dataclass(frozen=True, slots=True)
 class ServeSettings:
-    """Where the page is: *host* and *port* to listen on, the folder of *runs*, other names the server is called by."""
+    """Where the page is: *host* and *port* to listen on, the folder of *runs*, other names the server is called by.
+
+    ``joystick_stop``: Cockpit is offered a STOP for a joystick button.
+    """
 
     host: str
     port: int
     runs: Path
     allowed: tuple[str, ...] = ()
+    joystick_stop: bool = False
 
 
 def serve(settings: ServeSettings, say: Callable[[str], object], program: CommandLine | None = None) -> None:
@@ -47,7 +51,8 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
     open_socket = _listen(settings.host, settings.port)
     port = open_socket.getsockname()[1]
     alone = is_loopback(settings.host)
-    access = Access("" if alone else Access.new_token(), settings.allowed)
+    stop_key = Access.new_token() if settings.joystick_stop else ""
+    access = Access("" if alone else Access.new_token(), settings.allowed, stop_key=stop_key)
     app = make_app(settings.runs.absolute(), access, program)
     for line in told(settings.host, port, access.token):
         say(line)

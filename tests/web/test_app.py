@@ -77,6 +77,18 @@ def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(c
     assert client.post("/stop", headers=OURS).json() == {"stopping": False}
 
 
+def test_a_joystick_s_key_stops_a_run(tmp_path: Path) -> None:
+    with (
+        client_of(tmp_path, Access("right", stop_key="only-stop")) as client,
+        client.websocket_connect("ws://127.0.0.1:8090/live") as socket,
+    ):
+        viewer = Viewer(socket)
+        client.post("/start", json=HEADING, headers={TOKEN_HEADER: "right"})
+        viewer.until("question")
+        assert client.post("/joystick-stop?key=only-stop").json() == {"stopping": True}
+        assert viewer.until("end")["end"]["code"] == 130
+
+
 def test_the_first_answer_counts_and_no_other(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         viewer = Viewer(socket)

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from starlette.applications import Starlette
 from starlette.routing import Mount
@@ -36,6 +37,58 @@ def labels() -> dict[str, str]:
 def behind_a_prefix(tmp_path: Path) -> TestClient:
     """The server with a token, as the image starts it, under BlueOS' path and name."""
     app = Starlette(routes=[Mount(PREFIX, make_app(tmp_path, Access("secret")))])
+    return TestClient(app, base_url="http://blueos.local")
+
+
+TEXT = {"type": "string"}
+COCKPIT: dict[str, Any] = {
+    "type": "object",
+    "required": ["targetCockpitApiVersion", "targetSystem", "widgets", "actions"],
+    "additionalProperties": False,
+    "properties": {
+        "targetCockpitApiVersion": TEXT,
+        "targetSystem": {"const": "Cockpit"},
+        "widgets": {
+            "items": {
+                "type": "object",
+                "required": ["name", "iframeUrl", "iframeIcon"],
+                "additionalProperties": False,
+                "properties": {
+                    **dict.fromkeys(("name", "iframeUrl", "iframeIcon", "collapsibleContainerName", "version"), TEXT),
+                    "startCollapsed": {"type": "boolean"},
+                    "useExtensionPathAsBaseUrl": {"type": "boolean"},
+                },
+            }
+        },
+        "actions": {
+            "items": {
+                "type": "object",
+                "required": ["id", "name", "type", "config"],
+                "additionalProperties": False,
+                "properties": {
+                    **dict.fromkeys(("id", "name", "version"), TEXT),
+                    "type": {"enum": ["http-request"]},
+                    "config": {
+                        "type": "object",
+                        "required": ["name", "url", "method", "headers", "urlParams", "body"],
+                        "additionalProperties": False,
+                        "properties": {
+                            **dict.fromkeys(("name", "url", "body"), TEXT),
+                            "method": {"enum": ["GET", "POST", "PUT", "DELETE", "PATCH"]},
+                            "headers": {"additionalProperties": TEXT},
+                            "urlParams": {"additionalProperties": TEXT},
+                        },
+                    },
+                },
+            }
+        },
+    },
+}
+"""What Cockpit checks ``cockpit_extras.json`` against (its ``ExtrasJsonSchema``), of the kinds we offer."""
+
+
+def with_a_key(runs: Path) -> TestClient:
+    app = Starlette(routes=[Mount(PREFIX, make_app(runs, Access("secret", stop_key="only-stop")))])
     return TestClient(app, base_url="http://blueos.local")
 
 
@@ -70,6 +123,7 @@ def test_the_image_starts_what_there_is_with_runs_on_the_mount():
     assert command[0] == "gcs-autotune"
     args = make_parser().parse_args(command[1:])
     assert (args.command, args.host, args.port, args.runs) == ("serve", "0.0.0.0", 8090, Path("/data/runs"))
+    assert args.joystick_stop
     warmed = re.search(r"warm_up\((\[.*?\]), (\[.*?\])\)", DOCKERFILE)
     dofs, laws = (json.loads(text.replace("'", '"')) for text in warmed.groups())
     assert set(dofs) <= set(DOFS)
@@ -99,6 +153,41 @@ def test_blueos_and_cockpit_are_answered_without_a_token_and_find_what_they_are_
     assert widget["useExtensionPathAsBaseUrl"] is True
     for url in (widget["iframeUrl"], widget["iframeIcon"]):
         assert behind_a_prefix.get(PREFIX + url).status_code == 200
+
+
+def test_what_cockpit_reads_is_as_its_schema_wants_it(behind_a_prefix, tmp_path):
+    where = behind_a_prefix.get(f"{PREFIX}/register_service").json()["extras"]["cockpit"]
+    without = behind_a_prefix.get(PREFIX + where).json()
+    with_stop = with_a_key(tmp_path).get(PREFIX + where).json()
+    for told in (without, with_stop):
+        jsonschema.validate(told, COCKPIT)
+    assert without["actions"] == []
+    assert [action["id"] for action in with_stop["actions"]] == ["gcs-autotune-stop"]
+
+
+def test_the_button_s_stop_arrives_from_any_page_and_its_key_does_nothing_else(tmp_path):
+    client = with_a_key(tmp_path)
+    ((action,),) = [client.get(f"{PREFIX}/cockpit_extras.json").json()["actions"]]
+    asked = action["config"]
+    address = asked["url"].replace("{{ vehicle-address }}", "blueos.local")
+    cockpit = {"Origin": "http://localhost:5173", "Sec-Fetch-Site": "cross-site"}
+
+    def press(**params: str) -> Any:
+        return client.request(asked["method"], address, params=params, headers=cockpit)
+
+    assert press(**asked["urlParams"]).json() == {"stopping": False}  # no run is under way
+    assert press().status_code == press(key="wrong").status_code == 403
+    assert client.get(address, params=asked["urlParams"]).status_code == 405
+    key = asked["urlParams"]["key"]
+    for verb in ("stop", "start", "answer", "token"):
+        assert client.post(f"{PREFIX}/{verb}", headers={"x-autotune-token": key}, json={}).status_code == 403
+        assert client.post(f"{PREFIX}/{verb}", params={"key": key}, json={}).status_code == 401
+    assert client.post(f"http://evil.example{PREFIX}/joystick-stop", params=asked["urlParams"]).status_code == 403
+
+
+def test_no_button_stops_where_none_was_offered(behind_a_prefix):
+    for key in ("", "secret", "only-stop"):
+        assert behind_a_prefix.post(f"{PREFIX}/joystick-stop", params={"key": key}).status_code == 403
 
 
 def test_every_address_in_the_page_is_relative_and_leads_somewhere_under_a_prefix(behind_a_prefix):

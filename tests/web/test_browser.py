@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from .prefix_proxy import behind
 from .serving import ROOT, served
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -369,6 +370,31 @@ def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, s
     context.close()
     assert len(shown) == 40
     assert "Connecting" not in "".join(shown)
+
+
+@pytest.mark.parametrize("has_sockets", [True, False])
+def test_behind_a_proxy_under_a_prefix_the_page_lives_starts_and_stops(
+    visit: Any, scripted: str, has_sockets: bool
+) -> None:
+    prefix = "/extensionv2/gcsautotune"
+    with behind(scripted, prefix) as link:
+        page = visit(link)
+        paths: list[str] = []
+        page.page.on("request", lambda request: paths.append(urlsplit(request.url).path))
+        page.page.on("websocket", lambda socket: paths.append(urlsplit(socket.url).path))
+        if not has_sockets:
+            page.page.add_init_script("delete window.WebSocket")
+        page.page.reload()
+        page.start()
+        page.shows("#question-text", "Go ahead?")
+        page.page.click("#stop")
+        assert "as it was found" in page.stopped()
+        page.page.click("#tab-runs")
+        page.shows("#runs", "-heading")
+        page.context.close()
+    assert all(path.startswith(f"{prefix}/") for path in paths)
+    told = {path.removeprefix(f"{prefix}/") for path in paths}
+    assert {"", "about", "start", "stop", "runs", "live" if has_sockets else "events"} <= told
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
