@@ -20,6 +20,7 @@ __all__ = ["NO_CROSSING", "Plant", "margins_of", "margins_of_each", "worst"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Index = NDArray[np.intp]
 
 NO_CROSSING = 1000.0
 """What a margin is called when no crossing limits it (a ratio, or seconds); finite, so that files can hold it."""
@@ -72,27 +73,25 @@ def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
     real, imaginary = value.real, value.imag
     with np.errstate(divide="ignore"):
         size = np.log(np.abs(value))
-    found = [[NO_CROSSING, math.pi, NO_CROSSING] for _ in stable]
+    gain, phase, delay = (np.full(len(value), most) for most in (NO_CROSSING, math.pi, NO_CROSSING))
     turned = (imaginary[:, :-1] * imaginary[:, 1:] <= 0.0) & (real[:, :-1] < 0.0)
-    for row, i in np.argwhere(turned).tolist():
-        share = _share(imaginary[row, i], imaginary[row, i + 1])
-        gain = math.exp(abs(size[row, i] + share * (size[row, i + 1] - size[row, i])))
-        found[row][0] = min(found[row][0], gain)
-    for row, i in np.argwhere(size[:, :-1] * size[:, 1:] <= 0.0).tolist():
-        share = _share(size[row, i], size[row, i + 1])
-        crossing = value[row, i] + share * (value[row, i + 1] - value[row, i])
-        omega = GRID[i] + share * (GRID[i + 1] - GRID[i])
-        angle = math.atan2(-crossing.imag, -crossing.real)
-        found[row][1] = min(found[row][1], abs(angle))
-        found[row][2] = min(found[row][2], (angle % math.tau) / float(omega))
+    row, i, share = _zeros(turned, imaginary)
+    np.minimum.at(gain, row, np.exp(np.abs(size[row, i] + share * (size[row, i + 1] - size[row, i]))))
+    row, i, share = _zeros(size[:, :-1] * size[:, 1:] <= 0.0, size)
+    crossing = value[row, i] + share * (value[row, i + 1] - value[row, i])
+    angle = np.arctan2(-crossing.imag, -crossing.real)
+    np.minimum.at(phase, row, np.abs(angle))
+    np.minimum.at(delay, row, (angle % math.tau) / (GRID[i] + share * (GRID[i + 1] - GRID[i])))
     none = Margins(0.0, 0.0, 0.0, stable=False)
-    return [Margins(m[0], m[1], m[2], stable=True) if good else none for m, good in zip(found, stable, strict=True)]
+    found = zip(gain.tolist(), phase.tolist(), delay.tolist(), stable, strict=True)
+    return [Margins(g, p, d, stable=True) if good else none for g, p, d, good in found]
 
 
-def _share(before: float, after: float) -> float:
-    """Return how far between two values zero lies."""
-    rise = after - before
-    return -before / rise if rise else 0.0
+def _zeros(between: NDArray[np.bool_], value: Array) -> tuple[Index, Index, Array]:
+    """Return row, column and how far on to the next column zero lies, of all places where *between* says so."""
+    row, i = np.nonzero(between)
+    before, rise = value[row, i], value[row, i + 1] - value[row, i]
+    return row, i, np.divide(-before, rise, out=np.zeros(len(row)), where=rise != 0.0)
 
 
 @lru_cache(maxsize=2048)
@@ -105,22 +104,46 @@ def _response(alpha: float, drag: float, delay: float) -> Complex:
 def _are_stable(controller: Rational, plants: Sequence[Plant]) -> list[bool]:
     """Return which closed loops are stable, delays as :meth:`OpenLoop.closed_loop_poles` takes them."""
     stable = [False] * len(plants)
-    rows: dict[int, list[tuple[int, Array]]] = {}
+    alike: dict[int, list[int]] = {}
     for k, plant in enumerate(plants):
-        top, bottom = _delayed(plant.alpha, plant.drag, plant.delay)
-        closed = np.polyadd(plant.gain * np.convolve(controller.num, top), np.convolve(controller.den, bottom))
-        closed = np.trim_zeros(closed, "f")
-        if len(closed) > 1 and closed[-1] != 0.0:
-            rows.setdefault(len(closed), []).append((k, np.asarray(closed, dtype=np.float64)))
-    for length, own in rows.items():
-        companion = np.zeros((len(own), length - 1, length - 1))
-        companion[:, np.arange(1, length - 1), np.arange(length - 2)] = 1.0
-        polynomials = np.array([p for _, p in own])
-        companion[:, 0, :] = -polynomials[:, 1:] / polynomials[:, :1]
-        poles = np.linalg.eigvals(companion)
-        for (k, _), good in zip(own, np.all(poles.real < 0.0, axis=1).tolist(), strict=True):
-            stable[k] = good
+        alike.setdefault(len(_delayed(plant.alpha, plant.drag, plant.delay)[1]), []).append(k)
+    for own in alike.values():
+        parts = [_delayed(plants[k].alpha, plants[k].drag, plants[k].delay) for k in own]
+        gains = np.array([[plants[k].gain] for k in own])
+        forward = gains * _times(controller.num, np.array([top for top, _ in parts]))
+        closed = _times(controller.den, np.array([bottom for _, bottom in parts]))
+        if forward.shape[1] > closed.shape[1]:
+            forward, closed = closed, forward
+        closed[:, closed.shape[1] - forward.shape[1] :] += forward
+        whole = (closed[:, 0] != 0.0) & (closed[:, -1] != 0.0)
+        poles = _roots(closed[whole])
+        good = iter(np.all(poles.real < 0.0, axis=1).tolist())
+        for k, polynomial, is_whole in zip(own, closed, whole.tolist(), strict=True):
+            stable[k] = next(good) if is_whole else _is_stable(polynomial)
     return stable
+
+
+def _times(factor: Array, polynomials: Array) -> Array:
+    """Return the products of *factor* (m,) with each of *polynomials* (k, n): (k, m + n - 1)."""
+    product = np.zeros((len(polynomials), len(factor) + polynomials.shape[1] - 1))
+    for power, coefficient in enumerate(factor.tolist()):
+        product[:, power : power + polynomials.shape[1]] += coefficient * polynomials
+    return product
+
+
+def _roots(polynomials: Array) -> Complex:
+    """Return the roots (k, n) of polynomials (k, n + 1) that begin and end with no zero."""
+    length = polynomials.shape[1]
+    companion = np.zeros((len(polynomials), length - 1, length - 1))
+    companion[:, np.arange(1, length - 1), np.arange(length - 2)] = 1.0
+    companion[:, 0, :] = -polynomials[:, 1:] / polynomials[:, :1]
+    return np.linalg.eigvals(companion).astype(np.complex128)
+
+
+def _is_stable(polynomial: Array) -> bool:
+    """Return whether a polynomial that may begin with zeros, or have a root at zero, has its roots on the left."""
+    trimmed = np.trim_zeros(polynomial, "f")
+    return len(trimmed) > 1 and trimmed[-1] != 0.0 and bool(np.all(_roots(trimmed[None, :]).real < 0.0))
 
 
 @lru_cache(maxsize=2048)

@@ -58,7 +58,7 @@ HOPELESS = 3.0
 EVALUATIONS = 25
 """Of one descent, for each gain."""
 ROUNDS = 2
-"""Each further descent starts where the last one ended, watching the samples that are hardest there."""
+"""Descents one after the other; each starts where the last one ended, watching the samples that are hardest there."""
 SPREAD = 0.15
 """Size of the first simplex, in square roots of fractions of the ranges: low gains are as finely told apart."""
 SCATTER = 5
@@ -127,19 +127,21 @@ def _refined(
     lenient: bool = False,
 ) -> GainCandidate:
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
-    cost = _Cost(problem, chosen.wanted, duration, chosen.settings, noise, lenient=lenient)
+    settings = dict(chosen.settings)
+    cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
     best, least = chosen, worth * cost.of(chosen.settings)
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)
-    for _ in range(ROUNDS):
+    for descents in range(ROUNDS):
+        if descents:
+            cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
+            x = _descend(cost, x)
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
         acceptable = is_tolerable(found) and (lenient or len(found.objections) <= len(chosen.objections))
         if acceptable and cost.of(settings) < least:
             best, least = found, cost.of(settings)
-        cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
-        x = _descend(cost, x)
     return best
 
 

@@ -142,13 +142,15 @@ def _step(x: Array, p: Array, tau: float, rest: float, w: Array, by_nu: Array, b
 
 
 def _sweep(
-    p: Array, t_in: Array, u_in: Array, t_out: Array, eta: Array, nu: Array, eta_by: Array, nu_by: Array
+    p: Array, t_in: Array, u_in: Array, t_out: Array, eta: Array, nu: Array, eta_by: Array, nu_by: Array, w: Array
 ) -> bool:
-    """Run ``p`` = (b, a, c, d, delay, eta_0, nu_0) from ``t_out[0]`` on; False when it ran away."""
-    x = np.array([p[5], p[6]])
-    by_eta, by_nu = np.zeros(7), np.zeros(7)
+    """Run ``p`` = (b, a, c, d, delay, eta_0, nu_0) from ``t_out[0]`` on; False when it ran away.
+
+    ``w`` (8, DEGREE + 1) zeros to work in: allocating is the longest thing to compile.
+    """
+    x, by_eta, by_nu = w[5], w[6], w[7]
+    x[0], x[1] = p[5], p[6]
     by_eta[5], by_nu[6] = 1.0, 1.0
-    w = np.zeros((5, DEGREE + 1))
     delay, t, j, steps = p[4], t_out[0], 0, 0
     while j + 1 < len(t_in) and t_in[j + 1] + delay <= t:
         j += 1
@@ -174,14 +176,14 @@ def _sweep(
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
 # Those within are never called from Python: an entry for it would only have to be compiled.
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-_lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**_LEAN)
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+_lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
 _series = _lean(_series)
 _value = _lean(_value)
 _area = _lean(_area)
 _crossing = _lean(_crossing)
 _step = _lean(_step)
-_compiled_sweep: Callable[..., bool] = njit(cache=True, nogil=True)(_sweep)
+_compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)
 
 
 def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, float]:
@@ -218,6 +220,7 @@ def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_o
             nu,
             eta_by,
             nu_by,
+            np.zeros((8, DEGREE + 1)),
         )
     )
     if not finite:

@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.design import Actuator, Proposal, Spec, design, design_from, reduce
+from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.effect_reduction import _LEFT_OUT, _REDUCED
 from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.laws import LAWS, Scenario
@@ -41,10 +43,16 @@ def on(slug: str, place: str = "N", **values: float) -> EffectInstance:
     return EffectInstance(slug, place, values)
 
 
+@njit
+def compiled(output: float, step: ActuatorStep, memory: Array) -> float:
+    """The compiled actuator has no entry from Python."""
+    return actuate(output, step, memory)
+
+
 def acted(actuator: Actuator, outputs: Array, dt: float = 0.02) -> Array:
     """Return the forces (n,) an actuator makes of outputs (n,) in turn."""
     memory, step = np.zeros(4), actuator.step(dt)
-    return np.array([actuate(float(u), step, memory) for u in outputs])
+    return np.array([compiled(float(u), step, memory) for u in outputs])
 
 
 def proposed(*effects: EffectInstance) -> Proposal:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from gcs_autotune.design import Proposal, design, is_better
+from gcs_autotune.design import Proposal, design, is_better, refinement
 from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
 
@@ -126,3 +126,26 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
     assert flown.before.metrics.itae <= whole.before.metrics.itae
     known = propose("slow boat", step_duration=FLOWN, windows=(0.5 * there, FLOWN), **ends)
     assert known.windows == (pytest.approx(0.5 * there), pytest.approx(back))
+
+
+def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last one of each search was not once, a quarter of the time a design took."""
+    model, axis, wish = CRAFTS["charlie"]
+    monkeypatch.setattr(refinement, "EVALUATIONS", 8)
+    ends, judged = [], []
+    descend, judge = refinement._descend, refinement.judge
+
+    def descended(cost: refinement._Cost, start: object) -> object:
+        end = descend(cost, start)
+        ends.append({name: float(f"{value:.3g}") for name, value in cost.settings(end).items()})
+        return end
+
+    def judged_by(problem: object, wanted: object, settings: Mapping[str, float], duration: float) -> object:
+        judged.append({name: float(f"{value:.3g}") for name, value in settings.items()})
+        return judge(problem, wanted, settings, duration)
+
+    monkeypatch.setattr(refinement, "_descend", descended)
+    monkeypatch.setattr(refinement, "judge", judged_by)
+    design(model, uncertain(model), axis, present(axis), wish)
+    assert len(ends) > refinement.DESCENTS
+    assert ends[-1] in judged

@@ -29,8 +29,10 @@ __all__ = [
     "shaped_throttle",
 ]
 
-compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True)
-"""Compile a function of floats and arrays."""
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
+"""Compile a function of floats and arrays for others that are compiled. Nobody calls it from Python and it allocates
+nothing: an entry for that, and counting references, would be half of what there is to compile."""
 
 MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
@@ -277,8 +279,13 @@ def _fly(
     start: StartingVelocity,
     position: NDArray[np.float64],
     output: NDArray[np.float64],
+    sent: NDArray[np.float64],
+    memory: NDArray[np.float64],
 ) -> None:
-    """Fill *position* (n,) and *output* (n,); where a velocity is controlled, *position* is how far it has changed."""
+    """Fill *position* (n,) and *output* (n,); where a velocity is controlled, *position* is how far it has changed.
+
+    *sent* (``start.before`` + n,) becomes what went out, *memory* (4,) begins with zeros (:func:`_actuate`).
+    """
     dt, before, v0 = plant.dt, int(start.before), start.velocity
     on_position, angle, leads, shaped = loop.on_position > 0.0, loop.angle > 0.0, loop.leads > 0.0, loop.shaped > 0.0
     nested, frozen, smoothed = loop.nested > 0.0, loop.grows <= 0.0, loop.output_cutoff > 0.0
@@ -312,8 +319,6 @@ def _fly(
             integral = clip(sending / loop.scale - (loop.cruise + loop.ff) * v0, -loop.imax, loop.imax)
     trim = shape(sending, loop.least, loop.expo)
     limited = frozen
-    memory = np.zeros(4)
-    sent = np.empty(before + len(position))
     for j in range(len(sent)):
         k = j - before
         if k >= 0:
@@ -399,7 +404,7 @@ def _fly(
         acceleration = (v - was) / dt
 
 
-fly = compiled(_fly)
+fly: Callable[..., None] = njit(**_LEAN)(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:

@@ -87,7 +87,8 @@ class Loop(ABC):
         position, output = np.empty(count), np.empty(count)
         gyro = gyro_coefficients(self._get(settings, self.gyro) if self.gyro else 0.0, 1.0 / dt)
         stages = (self.cascade(settings, speed, dt), gyro, plant, actuator, start)
-        fly(*(_record(stage) for stage in stages), position, output)
+        sent, memory = np.empty(int(start.before) + count), np.zeros(4)
+        fly(*(_record(stage) for stage in stages), position, output, sent, memory)
         return LoopMotion(dt * np.arange(count, dtype=np.float64), position, output)
 
 
