@@ -117,7 +117,7 @@ from gcs_autotune.identify.result import (
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
 from gcs_autotune.identify.simulation import extended_of
-from gcs_autotune.identify.surge import CURVE, fit_surge, square_of
+from gcs_autotune.identify.surge import CURVE, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlation_time
 
 __all__ = [
@@ -244,6 +244,7 @@ __all__ = [
     "run_plan",
     "save_model",
     "scaled_form",
+    "set_on_the_way_back",
     "ship_log",
     "signals_of",
     "simplify",

@@ -28,7 +28,17 @@ from gcs_autotune.identify.problem import label_of
 from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
 from gcs_autotune.trial import Trial
 
-__all__ = ["CURVE", "AlongTrack", "along_track", "bent", "doubt_of", "fit_surge", "square_of", "through_water"]
+__all__ = [
+    "CURVE",
+    "AlongTrack",
+    "along_track",
+    "bent",
+    "doubt_of",
+    "fit_surge",
+    "set_on_the_way_back",
+    "square_of",
+    "through_water",
+]
 
 Array = NDArray[np.float64]
 
@@ -100,8 +110,11 @@ def fit_surge(
     ------
     MissingChannel, BadFile, NotInformative
         As :func:`gcs_autotune.identify.fit_axis`.
+
+    A run that ended before its first level tells the current only.
     """
     along = along_track(trials)
+    trials = [t for t in trials if any(mark.kind == "level" for mark in t.marks)] or trials
     if along is None or not along.matters:
         return _fit(trials, structure, delay)
     found = _fit([through_water(t, along) for t in trials], structure, delay)
@@ -241,6 +254,24 @@ class AlongTrack:
         """Whether it is more than noise, and more than a trifle."""
         speed = 0.5 * (self.out + self.back)
         return abs(self.set) > max(LEAST_CURRENT, SHARE * abs(speed), SURE * self.error)
+
+    @property
+    def is_none(self) -> bool:
+        """Whether it is a trifle for sure."""
+        speed = 0.5 * (self.out + self.back)
+        return abs(self.set) + SURE * self.error <= max(LEAST_CURRENT, SHARE * abs(speed))
+
+
+def set_on_the_way_back(out: Trial, level: float, heading: float, speed: float) -> AlongTrack | None:
+    """Compare *speed* [m/s], kept on *heading* [rad] at a throttle *level*, with that of *out*; None when they do not.
+
+    That is when *out* was not steady at that level, or when *heading* is no way back.
+    """
+    course, speeds = _steady(out)
+    at = round(level, 6)
+    if at not in speeds or not math.cos(course - heading) < OPPOSITE:
+        return None
+    return _compared(course, [(speeds[at], [speed])])
 
 
 def along_track(trials: Sequence[Trial]) -> AlongTrack | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,13 +55,23 @@ class ThrottleStepsSettings:
 
 
 class ThrottleSteps(Manoeuvre):
-    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
+    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it.
+
+    ``enough`` is asked once the approach is steady, with the heading [rad] and the speed [m/s] that the boat keeps
+    there: why the levels need not be flown, empty when they must be. It returns at once.
+    """
 
     kind = "throttle-steps"
 
-    def __init__(self, settings: ThrottleStepsSettings, name: str = "throttle-steps") -> None:
+    def __init__(
+        self,
+        settings: ThrottleStepsSettings,
+        name: str = "throttle-steps",
+        enough: Callable[[float, float], str] | None = None,
+    ) -> None:
         super().__init__(name, signal="u", force="X")
         self._settings = settings
+        self._enough = enough
         self._approach = Approach("u", needs_way=True)
         self._heading_hold = HeadingHold()
         self._levels = [min(share * settings.throttle, settings.most) for share in settings.levels]
@@ -116,7 +126,7 @@ class ThrottleSteps(Manoeuvre):
         if math.isnan(self._began):
             self._approach.update(t, u, u)
             if self._approach.done:
-                self._begin(t)
+                self._begin(t, observation.psi)
             return
         elapsed, s = t - self._since, self._settings
         steady = elapsed >= s.least_time and self._is_steady()
@@ -124,7 +134,7 @@ class ThrottleSteps(Manoeuvre):
         if steady or coasted or elapsed >= s.most_time:
             self._step(t, steady=steady)
 
-    def _begin(self, t: float) -> None:
+    def _begin(self, t: float, psi: float) -> None:
         speed, s = self._approach.speed, self._settings
         if not speed >= s.least_speed:
             self._end(
@@ -134,13 +144,26 @@ class ThrottleSteps(Manoeuvre):
             )
             return
         self._began = t - BEFORE
-        self._step(t, steady=True)
+        self._mark_steady(t)
+        reason = self._enough(psi, self._kept(t)[0]) if self._enough is not None else ""
+        if reason:
+            self._end("completed", reason)
+        else:
+            self._step(t, steady=False)
+
+    def _kept(self, t: float) -> tuple[float, float]:
+        """Return speed [m/s] and throttle, as measured, over the later half of the window."""
+        half = [(u, x) for when, u, x in self._seen if when >= t - 0.5 * STEADY_WINDOW]
+        u, x = (float(np.nanmean(column)) for column in zip(*half, strict=True))
+        return u, x
+
+    def _mark_steady(self, t: float) -> None:
+        u, x = self._kept(t)
+        self._mark(t, "steady", {"u": u, "X": x, "level": self._level})
 
     def _step(self, t: float, *, steady: bool) -> None:
         if steady:
-            half = [(u, x) for when, u, x in self._seen if when >= t - 0.5 * STEADY_WINDOW]
-            u, x = (float(np.nanmean(column)) for column in zip(*half, strict=True))
-            self._mark(t, "steady", {"u": u, "X": x, "level": self._level})
+            self._mark_steady(t)
         if self._next == len(self._levels):
             self._end("completed", f"{len(self._levels)} throttle levels flown")
             return

@@ -14,7 +14,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.stop_rule import KnownDesign, assess
+from gcs_autotune.workflow.stop_rule import KnownDesign, KnownSurge, assess
 from gcs_autotune.workflow.third_relay import fly_third, third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, left, told
 
@@ -25,7 +25,7 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 class Identified:
     """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
     actuator that the record calls for, or None. ``short``: oscillations were ended early for
-    being explained by themselves; what they leave open of the gains nobody has looked at.
+    being explained by themselves, or throttle steps; what they leave open of the gains nobody has looked at.
     """
 
     fit: AxisFit
@@ -40,16 +40,22 @@ class Identified:
 
 
 def identify(
-    context: TuneContext, step: Trial | None = None, rule: KnownDesign | None = None, *, turns_first: bool = True
+    context: TuneContext,
+    step: Trial | None = None,
+    rule: KnownDesign | None = None,
+    *,
+    turns_first: bool = True,
+    early: bool = False,
 ) -> Identified:
     """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
 
     step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
     rule : ends relays once the gains are known; without it five periods that agree do.
     turns_first : bring a boat back before the first of them, too.
+    early : a boat's throttle steps on the way back end where they would tell nothing new.
     """
     if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
-        return _by_throttle_steps(context, turns_first=turns_first)
+        return _by_throttle_steps(context, turns_first=turns_first, early=early)
     if rule is None or step is None:
         return _by_relays(context, step, turns_first=turns_first)
     try:
@@ -163,14 +169,22 @@ def _plain(context: TuneContext, trials: list[Trial]) -> AxisFit:
     return context.run_in_background(fit_axis, trials, dof=dof, structure=s.structure, delay=delay_of(s))
 
 
-def _by_throttle_steps(context: TuneContext, *, turns_first: bool) -> Identified:
-    s, trials = context.settings, list[Trial]()
-    for n, stage in enumerate(("first throttle steps", "second throttle steps")):
-        name = f"throttle-{n + 1}"
-        if n or turns_first:
-            context.come_about(name, math.inf if n else SWING_AHEAD)  # out and back: between them a current shows
-        trials.append(context.fly(throttle_steps_for(context.throttle, n, name), stage).trial)
-    context.log.say("identifying")
-    fit = context.run_in_background(fit_surge, trials, structure=s.structure, delay=delay_of(s))
-    context.log.fit = fit
-    return Identified(fit, trials)
+def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) -> Identified:
+    """Fly throttle steps out and back: between them a current shows. *early*: the way back ends once there is none."""
+    s, log = context.settings, context.log
+    fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
+    if turns_first:
+        context.come_about("throttle-1", SWING_AHEAD)
+    first = context.fly(throttle_steps_for(context.throttle, 0, "throttle-1"), "first throttle steps").trial
+    rule = KnownSurge(context.craft, context.worker, first, context.throttle, partial(fitted, [first]))
+    try:
+        if early and not context.earlier.has("throttle-2"):
+            rule.start()
+        context.come_about("throttle-2", math.inf)
+        back = throttle_steps_for(context.throttle, 1, "throttle-2", rule.enough)
+        trials = [first, context.fly(back, "second throttle steps").trial]
+    finally:
+        rule.close()
+    log.say("identifying")
+    fit = log.fit = context.run_in_background(fitted, trials) if rule.fit is None else rule.fit
+    return Identified(fit, trials, short=rule.fit is not None)

@@ -61,7 +61,11 @@ _ROUNDING = 0.005
 def sign_check_for(
     dof: str, firmware: Firmware, servos: ServoMap, throttle: float, needs_speed: bool, output: float | None = None
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given."""
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given.
+
+    A craft that needs no way to steer by is checked at rest, whatever *throttle* it is flown at: under way it may turn
+    by itself, for many an ROV is unstable on its course.
+    """
     if excitation_of(dof).by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
     d = excitation_of(dof)
@@ -75,7 +79,7 @@ def sign_check_for(
             reach=d.check_reach * d.least_hysteresis,
             least=LEAST * d.least_hysteresis,
             longest=d.check_time,
-            throttle=throttle,
+            throttle=throttle if firmware.needs_way else 0.0,
             least_speed=LEAST_SPEED if needs_speed else 0.0,
             keep_still=not firmware.needs_way,
             cure=_cure(firmware, [o for o, _ in driving]),

@@ -50,6 +50,8 @@ THROTTLES = (0.0, 0.5)
 """Chosen: thrust ahead that is weighed for a craft that needs no way to steer by."""
 SHORT = 20.0
 """Chosen [s]: a first run up and down, or sideways, of a craft nobody knows yet: it stays within a metre or two."""
+SHORT_S = 30.0
+"""Chosen [s]: a first S; half as long as one flown by itself, for what is flown after it is chosen and tells more."""
 LONGEST = 240.0
 """Chosen [s]: a manoeuvre that takes longer is not weighed; two shorter ones tell more of where to go next."""
 OVERHEAD = 5.0
@@ -102,7 +104,7 @@ class Offer:
 def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
     """Return what is flown first where nobody says: an S for several degrees of freedom, doublets or steps for one."""
     if len(precision.dofs) > 1:
-        return FlySettings("s-manoeuvre", common)
+        return FlySettings("s-manoeuvre", common, {"duration": SHORT_S})
     force = DOFS[precision.dofs[0]].force
     short = {} if force in "XN" else {"duration": SHORT}
     return FlySettings("steps" if force == "X" else "doublets", common, short, force=force)

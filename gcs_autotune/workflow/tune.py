@@ -152,7 +152,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     found: Identified | None = None
     if context.law.controls_velocity:
         if given is None:
-            found = identify(context)
+            found = identify(context, early=settings.stop_rule != SETTLED)
             context.come_about("step-before", STEP_AHEAD)
             known = known_of(found, axis)
         else:
@@ -175,7 +175,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(context, found, criteria, before)
         if found.short and proposal.spread > SPREAD:
-            log.say(f"the error over time is uncertain by {proposal.spread:.0%}: flying until five periods agree")
+            log.say(f"the error over time is uncertain by {proposal.spread:.0%}: flying experiments in full")
             found = identify(context, before)
             proposal = design_from_fit(context, found, criteria, before)
     else:

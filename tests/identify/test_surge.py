@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify.model_file import load_model, save_model
-from gcs_autotune.identify.surge import CURVE, bent, fit_surge, square_of
+from gcs_autotune.identify.surge import CURVE, bent, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from gcs_autotune.trial import Channel, Mark, Trial
@@ -109,3 +109,43 @@ def test_identify_finds_the_curve_in_runs_flown_for_it_and_predicts_with_it(tmp_
     path = tmp_path / "model.json"
     save_model(found.fit, path)
     assert [effect.slug for effect in load_model(path).model.effects] == ["quadratic-actuator"]
+
+
+def with_steady(run: Trial, heading: float, levels: dict[float, float]) -> Trial:
+    """Return *run* on a *heading* with a level begun and steady speeds marked."""
+    t = run["u"].t
+    marks = [Mark(0.0, "level", {"X": 0.6})]
+    marks += [Mark(float(t[-1]), "steady", {"u": u, "level": level}) for level, u in levels.items()]
+    psi = Channel("psi", "rad", t, np.full(len(t), heading))
+    return replace(run, channels={**run.channels, "psi": psi}, marks=tuple(marks))
+
+
+def test_a_way_back_that_ended_at_its_approach_tells_the_current_and_nothing_else() -> None:
+    model = SingleDof("surge", "1", 0.8, 0.25, 0.1)
+    out = with_steady(flown(model, 0.5, LEVELS[0], 1), 0.3, {0.6: 1.2})
+    back = with_steady(flown(model, 0.5, (0.6,), 2), 0.3 + np.pi, {0.6: 1.2})
+    back = replace(back, marks=back.marks[1:])
+    alone, both = fit_surge([out]), fit_surge([out, back])
+    assert {n: p.value for n, p in both.parameters.items()} == {n: p.value for n, p in alone.parameters.items()}
+    slower = replace(back, marks=(Mark(12.0, "steady", {"u": 0.8, "level": 0.6}),))
+    assert any(d.slug == "set-along-the-track" and "0.20" in d.cause for d in fit_surge([out, slower]).doubts)
+
+
+def test_a_current_is_none_only_where_its_interval_says_so() -> None:
+    run = flown(SingleDof("surge", "1", 0.8, 0.25, 0.1), 0.5, LEVELS[0], 1)
+    steady = with_steady(run, 0.3, {0.6: 1.2})
+    again = replace(steady, marks=(*steady.marks, Mark(59.0, "steady", {"u": 1.204, "level": 0.6})))
+    wobbly = replace(steady, marks=(*steady.marks, Mark(59.0, "steady", {"u": 1.30, "level": 0.6})))
+    back = 0.3 + np.pi
+
+    def seen(out: Trial, speed: float) -> bool:
+        found = set_on_the_way_back(out, 0.6, back, speed)
+        assert found is not None
+        return found.is_none
+
+    assert seen(again, 1.21)
+    assert not seen(again, 1.05)
+    assert not seen(wobbly, 1.25)
+    assert not seen(steady, 1.2)  # one reading each way does not say how sure it is
+    assert set_on_the_way_back(again, 0.6, 0.4, 1.2) is None
+    assert set_on_the_way_back(again, 0.5, back, 1.2) is None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 
+from pytest import approx
+
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres import ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.hold_controller import HeadingHold
@@ -89,3 +91,24 @@ def test_a_boat_that_does_not_tell_its_speed_or_hardly_moves_is_given_up_with_th
     assert weak.outcome is not None
     assert weak.outcome.ending == "aborted"
     assert "--throttle" in weak.outcome.reason
+
+
+def test_where_the_steady_approach_tells_enough_no_level_is_flown() -> None:
+    told: list[tuple[float, float]] = []
+
+    def enough(heading: float, speed: float) -> str:
+        told.append((heading, speed))
+        return "as quick as on the way out"
+
+    short, whole = (ThrottleSteps(ThrottleStepsSettings(0.6), "throttle-2", say) for say in (enough, lambda *_: ""))
+    boat = Boat()
+    fly(boat, short)
+    assert short.outcome is not None
+    assert (short.outcome.ending, short.outcome.reason) == ("completed", "as quick as on the way out")
+    marks = list(short.take_marks())
+    assert [m.kind for m in marks] == ["steady"]
+    assert marks[0].detail["level"] == 0.6
+    assert told == [(boat.psi, marks[0].detail["u"])]
+    assert marks[0].detail["u"] == approx(1.2, abs=0.05)
+    fly(Boat(), whole)
+    assert [m.kind for m in whole.take_marks()].count("level") == 4

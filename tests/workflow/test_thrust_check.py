@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from gcs_autotune.errors import NotAsFound, PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Flown, Sequencer, ThrustCheck
 from gcs_autotune.watch import SilentWatcher
@@ -122,3 +124,11 @@ def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none(
     see_throttle_is_free(craft, "yaw", 1.0)
     with pytest.raises(PreconditionFailed, match="MOT_THR_MAX is 80 %"):
         see_throttle_is_free(craft, "surge", WORKING + 0.01)
+
+
+@pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])
+def test_steering_is_checked_at_rest_where_a_craft_needs_no_way_for_it(firmware: str, throttle: float) -> None:
+    """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
+    nothing = SimpleNamespace(driving=lambda force: [])
+    check = sign_check_for("yaw", FIRMWARE[firmware], nothing, 0.25, needs_speed=False)  # type: ignore[arg-type]
+    assert check.asked["throttle"] == throttle
