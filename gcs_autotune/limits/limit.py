@@ -1,0 +1,168 @@
+"""What one number a user may give may be, how it is read, and what is said when it may not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.errors import UsageError
+
+__all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "Slip", "finite"]
+
+_TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01, "min": 60.0}
+"""Unit as typed -> factor to SI; the others are SI."""
+_ROUNDING = 1e-9
+"""Share of a limit by which a value may miss it: radians and back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """A usual mistake: the value times ``factor`` is what was meant, when it is *words*, e.g. "in percent"."""
+
+    factor: float
+    words: str
+
+
+PERCENT = Slip(0.01, "in percent")
+CENTI = Slip(0.01, "in hundredths of a degree")
+RADIANS = Slip(180.0 / math.pi, "in radians")
+CM = Slip(0.01, "in centimetres")
+CM_S = Slip(0.01, "in cm/s")
+MS = Slip(0.001, "in milliseconds")
+MM = Slip(0.001, "in millimetres")
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One number. ``least`` and ``greatest`` are in ``unit``, as typed; SI otherwise.
+
+    Attributes
+    ----------
+    name : the option without its dashes.
+    meaning : what it is, for the help; ``unset`` says in words what stands in for a missing ``default``.
+    reason : why the range ends where it does.
+    axis : the axis it holds for, where that decides unit and range; empty for all.
+    slips : what was probably meant by a value outside.
+    whole : a whole number; ``signed``: its size is bounded, and it may be negative.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    least: float
+    greatest: float
+    reason: str
+    default: float | None = None
+    unset: str = ""
+    axis: str = ""
+    slips: tuple[Slip, ...] = ()
+    whole: bool = False
+    signed: bool = False
+
+    @property
+    def range(self) -> str:
+        """The range in words, e.g. ``2 to 120 deg``, ``0.02 to 1``."""
+        ends = f"{_shown(self.least)} to {_shown(self.greatest)}"
+        return ends + (f" {self.unit}" if self.unit else "") + (" either way" if self.signed else "")
+
+    @property
+    def factor(self) -> float:
+        """What a typed value is multiplied by to be in SI and radians."""
+        return _TO_SI.get(self.unit, 1.0)
+
+    @property
+    def help(self) -> str:
+        """What the help says: meaning, range and default."""
+        default = f" (default {_shown(self.default)})" if self.default is not None else ""
+        unset = f" (default: {self.unset})" if self.unset else ""
+        return f"{self.meaning}, {self.range}{default}{unset}"
+
+    def parse(self, text: str) -> float:
+        """Return the number typed as *text*.
+
+        Raises
+        ------
+        UsageError
+            It is no number, not finite, or out of range; the message says what was probably meant.
+        """
+        try:
+            value = float(text)
+        except ValueError:
+            raise UsageError(f"'{_quoted(text)}' is no number; {self._wanted}{self._comma(text)}") from None
+        return self.check(value)
+
+    def check(self, value: float) -> float:
+        """Return *value* (as typed, in ``unit``) when it may be used.
+
+        Raises
+        ------
+        UsageError
+            It may not; the message has range, reason and what was probably meant.
+        """
+        if not math.isfinite(value):
+            raise UsageError(f"{value:g} is no finite number; {self._wanted}")
+        if self.whole and value != round(value):
+            raise UsageError(f"{value:g} is no whole number; {self._wanted}")
+        if not self._holds(value):
+            raise UsageError(f"{_shown(value)} is out of range; {self._wanted}{self._meant(value)}")
+        return int(value) if self.whole else value
+
+    def check_si(self, value: float) -> None:
+        """See that *value*, in SI and radians, may be used; errors as those of :meth:`check`, with its name."""
+        try:
+            self.check(value / self.factor)
+        except UsageError as error:
+            raise UsageError(f"{self.name}: {error}") from None
+
+    def _holds(self, value: float) -> bool:
+        size = abs(value) if self.signed else value
+        slack = 0.0 if self.whole else _ROUNDING
+        return self.least - slack * abs(self.least) <= size <= self.greatest + slack * abs(self.greatest)
+
+    @property
+    def _wanted(self) -> str:
+        return f"allowed is {self.range}: {self.reason}"
+
+    def _meant(self, value: float) -> str:
+        for slip in self.slips:
+            meant = float(f"{value * slip.factor:.6g}")
+            if self._holds(meant):
+                return f". Did you mean {_shown(meant)} ({_shown(value)} is that {slip.words})?"
+        if self._holds(-value):
+            return f". Did you mean {_shown(-value)}?"
+        nearest = self.least if value < self.least else self.greatest
+        usual = f"; usual is {_shown(self.default)}" if self.default is not None else ""
+        return f". The nearest allowed is {_shown(math.copysign(nearest, value) if self.signed else nearest)}{usual}"
+
+    def _comma(self, text: str) -> str:
+        try:
+            value = float(text.replace(",", "."))
+        except ValueError:
+            return ""
+        return f". Did you mean {text.replace(',', '.')}?" if self._holds(value) else ""
+
+
+def finite(text: str) -> float:
+    """Return the number written as *text*, whatever its size.
+
+    Raises
+    ------
+    UsageError
+        It is no finite number.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise UsageError(f"'{_quoted(text)}' is no number") from None
+    if not math.isfinite(value):
+        raise UsageError(f"{text.strip()} is no finite number")
+    return value
+
+
+def _shown(value: float) -> str:
+    return f"{value:.0f}" if value == round(value) and abs(value) < 1e12 else f"{value:.6g}"
+
+
+def _quoted(text: str) -> str:
+    return text.encode("unicode_escape").decode()[:40]
