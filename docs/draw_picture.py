@@ -1,6 +1,7 @@
 """Draw the README's picture from the run directory of a real tune:
 
 python3 docs/draw_picture.py runs/... docs/pictures/tune.png
+python3 docs/draw_picture.py --check runs/... docs/pictures/tune.png     # is it still what a tune comes to?
 """
 
 from __future__ import annotations
@@ -13,10 +14,33 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from PIL import Image
 
 COLOURS = {"before": "#d55e00", "after": "#0072b2"}
 AFTER_STEP = 30.0
 """How much of the step is drawn [s]."""
+
+
+KEY, WITHIN = "gains", 0.05
+"""Entry of the picture that holds the new gains of its run; share by which another run's may differ."""
+
+
+def drawn_from(picture: Path) -> dict[str, float]:
+    """Return the new gains of the run that *picture* was drawn from."""
+    with Image.open(picture) as image:
+        return dict(json.loads(image.info.get(KEY, "{}")))
+
+
+def new_gains(run: Path) -> dict[str, float]:
+    """Return the new gains of *run*."""
+    return {c["parameter"]: c["new"] for c in json.loads((run / "gains.json").read_text())["changes"]}
+
+
+def differs(run: Path, picture: Path) -> list[str]:
+    """Return the gains of *run* that are not those of *picture*."""
+    now, then = new_gains(run), drawn_from(picture)
+    names = sorted(now.keys() | then.keys())
+    return [n for n in names if not math.isclose(now.get(n, math.nan), then.get(n, math.nan), rel_tol=WITHIN)]
 
 
 def step_in(run: Path, which: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
@@ -72,8 +96,11 @@ def main(run: Path, picture: Path) -> None:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
     picture.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(picture)
+    figure.savefig(picture, metadata={KEY: json.dumps(new_gains(run))})
 
 
 if __name__ == "__main__":
+    if sys.argv[1] == "--check":
+        other = differs(Path(sys.argv[2]), Path(sys.argv[3]))
+        sys.exit(f"the picture is of other gains: {', '.join(other)}; draw it again" if other else 0)
     main(Path(sys.argv[1]), Path(sys.argv[2]))

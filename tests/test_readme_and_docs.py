@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import re
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -22,10 +25,39 @@ MADE = {
 SHELL = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
-def test_the_readme_is_one_page_with_one_picture():
+def test_the_readme_is_a_screen_and_a_half_with_two_pictures_and_short_paragraphs():
     text = (ROOT / "README.md").read_text()
-    assert len(text.splitlines()) <= 150
-    assert len(re.findall(r"!\[", text)) == 1
+    assert len(text.splitlines()) <= 80
+    assert len(re.findall(r"!\[", text)) == 2
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    paragraphs = [p for p in prose.split("\n\n") if p.strip() and not p.lstrip().startswith(("|", "1.", "*"))]
+    assert [p for p in paragraphs if len(p.strip().splitlines()) > 5 or len(p) > 700] == []
+    assert max(map(len, text.splitlines())) <= 180
+
+
+def test_the_picture_of_the_page_is_of_the_page_there_is():
+    draw_page = module_of_the_docs("draw_page")
+    assert draw_page.drawn_of() == draw_page.fingerprint(), "run: python3 docs/draw_page.py docs/pictures/page.png"
+
+
+def test_the_picture_of_a_tune_says_what_it_was_drawn_from_and_another_run_is_noticed(tmp_path: Path):
+    draw_picture = module_of_the_docs("draw_picture")
+    drawn = draw_picture.drawn_from(ROOT / "docs" / "pictures" / "tune.png")
+    assert "ATC_STR_RAT_FF" in drawn
+    change = [{"parameter": name, "old": 0.0, "new": new} for name, new in drawn.items()]
+    (tmp_path / "gains.json").write_text(json.dumps({"changes": change}))
+    assert draw_picture.differs(tmp_path, ROOT / "docs" / "pictures" / "tune.png") == []
+    change[0]["new"] *= 1.2
+    (tmp_path / "gains.json").write_text(json.dumps({"changes": change}))
+    assert draw_picture.differs(tmp_path, ROOT / "docs" / "pictures" / "tune.png") == [change[0]["parameter"]]
+
+
+def module_of_the_docs(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_every_page_is_looked_at():

@@ -123,7 +123,7 @@ def _field(name: str) -> dict[str, Any]:
                 "meaning": row.meaning,
                 "unit": row.unit,
                 "range": row.range,
-                "usual": row.unset or ("" if row.default is None else f"{row.default:g}"),
+                "usual": row.unset.replace("--", "") or ("" if row.default is None else f"{row.default:g}"),
             }
             for row in rows
         },

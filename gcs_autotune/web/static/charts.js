@@ -183,6 +183,12 @@ function bow(pen, x, y, psi) {
   pen.closePath(); pen.fill();
 }
 
+// Text that stays readable where a curve runs under it.
+function note(pen, text, x, y) {
+  pen.fillStyle = css("card"); pen.globalAlpha = 0.8; pen.fillRect(x - 2, y - 11, pen.measureText(text).width + 4, 15);
+  pen.fillStyle = css("soft"); pen.globalAlpha = 1; pen.fillText(text, x, y);
+}
+
 function drawPhase(rows, kind) {
   const { pen, width, height } = canvas("phase");
   const points = rows.filter((r) => r[2] !== null && r[5] !== null).map((r) => [(r[2] - (r[3] ?? r[2])) * kind.factor, r[5] * kind.factor]);
@@ -195,13 +201,12 @@ function drawPhase(rows, kind) {
   const px = (v) => width / 2 + (v / a) * (width / 2), py = (v) => height / 2 - (v / b) * (height / 2);
   pen.strokeStyle = css("faint"); pen.lineWidth = 1; pen.beginPath();
   pen.moveTo(0, height / 2); pen.lineTo(width, height / 2); pen.moveTo(width / 2, 0); pen.lineTo(width / 2, height); pen.stroke();
-  pen.fillStyle = css("soft");
-  pen.fillText(`${a.toPrecision(2)} ${kind.unit}`, width - 62, height / 2 - 5);
-  pen.fillText(`${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
   pen.strokeStyle = css("measured"); pen.lineWidth = 1.5; pen.beginPath();
   points.forEach(([v, w], i) => (i ? pen.lineTo(px(v), py(w)) : pen.moveTo(px(v), py(w))));
   pen.stroke();
   const [v, w] = points[points.length - 1];
   pen.fillStyle = css("wanted"); pen.beginPath(); pen.arc(px(v), py(w), 5, 0, 2 * Math.PI); pen.fill();
+  note(pen, `${a.toPrecision(2)} ${kind.unit}`, width - 62, height / 2 - 5);
+  note(pen, `${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
   say("caption-phase", `Phase portrait: measured less wanted ${kind.name} across, its rate upwards`);
 }

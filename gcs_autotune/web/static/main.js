@@ -206,6 +206,7 @@ function showEnd() {
   $("end").classList.toggle("bad", !end.fine);
   say("end-title", `${state.run.title}: ${end.meaning}`);
   $("end-report").hidden = !end.report;
+  say("end-report-link", `The ${end.report.split(".")[0]} of this run`);
   $("end-report-link").href = `files/${state.run.name}/${end.report}`;
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.name) return;

@@ -1,0 +1,172 @@
+"""Every file that a command writes, and every example of one that people write, holds to its schema in the docs."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from gcs_autotune.api import Fit, example_run, fit, save_model
+from gcs_autotune.cli import main
+from gcs_autotune.cli.config_file import read_config
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.link import Journal
+from gcs_autotune.workflow import TuneSettings, load_flight_plan
+from gcs_autotune.workflow.settings import Connection
+
+from .identify.coupled.test_bad_coupled_runs import sailed
+
+jsonschema = pytest.importorskip("jsonschema")
+referencing = pytest.importorskip("referencing")
+
+DOCS = Path(__file__).parents[1] / "docs"
+SCHEMAS = {path.name.removesuffix(".schema.json"): path for path in (DOCS / "reference").glob("*.schema.json")}
+TOML = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def site_schemas() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_schemas", DOCS / "site_schemas.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def troubles(name: str, document: Any) -> list[str]:
+    resources = [(p.name, referencing.Resource.from_contents(json.loads(p.read_text()))) for p in SCHEMAS.values()]
+    schema = json.loads(SCHEMAS[name].read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema, registry=referencing.Registry().with_resources(resources))
+    return [error.message[:200] for error in validator.iter_errors(document)]
+
+
+def of_the_docs(kind: str) -> list[tuple[str, str]]:
+    """Return (page, TOML) of every block in the docs that is a plan, or settings."""
+    found = []
+    for page in sorted(DOCS.rglob("*.md")):
+        for block in TOML.findall(page.read_text(encoding="utf-8")):
+            is_plan = "[[run]]" in block
+            if is_plan == (kind == "plan-file") and (is_plan or "[link]" in block or "[limits]" in block):
+                found.append((page.name, block))
+    return found
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run directory of a plan, flown on the command line."""
+    folder = tmp_path_factory.mktemp("flown")
+    plan = folder / "two.toml"
+    plan.write_text('[defaults]\nduration = 40\n[[run]]\nmanoeuvre = "doublets"\nsides = "both"\n')
+    run = folder / "run"
+    assert main(["fly", str(plan), "--connect", "sitl:blueboat", "--quiet", "--json", "--out", str(run)]) == 0
+    return run
+
+
+def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_to_it() -> None:
+    assert set(SCHEMAS) == {"journal", "fit-file", "model-file", "plan-file", "settings-file"}
+    formats = (DOCS / "reference" / "formats.md").read_text()
+    assert [path.name for path in SCHEMAS.values() if f"]({path.name})" not in formats] == []
+
+
+@pytest.mark.parametrize("name", ["plan-file", "settings-file"])
+def test_the_schemas_made_from_tables_are_current(name: str) -> None:
+    made = site_schemas().text_of(f"{name}.schema.json")
+    assert SCHEMAS[name].read_text(encoding="utf-8") == made, "run: PYTHONPATH=. python3 docs/site_schemas.py"
+
+
+@pytest.mark.slow
+def test_what_a_flight_leaves_holds_to_the_schemas(flown: Path) -> None:
+    assert troubles("plan-file", tomllib.loads((flown / "plan.toml").read_text())) == []
+    lines = [json.loads(line) for line in (flown / "journal.jsonl").read_text().splitlines()]
+    assert [event["event"] for event in lines] == ["opened", "closed"]
+    assert [trouble for line in lines for trouble in troubles("journal", line)] == []
+    fits, models = list(flown.glob("fit*.json")), list(flown.glob("model*.json"))
+    assert fits and models
+    for path in fits:
+        assert troubles("fit-file", json.loads(path.read_text())) == []
+    for path in models:
+        assert troubles("model-file", json.loads(path.read_text())) == []
+
+
+def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path) -> None:
+    """The events are those that the source records."""
+    sources = "".join(p.read_text() for p in (DOCS.parent / "gcs_autotune").rglob("*.py"))
+    recorded = set(re.findall(r'ournal\.record\(\s*"(\w+)"', sources)) | {"opened", "closed"}
+    journal = Journal(tmp_path / "journal.jsonl", mode="HOLD", armed=False, fingerprint={"A": 1.0})
+    for event in sorted(recorded - {"opened", "closed", "resumed", "kept"}):
+        journal.record(event, name="ATC_STR_RAT_P", value=0.2)
+    journal.record("kept", values={"ATC_STR_RAT_P": 0.2})
+    journal.close()
+    Journal.resume(tmp_path / "journal.jsonl").close()
+    lines = [json.loads(line) for line in (tmp_path / "journal.jsonl").read_text().splitlines()]
+    assert {line["event"] for line in lines} == recorded
+    assert [trouble for line in lines for trouble in troubles("journal", line)] == []
+    assert troubles("journal", {**lines[0], "armed": "yes"}) != []
+    assert troubles("journal", {"event": "lent", "time": "now", "name": "A"}) != []
+
+
+@pytest.mark.parametrize("dof", ["yaw", "horizontal"])
+def test_what_identify_writes_holds_to_the_schemas(dof: str, tmp_path: Path) -> None:
+    if dof == "yaw":
+        found: Fit = fit(example_run(), dof="yaw")
+    else:
+        found = fit([sailed(seed) for seed in (1, 2)], dof="horizontal", delay=0.0)
+    save_model(found, tmp_path / "model.json")
+    assert troubles("fit-file", json.loads(found.to_json())) == []
+    assert troubles("model-file", json.loads((tmp_path / "model.json").read_text())) == []
+
+
+def accepted(name: str, text: str, folder: Path) -> Iterator[bool]:
+    """Yield whether the schema takes a file, and whether the program does."""
+    try:
+        yield troubles(name, tomllib.loads(text)) == []
+    except tomllib.TOMLDecodeError:
+        yield False
+    path = folder / "file.toml"
+    path.write_text(text)
+    try:
+        if name == "settings-file":
+            read_config(path)
+        else:
+            load_flight_plan(path, TuneSettings("heading", Connection("udpin:127.0.0.1:1"), folder), None, None)
+        yield True
+    except AutotuneError:
+        yield False
+
+
+WRONG = [
+    ("settings-file", "[limits]\nmax-distance = 1e9\n"),
+    ("settings-file", "[limits]\nmax-distanse = 40\n"),
+    ("settings-file", "[link]\nconnect = 5\n"),
+    ("settings-file", "[lnk]\n"),
+    ("plan-file", ""),
+    ("plan-file", "[[run]]\nheading = 10\n"),
+    ("plan-file", '[[run]]\nmanoeuvre = "zigzag"\n'),
+    ("plan-file", '[[run]]\nmanoeuvre = "zig-zag"\nduration = 10\n'),
+    ("plan-file", '[[run]]\nmanoeuvre = "zig-zag"\nheading = 900\n'),
+    ("plan-file", '[[run]]\nmanoeuvre = "zig-zag"\nrepeat = 0\n'),
+    ("plan-file", '[[run]]\nmanoeuvre = "zig-zag"\nhold-out = 1\n'),
+    ("plan-file", 'order = "any"\n[[run]]\nmanoeuvre = "zig-zag"\n'),
+    ("plan-file", '[[run]]\nmanoeuvre = "step"\n'),
+]
+
+
+@pytest.mark.parametrize(("name", "text"), WRONG)
+def test_what_the_program_refuses_the_schema_does(name: str, text: str, tmp_path: Path) -> None:
+    assert list(accepted(name, text, tmp_path)) == [False, False]
+
+
+@pytest.mark.parametrize("name", ["plan-file", "settings-file"])
+def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -> None:
+    examples = of_the_docs(name)
+    if name == "plan-file":
+        examples.append(("three.toml", (DOCS / "three.toml").read_text()))
+    assert examples
+    assert [page for page, text in examples if list(accepted(name, text, tmp_path)) != [True, True]] == []
