@@ -26,19 +26,25 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.cli import make_parser
 
     parser = make_parser()
-    _say_which_are_files(parser, shtab.FILE)
+    _made_for_a_shell(parser, shtab.FILE)
     sys.stdout.write(shtab.complete(parser, args.shell) + "\n")
     return 0
 
 
-def _say_which_are_files(parser: argparse.ArgumentParser, mark: object) -> None:
-    """Mark each argument that is a path, as shtab wants it."""
+def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
+    """Mark each argument that is a path, as shtab wants it; say of a verb its one line, and name the manoeuvres."""
+    from gcs_autotune.manoeuvres import MANOEUVRES
+
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for verb in action.choices.values():
-                _say_which_are_files(verb, mark)
+            lines = {choice.dest: choice.help for choice in action._choices_actions}
+            for name, verb in action.choices.items():
+                verb.description = lines.get(name) or verb.description
+                _made_for_a_shell(verb, mark)
         elif action.type is Path:
             action.complete = mark  # type: ignore[attr-defined]
+        elif action.dest == "manoeuvre":
+            action.choices = [kind.name for kind in MANOEUVRES.values() if kind.make is not None]
 
 
 COMMAND = Command(

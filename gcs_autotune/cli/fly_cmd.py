@@ -67,8 +67,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--until",
-        metavar="'N_r 5%%, Y_v 10%%'",
-        help="after each run identify, and fly what tells most, until these parameters are known so well",
+        metavar="PRECISION",
+        help="after each run identify, and fly what tells most, until these parameters are known so well: 'N_r 5%%, "
+        "Y_v 10%%'",
     )
     parser.add_argument(
         "--form",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import select
 import shutil
 import socket
 import subprocess
@@ -152,6 +154,59 @@ def test_bash_completes_verbs_options_and_choices(capsys, tmp_path):
     assert completed("diag") == {"diagnose"}
     assert completed("tune", "he") == {"heading"}
     assert "--max-heading-excursion" in completed("tune", "heading", "--max-h")
+
+
+COMPLETED = [
+    ("gcs-autotune diag", "diagnose"),
+    ("gcs-autotune tune he", "heading"),
+    ("gcs-autotune tune heading --max-head", "--max-heading-excursion"),
+    ("gcs-autotune fly zi", "zig-zag"),
+    ("gcs-autotune tune heading --stop-rule set", "settled"),
+]
+
+
+@pytest.mark.parametrize(("typed", "wanted"), COMPLETED)
+def test_fish_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path, typed, wanted):
+    if not shutil.which("fish"):
+        pytest.skip("no fish")
+    main(["completion", "fish"])
+    (tmp_path / "script").write_text(capsys.readouterr().out)
+    asking = f"source {tmp_path}/script; complete -C '{typed}'"
+    home = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path)}
+    said = subprocess.run(["fish", "-c", asking], capture_output=True, text=True, check=True, env=home).stdout
+    assert [line.split("\t")[0] for line in said.splitlines()] == [wanted]
+
+
+def test_zsh_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path):
+    """At a prompt on a terminal, with the Tab key: what its functions do can be asked for in no other way."""
+    pty = pytest.importorskip("pty")
+    if not shutil.which("zsh"):
+        pytest.skip("no zsh")
+    main(["completion", "zsh"])
+    (tmp_path / "_gcs-autotune").write_text(capsys.readouterr().out)
+    ours, theirs = pty.openpty()
+    home = {**os.environ, "HOME": str(tmp_path), "ZDOTDIR": str(tmp_path), "TERM": "dumb", "COLUMNS": "200"}
+    with subprocess.Popen(["zsh", "-f", "-i"], stdin=theirs, stdout=theirs, stderr=theirs, env=home) as zsh:
+        os.close(theirs)
+
+        def until(wanted: str) -> bool:
+            said = b""
+            while wanted.encode() not in said:
+                if not select.select([ours], [], [], 30.0)[0]:
+                    raise AssertionError(f"{wanted} did not come: {said[-500:]!r}")
+                said += os.read(ours, 65536)
+            return True
+
+        begin = f"fpath=({tmp_path} $fpath); autoload -U compinit; compinit -u -d {tmp_path}/dump; echo be''gun\n"
+        os.write(ours, begin.encode())
+        assert until("begun")
+        for typed, wanted in COMPLETED:
+            os.write(ours, f"{typed}\t".encode())
+            assert until(wanted)
+            os.write(ours, b"\x15")  # the line is taken back
+        os.write(ours, b"\x03exit\n")
+        zsh.kill()
+    os.close(ours)
 
 
 @pytest.mark.parametrize(
