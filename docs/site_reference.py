@@ -165,12 +165,97 @@ def effects() -> str:
     return "\n".join(lines) + "\n"
 
 
+HEADING, SPEED, DEPTH = "experiment heading", "experiment speed", "experiment depth"
+ABOARD: dict[str, tuple[str, str, str]] = {
+    "time-scale": (HEADING, "charlie", ".factor=1.02"),
+    "time-offset": (HEADING, "charlie", ".offset=0.5"),
+    "unit-error": (HEADING, "charlie", "@r.factor=57.3"),
+    "sign-error": (HEADING, "charlie", "@r"),
+    "channel-swap": ("fly zig-zag", "charlie", "@x+y"),
+    "input-delay": (HEADING, "videoray", ".delay=0.4"),
+    "saturation": (HEADING, "videoray", ".limit=0.3"),
+    "rate-limit": (HEADING, "charlie", ".rate=0.3"),
+    "actuator-lag": (HEADING, "videoray", ".time_constant=0.4"),
+    "backlash": (HEADING, "charlie", ".width=0.1"),
+    "dead-zone": (HEADING, "videoray", ".width=0.05"),
+    "quadratic-actuator": (HEADING, "videoray", ".share=1"),
+    "rudder-stall": (HEADING, "charlie", ".angle=0.4,drop=1"),
+    "asymmetric-thrust": (HEADING, "videoray", ".ratio=0.7"),
+    "gain-drift": (HEADING, "videoray", ".rate=0.003"),
+    "speed-dependent-steering": ("fly zig-zag", "charlie", ".share=1"),
+    "advance-speed-loss": (HEADING, "videoray", ".loss=0.5"),
+    "linear-drag": (HEADING, "videoray", ".coefficient=0.01"),
+    "quadratic-drag": (HEADING, "videoray", ".coefficient=0.02"),
+    "speed-damping": ("fly zig-zag", "charlie", ".N_ur=-20"),
+    "mass-change": (HEADING, "videoray", ".ratio=1.5,time=40"),
+    "net-buoyancy": (DEPTH, "videoray", ".force=-2"),
+    "ground-effect": (DEPTH, "videoray", ".strength=1,length=1,bottom=6"),
+    "input-bias": (HEADING, "charlie", ".bias=0.05"),
+    "steady-current": ("fly turning-circle", "charlie-sway", ".V_x=0.3"),
+    "wind-moment": (HEADING, "charlie", ".strength=0.1,direction=1"),
+    "wave-disturbance": (HEADING, "charlie", ".amplitude=0.1,frequency=1.2"),
+    "tether-pull": (HEADING, "videoray", ".stiffness=0.02"),
+    "sensor-position": ("fly turning-circle", "charlie-sway", ".x_P=1"),
+    "compass-deviation": (HEADING, "charlie", ".B=0.1"),
+    "gyro-bias": (HEADING, "charlie", ".bias=0.02"),
+    "measurement-delay": (HEADING, "videoray", ".delay=0.4"),
+    "quantisation": (HEADING, "videoray", ".step=0.05"),
+    "outliers": (HEADING, "charlie", "@r.share=0.03,size=0.3"),
+    "coriolis-coupling": ("fly turning-circle", "charlie-sway", ".N_uv=100"),
+    "sway-yaw-coupling": ("fly turning-circle", "charlie-sway", ".N_v=100"),
+    "sway-moment": ("fly turning-circle", "charlie-sway", ".N_v=100"),
+    "munk-moment": ("fly turning-circle", "charlie-sway", ".N_uv=100"),
+}
+"""Effect -> what is flown to show it, the simulated vehicle, and where and how large it is hidden."""
+
+
+def link_with(slug: str) -> str:
+    """Return the link to a simulated vehicle that hides the effect *slug*."""
+    _, vehicle, size = ABOARD[slug]
+    return f"sitl:{vehicle}?effect={slug}{size}&seed=3"
+
+
+def hide_and_find() -> str:
+    """Return the page that says of every effect how it is hidden in a simulated vehicle, and looked for in the record."""
+    from gcs_autotune.effects import EFFECTS
+
+    lines = [
+        "# Hide an effect, and find it",
+        "",
+        "A simulated vehicle can hide any of these, so that one sees beforehand how it shows and whether it would be",
+        "found. The tuner does not know what is hidden: they meet on the wire only. `diagnose` without further options",
+        "tries all effects; what it cannot tell apart from what is said below each. Sizes are those of a craft of a few",
+        "metres; smaller ones drown. [How often it is right](../../benchmarks/README.md), and a cause found, step by step,",
+        "in the [tutorial](../tutorials/wrong-simulation.md), which runs when this site is built.",
+        "",
+    ]
+    for effect in EFFECTS.values():
+        what = ABOARD[effect.slug][0]
+        others = ", ".join(f"[{name}](#{name})" for name in effect.mistaken_for)
+        lines += [
+            f"## {effect.slug}",
+            "",
+            f"{plain(effect.meaning[:1].upper() + effect.meaning[1:])}.",
+            "",
+            "```sh",
+            f"gcs-autotune {what} --connect '{link_with(effect.slug)}' --out runs/{effect.slug}",
+            f"gcs-autotune diagnose runs/{effect.slug}",
+            "```",
+            "",
+            f"Shown by: {plain(effect.shown_by)}."
+            + (f" Mistaken for {others}; told apart by {plain(effect.separated_by)}." if others else ""),
+            "",
+        ]
+    return "\n".join(lines) + "\n"
+
+
 PAGES = {
     "commands": commands,
     "errors": errors,
     "parameters": parameters,
     "limits": limits,
     "effects": effects,
+    "hide_and_find": hide_and_find,
     "bibliography": bibliography,
 }
 """Name of a page -> what makes it."""

@@ -6,6 +6,7 @@ import argparse
 import importlib.util
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -15,9 +16,11 @@ import pytest
 
 from gcs_autotune.api import example_run, fit, save_model
 from gcs_autotune.cli import COMMANDS, make_parser
-from gcs_autotune.effects import EffectInstance, ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import load_model
+from sitl import open_vehicle
+from sitl.effects import parse_effect
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -66,10 +69,28 @@ def test_the_bibliography_has_every_entry(pages):
     assert [key for key in keys if not re.search(rf"^{key}$", pages["bibliography"], re.MULTILINE)] == []
 
 
+def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
+    site, told = module_of_the_site("site_reference"), pages["hide_and_find"]
+    assert set(site.ABOARD) == set(EFFECTS)
+    for slug in EFFECTS:
+        section = told.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
+        flown, found = re.findall(r"^gcs-autotune (.*)$", section, re.MULTILINE)
+        args = make_parser().parse_args(shlex.split(flown))
+        assert args.connect == site.link_with(slug)
+        assert make_parser().parse_args(shlex.split(found)).runs == [args.out]
+        assert "Shown by" in section
+
+
+@pytest.mark.parametrize("slug", list(EFFECTS))
+def test_the_vehicle_that_a_how_to_names_hides_its_effect(slug):
+    _, vehicle, size = module_of_the_site("site_reference").ABOARD[slug]
+    open_vehicle(vehicle, effects=[parse_effect(f"{slug}{size}")], seed=3)
+
+
 def test_every_page_stands_in_the_contents():
     contents = (DOCS / "index.md").read_text()
     own = {p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.rglob("*.md") if "_build" not in p.parts}
-    listed = set(re.findall(r"^[a-z-]+(?:/[a-z0-9-]+)*$", contents, re.MULTILINE))
+    listed = set(re.findall(r"^[a-z-]+(?:/[a-z0-9_-]+)*$", contents, re.MULTILINE))
     assert {page for page in own - {"index"} if not page.startswith("decisions/0")} - listed == set()
 
 
