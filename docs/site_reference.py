@@ -216,7 +216,7 @@ def link_with(slug: str) -> str:
 
 
 def hide_and_find() -> str:
-    """Return the page that says of every effect how it is hidden in a simulated vehicle, and looked for in the record."""
+    """Return the page that says of every effect how it is hidden in a simulated vehicle, and looked for."""
     from gcs_autotune.effects import EFFECTS
 
     lines = [
@@ -224,9 +224,9 @@ def hide_and_find() -> str:
         "",
         "A simulated vehicle can hide any of these, so that one sees beforehand how it shows and whether it would be",
         "found. The tuner does not know what is hidden: they meet on the wire only. `diagnose` without further options",
-        "tries all effects; what it cannot tell apart from what is said below each. Sizes are those of a craft of a few",
-        "metres; smaller ones drown. [How often it is right](../../benchmarks/README.md), and a cause found, step by step,",
-        "in the [tutorial](../tutorials/wrong-simulation.md), which runs when this site is built.",
+        "tries all effects; what it cannot tell apart is said below each. Sizes are those of a craft of a few metres;",
+        "smaller ones drown. [How often it is right](../../benchmarks/README.md); a cause found step by step is in the",
+        "[tutorial](../tutorials/wrong-simulation.md), which runs when this site is built.",
         "",
     ]
     for effect in EFFECTS.values():
