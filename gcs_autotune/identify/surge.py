@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -50,9 +51,13 @@ BY_DESIGN = ("one-sided-input", "saturated-input")
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
 """The profile may end a little beyond the physical 0 to 1: an ESC's dead zone bends the curve, too."""
-ROUNDS = 3
-"""Parabolas laid through the three best points so far."""
-NARROW = 0.005
+ROUNDS = 6
+"""Parabolas at most, each through the best point so far and its neighbours on either side."""
+NEAR, FAR = 0.5, 2.0
+"""A neighbour is good for a parabola when it lies between so many standard errors away: nearer, and rounding shows;
+farther, and the valley, which is steeper towards the larger shares, is no parabola any more."""
+FOUND = 0.1
+"""The valley's bottom is found when it moves by less than so many standard errors."""
 UNKNOWN = 0.25
 """A standard error of the share above which the curve counts as unknown."""
 
@@ -138,21 +143,34 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
 
 
 def _profile(at: Callable[[float], _Point]) -> list[_Point]:
-    """Return the points looked at: a grid, then where parabolas through the best three have their top."""
+    """Return the points looked at: a grid, then the bottom of the valley and, a standard error away, its sides."""
     points: list[_Point] = []
-    for square in GRID:
-        try:
+
+    def look(square: float) -> None:
+        with suppress(NotInformative):
             points.append(at(square))
-        except NotInformative:
-            continue
+
+    for square in GRID:
+        look(square)
     if not points:
         return [at(0.0)]
     for _ in range(ROUNDS):
+        best = min(points, key=lambda p: p.misfit)
+        std = min(_spread(points, best), UNKNOWN)
+        sides = [q for q in (best.square - std, best.square + std) if LEAST <= q <= MOST]
+        missing = [q for q in sides if not any(_neighbours(p.square - best.square, q - best.square) for p in points)]
+        for square in missing:
+            look(square)
         top = _top(points)
-        if top is None or min(abs(p.square - top) for p in points) < NARROW:
+        if top is None or (not missing and min(abs(p.square - top) for p in points) < FOUND * std):
             break
-        points.append(at(top))
+        look(top)
     return points
+
+
+def _neighbours(away: float, std: float) -> bool:
+    """Whether a point so far *away* does for one that is wanted at a distance *std*, on the same side."""
+    return NEAR < away / std < FAR
 
 
 def _parabola(points: Sequence[_Point]) -> Array | None:

@@ -80,7 +80,10 @@ class OpenLoopProgramme(Manoeuvre):
             if now.t - start >= self._duration:
                 self._end("completed", f"flown for {self._duration:.0f} s")
             command = hold(Actuate(**shares), self._holds, now)
-            now = yield command if self._heading_hold is None else replace(command, N=self._heading_hold.steer(now))
+            if self._heading_hold is not None:
+                # a craft that coasts is left alone: thrusters that steer by their difference push her ahead
+                command = replace(command, N=self._heading_hold.steer(now) if command.X else 0.0)
+            now = yield command
 
 
 JUMP = 0.1

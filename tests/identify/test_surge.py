@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs_autotune.identify import fit_axis
 from gcs_autotune.identify.model_file import load_model, save_model
 from gcs_autotune.identify.surge import CURVE, bent, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.models import SingleDof
@@ -57,6 +58,21 @@ def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: Sing
         q = square_of(fit)
         assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(wanted, rel=0.03)
     assert "one-sided-input" not in {d.slug for d in fit.doubts}
+
+
+def test_the_curve_told_is_the_bottom_of_the_valley_and_its_error_a_rise_of_one() -> None:
+    """Beside shares far away, where the valley is steeper to one side, the bottom is missed by 2.5 standard errors."""
+    levels = ((0.4, 0.18, 0.54, 0.0, 0.4), (0.4, 0.0, 0.54, 0.28, 0.4))
+    runs = [flown(SingleDof("surge", "1", 0.378, 0.266), 0.0, level, n) for n, level in enumerate(levels)]
+    curve = fit_surge(runs, delay=0.0).extra[CURVE]
+
+    def misfit(square: float) -> float:
+        bowed = [bent(run, square) for run in runs]
+        return fit_axis(bowed, dof="surge", structure="affine", delay=0.0).residual_rms ** 2
+
+    samples = sum(len(run["u"].t) for run in runs)
+    least, *sides = (misfit(curve["square"] + way * curve["std"]) for way in (0.0, -1.0, 1.0))
+    assert [samples * (side / least - 1.0) for side in sides] == pytest.approx([1.0, 1.0], abs=0.1)
 
 
 def test_a_current_that_outdoes_the_slowest_throttle_is_taken_off_and_said() -> None:

@@ -69,6 +69,20 @@ def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
     assert set(shifted) == {-1.0}  # white, as far as two levels can be
 
 
+def test_a_boat_is_kept_on_her_course_by_thrust_and_not_while_she_coasts() -> None:
+    kind = MANOEUVRES["staircase"].of("X")
+    assert kind.make is not None
+    commands = kind.make({**PLAIN, "duration": 40.0, "levels": 2.0}).commands(at_rest(psi=0.0))
+    command, steered = next(commands), {True: set(), False: set()}
+    for i in range(1, 700):
+        assert isinstance(command, Actuate)
+        if i > 1:  # what follows the first look at the heading
+            steered[command.X > 0.0].add(round(command.N, 6))
+        command = commands.send(at_rest(t=0.05 * i, psi=-0.2))
+    assert steered[False] == {0.0}
+    assert len(steered[True]) == 1 and min(steered[True]) > 0.01
+
+
 def test_a_staircase_goes_up_and_down_to_either_side_and_a_boats_thrust_ahead_only() -> None:
     _, N = flown("staircase", duration=40.0, levels=2)
     assert list(np.round(N[np.flatnonzero(np.diff(N, prepend=9.0))], 9)) == [

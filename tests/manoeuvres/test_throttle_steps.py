@@ -56,6 +56,15 @@ def test_the_levels_are_flown_in_order_each_until_the_speed_is_steady() -> None:
     assert coast < 4.0
 
 
+def test_a_boat_that_coasts_is_not_steered_for_thrusters_that_steer_push() -> None:
+    seen = fly(Boat(time=4.0), ThrottleSteps(ThrottleStepsSettings(0.6, (1.5, 0.0, 1.0))))
+    coasting = [o for o in seen if o.t > 1.0 and o.output["X"] == 0.0]
+    driven = [o for o in seen if o.t > 1.0 and o.output["X"] > 0.0]
+    assert len(coasting) > 20
+    assert {o.output["N"] for o in coasting} == {0.0}
+    assert max(abs(o.output["N"]) for o in driven) > 0.01
+
+
 def test_coasting_ends_before_the_boat_has_stopped_and_throttle_never_exceeds_full() -> None:
     boat = Boat(time=4.0)
     seen = fly(boat, ThrottleSteps(ThrottleStepsSettings(0.8, (1.5, 0.0, 1.0))))
