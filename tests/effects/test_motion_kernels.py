@@ -139,6 +139,8 @@ def test_stamps_that_nearly_coincide_are_passed_over_and_few_are_joined_by_lines
     motion = np.sin(t)
     spoilt = motion + np.where(t == 2.001, 0.5, 0.0)
     assert earlier(t, spoilt, 0.05, coasting=False)[5:] == pytest.approx(np.sin(t - 0.05)[5:], abs=1e-4)
+    twice = np.sort(np.append(0.1 * np.arange(40), 2.0))
+    assert earlier(twice, np.sin(twice), 0.05, coasting=False)[5:] == pytest.approx(np.sin(twice - 0.05)[5:], abs=1e-4)
     assert earlier(np.array([0.0, 1.0, 2.0]), np.array([0.0, 2.0, 0.0]), 0.5, coasting=False) == pytest.approx(
         [0.0, 1.0, 1.0]
     )

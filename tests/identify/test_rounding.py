@@ -72,6 +72,14 @@ def test_expected_information_is_the_variance_of_the_score() -> None:
         assert np.var(law.terms(measured - truth).slope) == pytest.approx(by_truth, rel=0.03)
 
 
+def test_information_is_the_square_of_the_score_over_every_cell() -> None:
+    law = Rounded(0.4, 1.0, 30.0)
+    for truth in (0.0, 0.2, 0.45):
+        score = law.terms(np.arange(-6, 7) - truth)
+        expected = float(np.exp(-0.5 * score.deviance) @ score.slope**2)
+        assert law.information(np.array([-truth]))[0, 0] == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_fine_step_is_as_good_as_none() -> None:
     fine, none = Rounded(1.0, 0.05, 30.0), Gaussian(np.hypot(1.0, 0.05 / np.sqrt(12.0)))
     error = np.linspace(-2.5, 2.5, 11)

@@ -25,10 +25,10 @@ class Listening:
         assert name == "RC_CHANNELS"
         self._deliver = deliver
 
-    def show(self, *, receiver: bool = True, **channels: int) -> None:
-        """Deliver RC_CHANNELS with all channels at 1500 us, but for ``c1=1700``."""
+    def show(self, *, receiver: bool | int = True, **channels: int) -> None:
+        """Deliver RC_CHANNELS with all channels at 1500 us, but for ``c1=1700``; *receiver*: or how many it has."""
         shown = [channels.get(f"c{n}", 1500) for n in range(1, 19)]
-        self._deliver(mavlink.MAVLink_rc_channels_message(0, 16 if receiver else 0, *shown, 255))
+        self._deliver(mavlink.MAVLink_rc_channels_message(0, 16 if receiver is True else int(receiver), *shown, 255))
 
 
 @pytest.fixture
@@ -165,6 +165,12 @@ def test_two_microseconds_are_rounding(listening: Listening, rc_monitor: RcMonit
 def test_nothing_is_shown_before_the_first_message(rc_monitor: RcMonitor) -> None:
     assert not rc_monitor.show({1: 1500})
     assert rc_monitor.has_receiver is None
+
+
+@pytest.mark.parametrize("channels", [0, 1, 16])
+def test_one_channel_is_a_receiver(listening: Listening, rc_monitor: RcMonitor, channels: int) -> None:
+    listening.show(receiver=channels)
+    assert rc_monitor.has_receiver is (channels > 0)
 
 
 def test_after_forgetting_nobody_is_accused(listening: Listening, rc_monitor: RcMonitor) -> None:

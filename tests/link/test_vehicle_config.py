@@ -73,6 +73,12 @@ def test_an_rovs_map_drives_its_four_forces_and_holds_pitch_and_roll() -> None:
     assert down[3] == 1100, "a stick pulled back dives"
 
 
+@pytest.mark.parametrize(("pitch", "held"), [(4, {2}), (0, {2}), (9, {2}), (8, {2, 8})])
+def test_a_stick_that_is_driven_or_nowhere_is_not_held_besides(pitch: int, held: set[int]) -> None:
+    overrides = read_override_map(told(**{**SUB_MAP, "RCMAP_PITCH": pitch, "RCMAP_LATERAL": 6}), SUB)
+    assert set(overrides.held) == held
+
+
 @pytest.mark.parametrize(("low", "trim", "high"), [(1471.0, 1500.0, 1900.0), (1100.0, 1500.0, 1529.0)])
 def test_a_side_of_neutral_that_the_dead_zone_takes_up_is_no_room(low: float, trim: float, high: float) -> None:
     """A dead zone of 30 us: one microsecond more on either side, and there is room."""

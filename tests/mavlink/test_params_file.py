@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.mavlink import load_params, save_params
+from gcs_autotune.mavlink import load_params, save_params, save_qgc_params
 
 VALUES = {"ATC_STR_RAT_P": 0.33000001311302185, "CRUISE_THROTTLE": 30.0, "PSC_JERK_Z": -1e-7}
 
@@ -33,6 +33,15 @@ def test_everybodys_files_are_read(tmp_path: Path, text: str) -> None:
 def test_what_is_saved_is_loaded_again(tmp_path: Path, name: str) -> None:
     save_params(tmp_path / name, VALUES, comment="before tuning\nboat 7")
     assert load_params(tmp_path / name) == pytest.approx(VALUES, rel=1e-8)
+
+
+def test_qgroundcontrols_file_has_its_five_columns_under_a_head(tmp_path: Path) -> None:
+    path = tmp_path / "a.params"
+    save_qgc_params(path, {"A": 0.25, "B": 3.0}, {"B": 4}, (7, 2), comment="before tuning\nboat 7")
+    head, rows = path.read_text().splitlines()[:-2], path.read_text().splitlines()[-2:]
+    assert head == ["# before tuning", "# boat 7", "# ", "# Vehicle-Id Component-Id Name Value Type"]
+    assert rows == ["7\t2\tA\t0.25\t9", "7\t2\tB\t3\t4"]
+    assert load_params(path) == {"A": 0.25, "B": 3.0}
 
 
 NONSENSE = {
