@@ -47,6 +47,8 @@ from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from gcs_autotune.workflow.experiments import common_windows
 from sitl import Server, open_vehicle
+from sitl.autopilot.rover_modes import GuidedTarget
+from sitl.hull import Loads
 from sitl.vehicle import Vehicle
 
 __all__ = ["CASES", "main"]
@@ -114,6 +116,11 @@ PRICE = 20.0
 _NEUTRAL, _STICK = 1500, 95
 _HELD: Mapping[str, float] = {"psi": 10.0, "z": 10.0, "r": 3.0}
 """Signal -> seconds a tune holds it before its step."""
+_GUIDED, _ALT_HOLD = 15, 2
+_FAILSAFES_OF_A_BOAT = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "ARMING_CHECK")
+_FAILSAFES_OF_AN_ROV = ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK")
+_UNDER_WAY = 20.0
+"""Seconds that a boat takes to its speed and onto its course: as long as a tune waits for that at most."""
 USED = 0.5
 """Outputs up to which margins are held, as the design does."""
 
@@ -182,7 +189,7 @@ def _axis_of(vehicle: str, axis: str) -> Axis:
 
 
 class Bench:
-    """The vehicle without a link: its own autopilot holds, steps and steps back with any gains."""
+    """The vehicle without a link: its own autopilot holds, steps and steps back with any gains; a boat under way."""
 
     def __init__(self, name: str, axis: Axis, seed: int) -> None:
         self.name, self.axis, self.seed = name, axis, seed
@@ -190,7 +197,9 @@ class Bench:
         kind = AXES[axis.name]
         self.signal = kind.stepped
         self.size, self.duration = kind.step, 3.5 if self.signal == "r" else kind.step_duration
-        sensors = open_vehicle(name).vehicle.data.sensors
+        craft = open_vehicle(name).vehicle
+        self.speed = craft.parameters["CRUISE_SPEED"] if craft.data.is_boat else None
+        sensors = craft.data.sensors
         self.quantum = sensors.heading_quantum if self.signal == "psi" else 0.0
         self.noise = {"psi": sensors.heading_noise, "z": sensors.depth_noise}.get(self.signal, 0.0)
         self.noise = max(self.noise, self.quantum / math.sqrt(12.0))
@@ -199,17 +208,23 @@ class Bench:
         """Return the metrics of the step and the step back, as a tune reads them: over *windows* [s] where it did."""
         vehicle = open_vehicle(self.name, seed=self.seed, parameters=gains).vehicle
         sub = vehicle.autopilot
-        for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK"):
+        for name in _FAILSAFES_OF_A_BOAT if self.speed else _FAILSAFES_OF_AN_ROV:
             vehicle.parameters.preset(name, 0.0)
         _run(vehicle, 5.0)
-        sub.set_mode(2)
+        sub.set_mode(_GUIDED if self.speed else _ALT_HOLD)
         sub.arm(force=True)
-        low = {"psi": sub.estimate.yaw, "z": sub.estimate.z, "r": -_stick_rate(vehicle)}[self.signal]
+        low = (
+            -_stick_rate(vehicle)
+            if self.signal == "r"
+            else sub.estimate.yaw
+            if self.signal == "psi"
+            else sub.estimate.z
+        )
         high = -low if self.signal == "r" else low + self.size
-        _hold(vehicle, self.signal, low, _HELD[self.signal])
+        _hold(vehicle, self.signal, low, _HELD[self.signal] if self.speed is None else _UNDER_WAY, self.speed)
         parts = []
         for start, end, seconds in zip((low, high), (high, low), windows or [self.duration] * 2, strict=True):
-            t, x, u = _hold(vehicle, self.signal, end, seconds)
+            t, x, u = _hold(vehicle, self.signal, end, seconds, self.speed)
             t, x, u = (np.concatenate([v[:1], v]) for v in (t, x, u))
             target = np.full_like(t, end)
             target[0] = start
@@ -224,6 +239,8 @@ class Bench:
         """
         spec = Spec()
         data = open_vehicle(self.name).vehicle
+        if self.speed is not None:  # a rudder's hull is that of its propeller's speed
+            data.actuators.apply({"X": data.parameters["CRUISE_THROTTLE"] / 100.0, "N": 0.0}, data.body, Loads())
         hull = {"yaw": data.body.yaw, "heave": data.body.heave}[self.axis.dof]
         full = data.actuators.full[self.axis.dof]
         u = np.linspace(0.0, USED, 201)
@@ -239,9 +256,10 @@ class Bench:
             for drag in (hull.beta, moving)
         ]
         settings = {**data.parameters.values, **gains}
-        low = worst(margins_of_each(self.law.controller(settings, None), plants))
+        speed = self.law.matching_speed(settings, self.speed)
+        low = worst(margins_of_each(self.law.controller(settings, speed), plants))
         return (
-            max(0.0, 1.0 - TRIM_TIME * self.law.integral_rate(settings, None))
+            max(0.0, 1.0 - TRIM_TIME * self.law.integral_rate(settings, speed))
             + max(0.0, 1.0 - low.gain / spec.gain_margin)
             + max(0.0, 1.0 - low.phase / spec.phase_margin)
             + max(0.0, 1.0 - low.delay / (2.0 * period))
@@ -265,12 +283,16 @@ def _run(vehicle: Vehicle, seconds: float) -> None:
         vehicle.control()
 
 
-def _hold(vehicle: Vehicle, signal: str, target: float, seconds: float) -> tuple[Array, Array, Array]:
-    """Hold *target*, sent again every 0.1 s; return t, the signal and the output (n,) at 10 Hz."""
+def _hold(
+    vehicle: Vehicle, signal: str, target: float, seconds: float, speed: float | None = None
+) -> tuple[Array, Array, Array]:
+    """Hold *target*, sent again every 0.1 s, a boat at *speed* [m/s]; return t, signal and output (n,) at 10 Hz."""
     sub, rows, start = vehicle.autopilot, [], vehicle.seconds
     first = target
     for _ in range(round(10.0 * seconds)):
-        if signal == "psi":
+        if speed is not None:
+            sub.guided.target = GuidedTarget(sub.ms, speed, target)  # type: ignore[attr-defined]
+        elif signal == "psi":
             sub.set_heading_target(target)  # type: ignore[attr-defined]
         elif signal == "r":
             sub.rc.override(4, _NEUTRAL + (_STICK if target > 0.0 else -_STICK), sub.ms)
@@ -366,14 +388,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--save", type=Path, metavar="FILE", help="one line per tune; what is there is not flown again")
-    parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps of each ROV, for BEST")
+    parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps a case, for BEST")
     args = parser.parse_args(argv)
     if args.search:
         for vehicle, name in _cases(args.cases):
-            axis = _axis_of(vehicle, name)
-            if axis.law.startswith("sub"):
-                best, gains = search(Bench(vehicle, axis, args.first_seed), args.search)
-                print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
+            best, gains = search(Bench(vehicle, _axis_of(vehicle, name), args.first_seed), args.search)
+            print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
         return
     tuned = _saved(args.save)
     flown = {(t.vehicle, t.axis, t.seed) for t in tuned}
