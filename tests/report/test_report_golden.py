@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from rich.console import Group
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.report.toolkit.axis_fit import fit_summary
 from gcs_autotune.report.toolkit.terminal import render_text
-from gcs_autotune.report.tune.tables import gains_summary, tune_summary
+from gcs_autotune.report.tune.tables import tune_summary
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -34,8 +35,7 @@ CASES = {
     "fit_good": lambda: fit_summary(stories.fit()),
     "fit_undecided": undecided,
     "fit_weakly_excited": weakly_excited,
-    "gains": lambda: gains_summary(stories.proposal()),
-    "gains_unsafe": lambda: gains_summary(stories.proposal(worst_stable=False)),
+    "tune_kept_unsafe": lambda: tune_summary(replace(stories.kept(), proposal=stories.proposal(worst_stable=False))),
     "tune_kept": lambda: tune_summary(stories.kept()),
     "tune_restored": lambda: tune_summary(stories.restored()),
     "tune_aborted": lambda: tune_summary(stories.aborted()),

@@ -23,22 +23,17 @@ from gcs_autotune.report.toolkit.wording import (
     format_quantity,
     format_seconds,
     format_share,
-    sentence,
 )
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import (
     PROOF_SENTENCE,
-    bound_sentence,
     headline,
-    improvement,
     proof_command,
-    safety,
     undo_command,
 )
 
 __all__ = [
     "changed_parameters",
-    "gains_summary",
     "gains_table",
     "margins_table",
     "metrics_table",
@@ -192,17 +187,6 @@ def _plain(value: object) -> str:
 
 def _with_unit(value: float, unit: str) -> str:
     return format_number(value, 3) + (f" {unit}" if math.isfinite(value) else "")
-
-
-def gains_summary(proposal: Proposal) -> Group:
-    """Return old and new gains side by side, what they promise, and how safe that is."""
-    parts: list[RenderableType] = [title(f"Gains for {proposal.axis}"), grid(gains_table(proposal.changes))]
-    parts.append(paragraph(improvement(proposal.before.metrics, proposal.after.metrics, "predicted")))
-    parts.append(paragraph(safety(proposal), "" if proposal.worst_margins.stable else "bold red"))
-    parts.extend(paragraph(sentence(note)) for note in proposal.notes)
-    parts.append(grid(margins_table(proposal)))
-    parts.append(paragraph(bound_sentence(proposal.bound)))
-    return Group(*parts)
 
 
 def tune_summary(story: TuneStory) -> Group:
