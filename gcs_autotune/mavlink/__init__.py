@@ -33,6 +33,12 @@ if TYPE_CHECKING:
         type_name,
         unique_id,
     )
+    from gcs_autotune.mavlink.operator_control import (
+        CONTROL_STATUS_NAMES,
+        REQUEST_OPERATOR_CONTROL,
+        ControlStatus,
+        control_status,
+    )
     from gcs_autotune.mavlink.packed_parameters import PackedParameters, unpack_parameters
     from gcs_autotune.mavlink.params_file import load_params, save_params, save_qgc_params
     from gcs_autotune.mavlink.signing import LINK_ID, Refusal, Signer, SigningKey, StampStore, is_signed, refusals
@@ -43,6 +49,7 @@ _HOMES = {
     "split_frames",
     "names": "StatusText TextLog VehicleIdentity enum_name firmware_version message_fields message_number type_name "
     "unique_id",
+    "operator_control": "CONTROL_STATUS_NAMES REQUEST_OPERATOR_CONTROL ControlStatus control_status",
     "packed_parameters": "PackedParameters unpack_parameters",
     "params_file": "load_params save_params save_qgc_params",
     "signing": "LINK_ID Refusal Signer SigningKey StampStore is_signed refusals",
@@ -51,7 +58,10 @@ _HOMES = {
 _HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
+    "CONTROL_STATUS_NAMES",
     "LINK_ID",
+    "REQUEST_OPERATOR_CONTROL",
+    "ControlStatus",
     "Frame",
     "Framer",
     "Message",
@@ -67,6 +77,7 @@ __all__ = [
     "TlogRecord",
     "TlogWriter",
     "VehicleIdentity",
+    "control_status",
     "decode_frame",
     "enum_name",
     "firmware_version",

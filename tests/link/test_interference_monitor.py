@@ -149,6 +149,72 @@ def test_on_a_link_that_repeats_everything_the_writer_is_named(boat: ScriptedVeh
     assert "GCS (system 42, component 25) sent PARAM_SET" in trip(craft, "parameters")
 
 
+# --- operator control ---------------------------------------------------------------------------
+
+FORMS = {
+    "as it is": (21, lambda station, flags: bytes([flags, station])),
+    "as it was": (184, lambda s, f: bytes([s, f])),
+}
+
+
+class ControlStatusMessage:
+    """CONTROL_STATUS (512), which pymavlink does not have, as the vehicle sends it."""
+
+    def __init__(self, station: int, flags: int = 1, form: str = "as it is", *, damaged: bool = False) -> None:
+        self._extra, make = FORMS[form]
+        self._payload = make(station, flags).rstrip(b"\0") or b"\0"
+        self._damaged = damaged
+
+    def get_type(self) -> str:
+        return "CONTROL_STATUS"
+
+    def pack(self, mav: Any) -> bytes:
+        head = bytes([len(self._payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent, 0, 2, 0])  # 512: 0x000200
+        mav.seq = (mav.seq + 1) % 256
+        crc = mavlink.x25crc(head + self._payload + bytes([self._extra])).crc ^ self._damaged
+        return b"\xfd" + head + self._payload + crc.to_bytes(2, "little")
+
+
+@pytest.mark.parametrize("form", list(FORMS))
+def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: ScriptedVehicle, form: str) -> None:
+    router = Router(boat)
+    other = router.station(252)
+    craft = board(router)
+    craft.arm()
+    fly(craft)
+    assert craft.other_stations.in_control is None
+    boat.send(ControlStatusMessage(252, form=form))
+    fly(craft)
+    assert any("GCS (system 252, component 190) is in control of it" in note for note in craft.session.notes)
+    assert any("does not give it away" in note for note in craft.session.notes)
+    boat.on["MANUAL_CONTROL"] = lambda m: boat.overrides.update({1: (1500 + m.y // 2, boat.time)})
+    router.every(other, 0.034, lambda: mavlink.MAVLink_manual_control_message(1, 0, 400, 0, 0, 0))
+    said = trip(craft, "sticks")
+    assert "the vehicle says that GCS (system 252, component 190) is in control of it (CONTROL_STATUS)" in said
+
+
+def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(flying: MavlinkCraft, boat: Any) -> None:
+    boat.send(ControlStatusMessage(252, damaged=True))
+    boat.send(ControlStatusMessage(255))
+    fly(flying)
+    assert not any("in control" in note for note in flying.session.notes)
+    boat.send(ControlStatusMessage(0))
+    fly(flying)
+    assert any("nobody is in control of it now" in note for note in flying.session.notes)
+    boat.send(ControlStatusMessage(252, flags=3))
+    fly(flying)
+    assert any("gives it away for asking" in note for note in flying.session.notes)
+    boat.mode = 4
+    assert "says that GCS (system 252, component 190) is in control" in trip(flying, "mode")
+
+
+def test_another_station_s_wish_for_control_is_told_and_nothing_given_away(flying: MavlinkCraft, boat: Any) -> None:
+    boat.send(order(255, 32100, 1, 0, 10, 252))
+    fly(flying)
+    assert any("(system 252, component 190) asks for control" in note for note in flying.session.notes)
+    assert not any(m.get_type() == "COMMAND_LONG" and m.command == 32100 for m in boat.heard)
+
+
 def test_orders_to_another_vehicle_are_nobodys_business(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(42, 25)

@@ -2,7 +2,8 @@
 
 Nothing that they say is acted on. But when the vehicle does something that we did not ask for, the operator must
 know whose doing it was. Three traces tell: the orders themselves, where a router repeats them to everybody; the
-vehicle's COMMAND_ACK, which names the station it answers; and failing these, who was there at all.
+vehicle's COMMAND_ACK, which names the station it answers; and failing these, who was there at all. A vehicle that tells
+who is in control of it (CONTROL_STATUS) is quoted.
 """
 
 from __future__ import annotations
@@ -12,7 +13,17 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from gcs_autotune.link.session import Session
-from gcs_autotune.mavlink import Frame, Message, enum_name, mavlink, type_name
+from gcs_autotune.mavlink import (
+    CONTROL_STATUS_NAMES,
+    REQUEST_OPERATOR_CONTROL,
+    ControlStatus,
+    Frame,
+    Message,
+    control_status,
+    enum_name,
+    mavlink,
+    type_name,
+)
 
 __all__ = ["Order", "OtherStations"]
 
@@ -58,6 +69,7 @@ class OtherStations:
     ----------
     stations : (system, component) -> what it says it is, e.g. ``GCS``; ``""`` before its first heartbeat.
     orders : the last orders heard, oldest first.
+    in_control : the station that the vehicle says it obeys, None where it says nothing.
     radio : what a telemetry radio told of itself last (RADIO_STATUS), in words; empty when there is none.
     """
 
@@ -66,12 +78,56 @@ class OtherStations:
         self._heard: dict[tuple[int, int], float] = {}
         self.stations: dict[tuple[int, int], str] = {}
         self.orders: deque[Order] = deque(maxlen=_KEPT)
+        self.in_control: ControlStatus | None = None
         self.radio = ""
+        for name in CONTROL_STATUS_NAMES:
+            session.listen(name, self._on_control_status)
+        session.listen("COMMAND_LONG", self._on_asked_for_control)
         session.routing.overhear(self._on_foreign)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
         """Return, in words, who ordered any of *kinds* (of the parameter *name*) since link time *since* [s]."""
+        return self._suspect(kinds, since, name) + self._own_word()
+
+    def _own_word(self) -> str:
+        """Return, in words, whom the vehicle says it obeys, where that is not us."""
+        told = self.in_control
+        if told is None or told.station == self._session.port.system:
+            return ""
+        who = self._called_system(told.station) if told.station else "no station"
+        return f"; the vehicle says that {who} is in control of it (CONTROL_STATUS)"
+
+    def _called_system(self, system: int) -> str:
+        return self._called(system, self._component(system, 0)) if self._is_known(system) else f"system {system}"
+
+    def _is_known(self, system: int) -> bool:
+        return any(of == system for of, _ in self.stations)
+
+    def _on_control_status(self, message: Message) -> None:
+        told = control_status(message)
+        if told is None or told == self.in_control:
+            return
+        before, self.in_control = self.in_control, told
+        ours = self._session.port.system
+        if told.station not in (0, ours):
+            how = "it gives it away for asking" if told.takeover_allowed else "it does not give it away"
+            self._session.notes.append(
+                f"the vehicle says that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), and "
+                f"may refuse what we ask; {how}: have it released there, or let that station fly"
+            )
+        elif before is not None:
+            who = "we are" if told.station else "nobody is"
+            self._session.notes.append(f"the vehicle says that {who} in control of it now (CONTROL_STATUS)")
+
+    def _on_asked_for_control(self, message: Message) -> None:
+        """The vehicle passes another station's wish for control on to the one that has it."""
+        if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
+            self._session.notes.append(
+                f"{self._called_system(int(message.param4))} asks for control of the vehicle; nothing was given away"
+            )
+
+    def _suspect(self, kinds: Collection[str], since: float, name: str) -> str:
         fitting = self._ordered(kinds, since, name)
         if fitting:
             order = fitting[-1]
