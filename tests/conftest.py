@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 WARM_UPS = (
-    "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], [])",
+    "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])",
     """
 from gcs_autotune.identify import fit
 from gcs_autotune.workflow.jit_warmup import _swing
@@ -55,6 +56,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("ardupilot"):
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(scope="module")
+def briefly() -> Iterator[None]:
+    """Refine in a few evaluations: what holds of a proposal holds of any; ``test_refinement`` asks for the best."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
+            patch.setattr(f"gcs_autotune.design.refinement.{name}", number)
+        yield
 
 
 @pytest.fixture(scope="session")

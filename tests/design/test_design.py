@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_autotune.design import Proposal, Spec, design, is_better, refinement, step_metrics
+from gcs_autotune.design import Proposal, Spec, design, is_better, step_metrics
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.plant import sample_region
 from gcs_autotune.errors import NoGainsMeetSpec, ParameterMissing, UnknownName, UsageError
@@ -36,6 +35,8 @@ from .crafts import (
     yaw,
 )
 
+pytestmark = pytest.mark.usefixtures("briefly")
+
 FALCON = yaw(0.2, 0.75, 0.025)
 
 
@@ -46,15 +47,6 @@ def propose(name: str, **spec: float | str) -> Proposal:
 
 def gains_of(axis: Axis, proposal: Proposal) -> dict[str, float]:
     return {**present(axis), **proposal.new}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def briefly() -> Iterator[None]:
-    """Refine in a few evaluations: what holds of a proposal holds of any; ``test_refinement`` asks for the best."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
-            patch.setattr(refinement, name, number)
-        yield
 
 
 class Proposals(dict[str, Proposal]):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.design import Spec, refinement
+from gcs_autotune.design import Spec
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Relay, RelaySettings
@@ -27,13 +27,6 @@ AXIS = FIRMWARE["ardusub"].axes["heading"]
 CRAFT = SingleDof("yaw", "1", 0.4, 0.5, 0.0)
 STEP = math.radians(30.0)
 PRESENT = {g.parameter: 0.5 * (g.low + g.high) for g in AXIS.gains}
-
-
-@pytest.fixture(autouse=True)
-def briefly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Refine in a few evaluations: what gains are found does not matter here."""
-    for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
-        monkeypatch.setattr(refinement, name, number)
 
 
 def recorded(
