@@ -131,8 +131,8 @@ def _field(name: str) -> dict[str, Any]:
 
 
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
-    """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``numbers`` by name, and ``axis``, or
-    to fly ``manoeuvre``, ``force``, ``first_to``; a dry run of a manoeuvre is its preview.
+    """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name,
+    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``; a dry run of a manoeuvre is its preview.
 
     Raises
     ------
@@ -153,6 +153,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         example = lookup(AXES, axis, "axis").example
         words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job == "tune")
     uri = uri or example
+    words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
         raise UsageError("link: that is no connection string")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]

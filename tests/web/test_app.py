@@ -6,6 +6,7 @@ import asyncio
 import json
 import sys
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,14 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
+from gcs_autotune.cli import make_parser
+from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
 from gcs_autotune.web.job import Job
 from gcs_autotune.web.live import Live
+from gcs_autotune.web.orders import fields, make_order
 
 SCRIPT = Path(__file__).with_name("scripted_run.py")
 PROGRAM = CommandLine((sys.executable, str(SCRIPT)))
@@ -214,6 +218,12 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({**HEADING, "numbers": {"step": "30; rm"}}, "is no number"),
         ({**HEADING, "numbers": ["step"]}, "no object"),
         ({**HEADING, "connect": "udpin:\n--yes"}, "no connection string"),
+        ({"job": "fly", "manoeuvre": "zigzag"}, "zig-zag"),
+        ({"job": "fly", "manoeuvre": "step"}, "flown by tune AXIS"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "drives no force 'Y'"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "first_to": "up"}, "starboard"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "asks for no number 'duration'"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"heading": "900"}}, "heading: 900 is out of range"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name_before_anything_starts(
@@ -223,6 +233,37 @@ def test_what_cannot_be_is_refused_by_name_before_anything_starts(
     assert answer.status_code == 400
     assert said in answer.json()["error"]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_chosen_becomes_a_command_line_that_its_parser_takes(tmp_path: Path) -> None:
+    numbers = {"steering": "0.3", "f-stop": "0.4", "max-time": "300", "relays": "3", "throttle": ""}
+    chosen = {
+        "job": "fly",
+        "manoeuvre": "chirp",
+        "force": "Z",
+        "first_to": "port",
+        "numbers": numbers,
+        "fetch_log": True,
+    }
+    order = make_order(chosen, tmp_path, datetime(2026, 11, 23))
+    args = make_parser().parse_args(list(order.arguments))
+    assert (args.manoeuvre, args.force, args.first_to, args.fetch_log) == ("chirp", "Z", "port", True)
+    assert (args.steering, args.f_stop, args.max_time, args.throttle) == (0.3, 0.4, 300.0, None)
+    assert args.connect == "sitl:bluerov2"  # a craft that has that force
+    assert not args.preview
+    preview = make_order({**chosen, "dry_run": True}, tmp_path, datetime(2026, 11, 23))
+    assert make_parser().parse_args(list(preview.arguments)).preview
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind in MANOEUVRES.values() if kind.make is not None], ids=lambda kind: kind.name
+)
+def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: ManoeuvreKind, tmp_path: Path) -> None:
+    (offered,) = [each for each in fields()["manoeuvres"] if each["name"] == kind.name]
+    assert [option["name"] for option in offered["options"]] == list(kind.options)
+    for force in offered["forces"] or [""]:
+        order = make_order({"job": "fly", "manoeuvre": kind.name, "force": force}, tmp_path, datetime(2026, 11, 23))
+        assert make_parser().parse_args(list(order.arguments)).force == force
 
 
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b"x" * 100_000, b"null"])

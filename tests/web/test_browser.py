@@ -19,7 +19,7 @@ from .serving import ROOT, served
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 CONTRAST = Path(__file__).with_name("contrast.js").read_text(encoding="utf-8").partition("\n")[2]
-LONG = 120_000.0
+LONG = 240_000.0
 """Milliseconds that a run may take on a busy machine."""
 
 
@@ -370,6 +370,35 @@ def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, s
     context.close()
     assert len(shown) == 40
     assert "Connecting" not in "".join(shown)
+
+
+SPY = """
+window.drawn = [];
+const draw = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+  if (!this.canvas.id) window.drawn.push(text);  // uPlot's canvases have no id, ours have
+  return draw.call(this, text, ...rest);
+};
+"""
+ACROSS_NORTH = """async () => {
+  const { draw } = await import("./static/charts.js");
+  document.getElementById("live").hidden = document.getElementById("charts").hidden = false;
+  const psi = (k) => 5.9 + 0.004 * k;
+  const rows = Array.from({ length: 200 }, (_, k) => [0, 0.1 * k, psi(k), 6.2, 0.1, 0.04, 0.1 * k, 0, psi(k)]);
+  draw({ legs: [{ stage: "turn", signal: "psi" }], rows });
+  await new Promise((done) => setTimeout(done, 300));
+  return window.drawn.splice(0);
+}"""
+
+
+def test_a_heading_that_passes_north_is_read_off_from_0_to_360(visit: Any, scripted: str) -> None:
+    page = visit(scripted)
+    page.context.add_init_script(SPY)
+    page.page.reload()
+    page.shows("#stage", "No run")
+    read = [float(text) for text in page.page.evaluate(ACROSS_NORTH) if text.replace("-", "").isdigit()]
+    assert {340.0, 350.0, 0.0, 10.0, 20.0} <= set(read)  # 338 to 384 degrees, as it runs on
+    assert max(read) < 360.0
 
 
 @pytest.mark.parametrize("has_sockets", [True, False])

@@ -206,7 +206,8 @@ function drawPhase(rows, kind) {
   pen.stroke();
   const [v, w] = points[points.length - 1];
   pen.fillStyle = css("wanted"); pen.beginPath(); pen.arc(px(v), py(w), 5, 0, 2 * Math.PI); pen.fill();
-  note(pen, `${a.toPrecision(2)} ${kind.unit}`, width - 62, height / 2 - 5);
+  const end = `${a.toPrecision(2)} ${kind.unit}`;
+  note(pen, end, width - pen.measureText(end).width - 2, height / 2 - 5);
   note(pen, `${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
   say("caption-phase", `Phase portrait: measured less wanted ${kind.name} across, its rate upwards`);
 }
