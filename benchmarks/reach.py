@@ -103,8 +103,14 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
         "PSC_ACCZ_I": 3.0,
         "PSC_ACCZ_FF": 0.5,
     },
+    ("blueboat", "heading"): {
+        "ATC_STR_RAT_FF": 3.0,
+        "ATC_STR_RAT_P": 2.0,
+        "ATC_STR_RAT_I": 0.84,
+        "ATC_STR_ANG_P": 2.26,
+    },
 }
-"""(vehicle, axis) -> what ``--search 80 --first-seed 1`` found."""
+"""(vehicle, axis) -> what ``--search 80 --first-seed 1`` found; of boats ``--search 160``, for they have four gains."""
 EARLIER: Mapping[tuple[str, str], float] = {
     ("videoray", "heading"): 0.301,
     ("charlie", "heading"): 17.67,

@@ -110,6 +110,15 @@ def test_a_precise_record_moves_every_change_to_its_own_loop_in_two_runs_at_once
     assert segments[0].slack.sum() > 0.0, "the segments themselves stay"
 
 
+def test_the_changes_that_are_clear_are_moved_where_others_are_not() -> None:
+    own, off = segment(0.02)
+    found = corrected([own], [own], fitted([own]))
+    assert found is not None
+    cleared = (own.slack > 0.0) & (found[0].slack == 0.0)
+    assert 3 <= cleared.sum() < (own.slack > 0.0).sum()
+    assert (found[0].t_in - own.t_in)[cleared] == pytest.approx(off[cleared], abs=1e-9)
+
+
 def test_a_noisy_record_moves_nothing() -> None:
     own, _ = segment(0.3)
     assert corrected([own], [own], fitted([own])) is None

@@ -44,6 +44,16 @@ def test_a_torn_tail_is_ignored_and_taken_away_when_the_journal_goes_on(path: Pa
     assert all(json.loads(line) for line in path.read_text().splitlines() if line)
 
 
+@pytest.mark.parametrize("settled", [{"event": "returned", "name": "P"}, {"event": "kept", "values": {"P": 0.5}}])
+def test_what_was_settled_and_is_written_again_may_hold_only_what_was_written_since(
+    path: Path, settled: dict[str, object]
+) -> None:
+    again = {"event": "writing", "name": "P", "value": 0.7}
+    lines = [written(path).decode(), *(json.dumps(event) + "\n" for event in (settled, again))]
+    path.write_text("".join(lines))
+    assert Journal.read(path).written == {"P": (0.7,)}
+
+
 def test_a_journal_cut_at_any_byte_is_read_and_never_owes_less_than_was_sent(path: Path) -> None:
     data = written(path)
     sent = data.index(b'"written"')  # the line before it was on the disk when PARAM_SET left
