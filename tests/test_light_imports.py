@@ -54,6 +54,12 @@ def test_help_imports_no_numerics(command: str) -> None:
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
 
 
+@pytest.mark.parametrize("wrong", [("--known", "m=abc"), ("--known", "m"), ("--option", "bounds")])
+def test_a_constant_that_is_no_number_is_refused_before_anything_slow_is_imported(wrong: tuple[str, str]) -> None:
+    asking = "from gcs_autotune.cli import main\nassert main(['identify', 'run.csv', *sys.argv[1:]]) == 2"
+    assert imported(asking, *wrong).isdisjoint((*NUMERICS, "gcs_autotune.identify", "rich"))
+
+
 def test_the_table_of_manoeuvres_is_told_without_what_flies_or_fits() -> None:
     modules = imported("from gcs_autotune.cli import main\nassert main(['fly', '--list']) == 0")
     assert modules.isdisjoint(("scipy", "numba", "gcs_autotune.identify", "gcs_autotune.link", "gcs_autotune.workflow"))

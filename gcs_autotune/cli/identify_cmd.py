@@ -100,6 +100,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    known, options = _numbers(args.known), _options("--option", args.option)  # first: a typo waits for no import
+
     from rich.console import Console
     from rich.text import Text
 
@@ -110,7 +112,6 @@ def _run(args: argparse.Namespace) -> int:
     if args.method == "list":
         _list(METHODS)
         return 0
-    known, options = _numbers(args.known), _options("--option", args.option)
     runs = read_runs(args)
     if args.plan is not None:
         return _follow(args, runs, known)
