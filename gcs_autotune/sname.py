@@ -53,6 +53,8 @@ SIGNALS: dict[str, tuple[str, str]] = {
     "n": ("rad/s", "propeller speed"),
     "d": ("m", "distance to a flat surface ahead"),
     "psi_ref": ("rad", "commanded heading"),
+    "z_ref": ("m", "commanded depth"),
+    "u_ref": ("m/s", "commanded speed ahead"),
 }
 """Signal name -> (SI unit, meaning)."""
 

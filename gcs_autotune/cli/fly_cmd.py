@@ -133,9 +133,9 @@ def _see_it_is_known(args: argparse.Namespace) -> None:
         lookup(MANOEUVRES, args.manoeuvre, "manoeuvre")
 
 
-def run_flight(args: argparse.Namespace) -> int:
-    """Open the link, fly, and tell of it."""
-    with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
+def run_flight(args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION) -> int:
+    """Open the link (*otherwise* where none is given), fly, and tell of it."""
+    with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection)
 
 
@@ -169,7 +169,8 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
     """Return what is flown, and what all of it has in common."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
-    from gcs_autotune.manoeuvres import read_area
+    from gcs_autotune.manoeuvres import MANOEUVRES, read_area
+    from gcs_autotune.registry import lookup
     from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, first_run, load_flight_plan
 
     until = _precision(args)
@@ -199,7 +200,8 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
     if of_plan:
         plan = load_flight_plan(Path(what), common, model, args.full_scale)
         return (plan if area is None else replace(plan, area=area)), common
-    options = {name: value * limit_of(name).factor for name, value in typed.items()}
+    axis = lookup(MANOEUVRES, what, "manoeuvre").of(args.force).axis if what else ""
+    options = {name: value * limit_of(name, axis or "heading").factor for name, value in typed.items()}
     side = 1 if args.first_to == "starboard" else -1
     if until is None:
         settings = FlySettings(what, common, options, side, model, args.full_scale, args.force)

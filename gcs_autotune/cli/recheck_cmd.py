@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from gcs_autotune.cli.command import Command, add_connection, add_output
+from gcs_autotune.axes import axis_kind
+from gcs_autotune.cli.command import Command, add_connection, add_output, see_axis_limits
 from gcs_autotune.cli.fly_cmd import COMMAND as FLY
 from gcs_autotune.cli.fly_cmd import DEFAULT_CONNECTION, add_flight, run_flight
+from gcs_autotune.sname import DOFS
 
 __all__ = ["COMMAND"]
 
+LOOPS = ("heading", "depth", "speed")
 RELAY = ("set-point", "hysteresis", "second-set-point", "second-hysteresis")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=("heading",), help="the loop")
+    parser.add_argument("axis", choices=tuple(LOOPS), help="the loop")
     add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
     add_flight(parser, RELAY)
@@ -23,16 +26,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     flight = argparse.ArgumentParser()
     FLY.add_arguments(flight)
+    see_axis_limits(args, RELAY)
     given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
-    return run_flight(flight.parse_args(["set-point-relay"], given))
+    axis = axis_kind(args.axis)
+    given.force = DOFS[axis.dof].force
+    return run_flight(flight.parse_args(["set-point-relay"], given), axis.example)
 
 
 COMMAND = Command(
     name="recheck",
-    help="tell natural frequency and damping of the heading loop as it is, without driving an actuator",
-    description="Fly two relays on the autopilot's own heading set-point (fly set-point-relay) and read the closed "
-    "loop off them: natural frequency, damping, overshoot. No parameter is written. Without --connect a simulated boat "
-    "is used.",
+    help="tell natural frequency and damping of the heading, depth or speed loop as it is; no actuator is driven",
+    description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), as fly "
+    "set-point-relay does, and read the closed loop off them: natural frequency, damping, overshoot. No parameter is "
+    "written. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

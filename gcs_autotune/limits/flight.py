@@ -230,17 +230,47 @@ MANOEUVRED = (
         Limit(
             f"{which}{name}",
             f"{meaning}{of}",
-            "deg",
-            1.0,
-            90.0,
-            "below a degree it is the compass' noise, and beyond 90 no autopilot is asked at once",
+            unit,
+            least,
+            greatest,
+            reason,
             usual,
-            slips=(RADIANS,),
+            axis=axis,
+            slips=slips,
         )
-        for which, of, C, x_a in (("", "", 10.0, 3.0), ("second-", " of the second relay", 6.0, 3.0))
+        for axis, unit, least, greatest, reason, slips, sizes in (
+            (
+                "heading",
+                "deg",
+                1.0,
+                90.0,
+                "below a degree it is the compass' noise, and beyond 90 no autopilot is asked at once",
+                (RADIANS,),
+                (10.0, 6.0, 3.0),
+            ),
+            (
+                "depth",
+                "m",
+                0.05,
+                5.0,
+                "below it is the pressure sensor's noise, and beyond it a craft leaves its depth limits",
+                (CM,),
+                (0.5, 0.3, 0.15),
+            ),
+            (
+                "speed",
+                "m/s",
+                0.05,
+                5.0,
+                "below it is the noise of a speed over ground, and beyond it a boat stops or runs away",
+                (),
+                (0.3, 0.2, 0.1),
+            ),
+        )
+        for which, of, C in (("", "", sizes[0]), ("second-", " of the second relay", sizes[1]))
         for name, meaning, usual in (
-            ("set-point", "change of heading commanded to either side", C),
-            ("hysteresis", "heading at which the relay switches", x_a),
+            ("set-point", f"change of {axis} commanded to either side", C),
+            ("hysteresis", f"{axis} at which the relay switches", sizes[2]),
         )
     ),
     Limit(

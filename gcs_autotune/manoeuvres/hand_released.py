@@ -82,6 +82,7 @@ def _of(force: str) -> ManoeuvreKind:
         make=lambda options: HandReleased(force, options["duration"]),
         options=("duration",),
         identifies=False,
+        turns=True,
         for_force=_of,
     )
 

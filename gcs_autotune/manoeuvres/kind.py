@@ -49,11 +49,13 @@ class ManoeuvreKind:
         ``command`` only.
     options : names in :data:`gcs_autotune.limits.LIMITS`.
     room : the free water it takes, in words; the preview says it in metres.
-    identifies : whether its record is for identification. turns : whether the bow goes right round.
+    identifies : whether its record is for identification. turns : whether the bow goes
+        right round, or may (a craft that is let go of is held by nobody).
     needs_way : for craft that steer under way only. stays : for craft that stay where they are, and push either way.
     needs : a signal it cannot do without, that not every vehicle tells.
     tied : for a craft that is tied up: nothing is checked by its motion before, and it comes back from nowhere.
     presets : what `identify --plan-next` weighs.
+    axis : the autopilot's own loop that flies it, where one does; its options are in that loop's units.
     command : what flies it when ``gcs-autotune fly`` does not.
     for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
     """
@@ -72,6 +74,7 @@ class ManoeuvreKind:
     needs: str = ""
     tied: bool = False
     presets: tuple[Preset, ...] = ()
+    axis: str = ""
     command: str = "fly"
     for_force: Callable[[str], ManoeuvreKind] | None = None
 
@@ -92,4 +95,5 @@ class ManoeuvreKind:
     def suits(self, firmware: Firmware) -> bool:
         """Whether a craft with this *firmware* has what it drives."""
         way = firmware.needs_way
-        return self.drives <= set(firmware.channels) and (way or not self.needs_way) and not (way and self.stays)
+        driven = self.drives <= set(firmware.channels) and (not self.axis or self.axis in firmware.axes)
+        return driven and (way or not self.needs_way) and not (way and self.stays)

@@ -104,6 +104,9 @@ class Manoeuvre(ABC):
 
 _NOTED, _LIMITED = 0.1, 0.9
 """An order that matters, as a share of full, and the share of it that must come out."""
+_MOST, _STEADY = (0.1, 0.9), 0.5
+"""Quantiles between which most of an output lies, and how far apart they may be, as a share of the order: more is no
+limit but another order, which follows a clock or a controller from there on."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
@@ -120,6 +123,8 @@ def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
             if force not in forces or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
                 continue
             held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
+            if len(held) and float(np.ptp(np.quantile(held, _MOST))) > _STEADY * abs(asked):
+                continue
             came = float(np.median(held)) / asked if len(held) else 1.0
             if came < _LIMITED and abs(asked) > found.get(force, (0.0, 0.0))[0]:
                 found[force] = (abs(asked), abs(came * asked))

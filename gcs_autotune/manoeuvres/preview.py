@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.craft import Actuate, Command, HeadingTarget, Observation
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
@@ -129,7 +129,8 @@ def preview(
             r += h * _acceleration(craft.yaw, r, late.popleft())
             psi += h * r
             for force, tau in (("X", asked.X), ("Y", asked.Y), ("Z", asked.Z)):
-                along[force] += h * _along(craft, force, along[force], tau)
+                held = _held(command, craft, force, along[force], z)
+                along[force] += h * (_along(craft, force, along[force], tau) if held is None else held)
             u, v, w = along.values()
             x += h * (u * math.cos(psi) - v * math.sin(psi))
             y += h * (u * math.sin(psi) + v * math.cos(psi))
@@ -172,6 +173,15 @@ def _steered(command: Command, craft: PaperCraft, psi: float, r: float) -> Actua
     ahead = craft.others.get("X")
     drag = 0.0 if ahead is None else (ahead.beta + ahead.beta_quadratic * command.speed) * command.speed
     return Actuate(X=drag if ahead is not None else float(command.speed > 0.0), N=max(-1.0, min(1.0, N)))
+
+
+def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) -> float | None:
+    """Return the acceleration [m/s^2] that the autopilot's own loop of depth or speed gives; None where none does."""
+    if force == "Z" and isinstance(command, DepthTarget):
+        return 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
+    if force == "X" and isinstance(command, HeadingTarget) and force not in craft.others:
+        return (command.speed - nu) / SPEED_TIME
+    return None
 
 
 def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:

@@ -41,6 +41,9 @@ WIDEST_STEP = 3.0
 LEAST_MOMENTUM = 5.0
 """Chosen [s]: no craft is said to drift against the relay sooner than this after a switching."""
 
+ROUNDING = 1e-9
+"""A difference of two readings in whole centimetres that is the hysteresis but for rounding has come to it."""
+
 LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
@@ -236,9 +239,9 @@ class Relay(Manoeuvre):
 
     def _switch(self, t: float, x: float) -> None:
         wanted = self._high
-        if x >= self._hysteresis:
+        if x >= self._hysteresis - ROUNDING:
             wanted = False
-        elif x <= -self._hysteresis:
+        elif x <= -self._hysteresis + ROUNDING:
             wanted = True
         if wanted != self._high:
             if not self._switched_once:

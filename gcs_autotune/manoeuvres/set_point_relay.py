@@ -1,6 +1,6 @@
-"""Relays on the autopilot's own set-point: the heading commanded jumps to either side (Miskovic2010, 6.6.4).
+"""Relays on the autopilot's own set-point: the heading, depth or speed commanded jumps (Miskovic2010, 6.6.4).
 
-The relay stands outside the closed heading loop, psi_ref = psi_0 +- C, and switches where the heading passes x_a to
+The relay stands outside the closed loop, psi_ref = psi_0 +- C, and switches where the heading passes x_a to
 either side. Two of different size tell the loop as it is flown, (6.49), without driving an actuator directly.
 """
 
@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from gcs_autotune.craft import HeadingTarget, Observation
+from gcs_autotune.axes import AXES, AxisKind
+from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.approach import Approach, Part
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
@@ -30,31 +33,46 @@ PATIENCE = 60.0
 
 
 class SetPointRelay(Manoeuvre):
-    """Holds its course, then flies each of ``relays`` (C, x_a) [rad] until its oscillation has settled.
+    """Holds its course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
 
-    ``speed`` [m/s] ahead meanwhile. Marks ``relay`` where one begins, and ``switch`` with the heading commanded.
+    ``axis`` says what is commanded: heading, depth or speed. ``speed`` [m/s] ahead meanwhile, up to which a relay on
+    speed swings. Marks ``relay`` where one begins, and ``switch`` with what is commanded.
     """
 
     kind, purpose, in_manual = "set-point-relay", "check", False
 
-    def __init__(self, relays: tuple[tuple[float, float], ...], speed: float = 0.0, name: str = "") -> None:
-        super().__init__(name)
-        self._relays, self._speed = relays, speed
-        self._approach = Approach("psi", needs_way=speed > 0.0)
+    def __init__(
+        self,
+        relays: tuple[tuple[float, float], ...],
+        speed: float = 0.0,
+        name: str = "",
+        axis: AxisKind = AXES["heading"],
+    ) -> None:
+        super().__init__(name, signal=axis.stepped, force=DOFS[axis.dof].force)
+        self._relays, self._speed, self._axis = relays, speed, axis
+        self._approach = Approach(self.signal, needs_way=speed > 0.0)
+        self._course, self._base = math.nan, math.nan
         self._unsettled = 0
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
-                    f"a relay that commands {math.degrees(C):g} deg never sees the heading pass {math.degrees(x_a):g} "
-                    "deg surely: give a --hysteresis below --set-point"
+                    f"a relay that commands {self._told(C)} never sees the {axis.name} pass {self._told(x_a)} "
+                    "surely: give a --hysteresis below --set-point"
                 )
+        most = max(C for C, _ in relays)
+        self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
+        if self.signal == "u" and 0.0 < speed <= 2.0 * most:
+            raise UsageError(
+                f"a relay of {self._told(most)} about {self._middle:g} m/s goes down to no speed ahead: "
+                "give a smaller --set-point, or more --speed"
+            )
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """The relays, the speed, the noise of the heading."""
+        """The relays, the speed, the noise of what is watched."""
         return {
-            "dof": "yaw",
-            "signal": "psi",
+            "dof": self._axis.dof,
+            "signal": self.signal,
             "set_points": [C for C, _ in self._relays],
             "hystereses": [x_a for _, x_a in self._relays],
             "speed": self._approach.speed,
@@ -63,36 +81,53 @@ class SetPointRelay(Manoeuvre):
 
     def commands(self, now: Observation) -> Commands:
         """Yield the course, then the relays about it."""
-        self.phase, course = "approach", now.psi
+        self.phase, self._course = "approach", now.psi
+        self._base = self._middle if self.signal == "u" else now.value(self.signal)
         self._approach.start(now)
         while not self._approach.done:
-            self._approach.update(now.t, now.psi, now.speed)
-            now = yield HeadingTarget(course, self._speed)
+            self._approach.update(now.t, now.value(self.signal), now.speed)
+            now = yield self._wanted(0.0)
         for number, (C, x_a) in enumerate(self._relays, start=1):
-            now = yield from self._swung(number, course, C, x_a, now)
+            now = yield from self._swung(number, C, x_a, now)
             if self.outcome is not None:
                 break
         else:
             rest = (
                 f", of which {self._unsettled} did not settle: the loop hardly damps" if self._unsettled else " settled"
             )
-            self._end("completed", f"{len(self._relays)} relays about the course{rest}")
-        self.target = course
-        yield HeadingTarget(course, self._speed)
+            self._end("completed", f"{len(self._relays)} relays about the {self._about}{rest}")
+        yield self._wanted(0.0)
 
-    def _swung(self, number: int, course: float, C: float, x_a: float, now: Observation) -> Part:
+    @property
+    def _about(self) -> str:
+        return "course" if self.signal == "psi" else self._axis.name
+
+    def _told(self, size: float) -> str:
+        return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {_UNITS[self.signal]}"
+
+    def _wanted(self, change: float) -> Command:
+        """Return the command of what it swings about, and *change* to it."""
+        self.target = self._base + change
+        if self.signal == "z":
+            return DepthTarget(self.target)
+        if self.signal == "u":
+            return HeadingTarget(self._course, self.target)
+        return HeadingTarget(self.target, self._speed)
+
+    def _swung(self, number: int, C: float, x_a: float, now: Observation) -> Part:
         """Fly one relay until it has settled."""
         monitor, high, switched, began = _monitor(C, x_a), True, now.t, now.t
+        commanded = f"{self.signal}_ref"
         self.phase = f"relay {number}"
         self._mark(now.t, "relay", {"C": C, "x_a": x_a})
-        self._mark(now.t, "switch", {"psi_ref": course + C})
+        self._mark(now.t, "switch", {commanded: self._base + C})
         while True:
-            x = now.psi - course
+            x = now.value(self.signal) - self._base
             if x >= x_a if high else x <= -x_a:
                 high, switched = not high, now.t
-                self._mark(now.t, "switch", {"psi_ref": course + (C if high else -C)})
+                self._mark(now.t, "switch", {commanded: self._base + (C if high else -C)})
             state = monitor.update(now.t, x, high)
-            self.target = course + (C if high else -C)
+            command = self._wanted(C if high else -C)
             late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
             if state.settled or late or state.switchings >= 2 * MOST_PERIODS:
                 self._unsettled += not state.settled
@@ -100,11 +135,11 @@ class SetPointRelay(Manoeuvre):
             if now.t - switched > PATIENCE:
                 self._end(
                     "aborted",
-                    f"commanded {math.degrees(C):.0f} deg to one side, the heading does not pass "
-                    f"{math.degrees(x_a):.0f} deg within {PATIENCE:.0f} s: the loop does not follow",
+                    f"commanded {self._told(C)} to one side, the {self._axis.name} does not pass "
+                    f"{self._told(x_a)} within {PATIENCE:.0f} s: the loop does not follow",
                 )
                 return now
-            now = yield HeadingTarget(self.target, self._speed)
+            now = yield command
 
 
 def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
@@ -113,18 +148,39 @@ def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
     return LimitCycleMonitor(C, x_a, periods=PERIODS)
 
 
-def _make(options: Mapping[str, float]) -> SetPointRelay:
+_UNITS: Mapping[str, str] = {"z": "m", "u": "m/s"}
+_ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at its cruise"}
+
+
+def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
     pairs = (("set-point", "hysteresis"), ("second-set-point", "second-hysteresis"))
-    return SetPointRelay(tuple((options[C], options[x_a]) for C, x_a in pairs), options.get("speed", 0.0))
+    relays = tuple((options[C], options[x_a]) for C, x_a in pairs)
+    return SetPointRelay(relays, options.get("speed", 0.0), axis=axis)
 
 
-KIND = ManoeuvreKind(
-    name="set-point-relay",
-    help="the heading commanded jumps to either side of the course, under the autopilot's own loop; two sizes",
-    excites=frozenset({"yaw"}),
-    drives=frozenset(),
-    make=_make,
-    options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
-    room="a boat goes on at its cruise meanwhile",
-    identifies=False,
-)
+def _of_force(force: str) -> ManoeuvreKind:
+    """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
+    name = next((n for n in ("heading", "depth", "speed") if DOFS[AXES[n].dof].force == force), None)
+    if name is None:
+        raise UsageError(
+            f"the loops that command N (heading), Z (depth) and X (speed) can be looked at, none of {force}"
+        )
+    return _row(AXES[name])
+
+
+def _row(axis: AxisKind) -> ManoeuvreKind:
+    return ManoeuvreKind(
+        name="set-point-relay",
+        help=f"the {axis.name} commanded jumps to either side, under the autopilot's own loop; two sizes",
+        excites=frozenset({axis.dof}),
+        drives=frozenset(),
+        make=partial(_make, axis),
+        options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
+        room=_ROOM.get(axis.name, "a boat goes on at its cruise meanwhile"),
+        identifies=False,
+        axis=axis.name,
+        for_force=_of_force,
+    )
+
+
+KIND = _row(AXES["heading"])

@@ -1,7 +1,8 @@
-"""The closed heading loop as it is flown: natural frequency and damping from relays on its set-point.
+"""The closed loop of heading, depth or speed as it is flown: natural frequency and damping by relays on its set-point.
 
 Two relays of different size give (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded heading to heading
-(Miskovic2010, (6.49), (6.52)), here by a fit to the whole record that begins at two harmonics of each period.
+(Miskovic2010, (6.49), (6.52)), or of depth or speed, here by a fit to the whole record that begins at two harmonics of
+each period.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
+from gcs_autotune.axes import AxisKind, position_axis
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import (
     Doubt,
@@ -28,6 +30,7 @@ from gcs_autotune.identify import (
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
 from gcs_autotune.slow_imports import scipy_signal
+from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["closed_loop_sheet"]
@@ -56,17 +59,22 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         Too few relays that settled, or a loop that is none.
     """
     parts = relays_of(run)
+    axis = _axis(run)
+    force, unit = DOFS[axis.dof].force, parts[0][_commanded(run)].unit
+    actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
     notes: list[Doubt] = []
     loop, explained, (omega_std, zeta_std) = _loop(run, parts)
     if explained < FOLLOWED:
         cause = f"no linear loop explains more than {100.0 * explained:.0f} % of this motion: limits were at work"
         notes.append(Doubt("not-linear", cause, "give smaller --set-point and --second-set-point"))
     omega_n, zeta = oscillation_of(loop)
-    if "N" in run:
-        full = float(np.mean(np.abs(np.concatenate([p["N"].values for p in parts])) >= SATURATED))
+    if force in run:
+        full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
         if full > OFTEN:
-            cause = f"the steering was at its limit for {100.0 * full:.0f} % of the time: the loop was not linear"
+            cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time: the loop was not linear"
             notes.append(Doubt("saturated", cause, "give smaller --set-point and --second-set-point"))
+    if omega_std >= omega_n or zeta_std >= zeta:  # figures that nobody knows are left out
+        omega_n = omega_std = zeta = NAN
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
     figures = known(
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
@@ -83,15 +91,26 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
             for k, cycle in enumerate(cycles, start=1)
             for figure in (
                 judged(f"omega-{k}", f"frequency of relay {k}", Reading(cycle.omega, NAN, "1/s")),
-                judged(f"amplitude-{k}", f"amplitude of relay {k}", Reading(cycle.X_m, NAN, "rad")),
+                judged(f"amplitude-{k}", f"amplitude of relay {k}", Reading(cycle.X_m, NAN, unit)),
             )
         ),
     )
-    return Sheet(run.name, "set-point-relay", "closed heading loop", figures, _verdict(zeta, zeta_std), tuple(notes))
+    title, verdict = f"closed {axis.name} loop", _verdict(zeta, zeta_std, axis.name)
+    return Sheet(run.name, "set-point-relay", title, figures, verdict, tuple(notes))
+
+
+def _axis(run: Trial) -> AxisKind:
+    """Return the axis whose loop was swung."""
+    return position_axis(str(run.meta.get("dof", "yaw")))
+
+
+def _commanded(run: Trial) -> str:
+    """Return the name of the channel with what was commanded."""
+    return f"{_axis(run).stepped}_ref"
 
 
 def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, tuple[float, float]]:
-    """Return the loop with three poles and a zero, the share of the heading's motion that it explains, and the standard
+    """Return the loop with three poles and a zero, the share of the motion that it explains, and the standard
     errors of natural frequency [rad/s] and damping ratio.
 
     Harmonics are where the fit to the record begins, and a loop of second order as quick as the relay.
@@ -101,7 +120,8 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
     NotInformative
         No relay settled, or the loop found is not stable, though it was flown.
     """
-    response = harmonic_response([loop_trial(part) for part in parts], "yaw", (1, 3))
+    commanded, signal, dof = _commanded(run), _axis(run).stepped, _axis(run).dof
+    response = harmonic_response([loop_trial(part) for part in parts], dof, (1, 3))
     w = float(response.omega[0])
     starts = [np.array([1.2 / w, w**-2, 0.1 * w**-3, 0.0]), np.array([3.0 / w, 6.0 / w**2, 5.0 / w**3, 2.5 / w])]
     with suppress(NotInformative):
@@ -110,19 +130,19 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
     with suppress(NotInformative):
         loop = loop_process(response, 2, 1, gain=1.0)
         starts.append(np.array([*loop.denominator[1:], 0.05 * abs(loop.denominator[2]) ** 1.5, loop.numerator[1]]))
-    ref = np.concatenate([part["psi_ref"].values for part in parts])
-    at = np.concatenate([part["psi_ref"].t for part in parts])
+    ref = np.concatenate([part[commanded].values for part in parts])
+    at = np.concatenate([part[commanded].t for part in parts])
     t = np.arange(at[0], run.end, STEP)
-    course = 0.5 * float(parts[0]["psi_ref"].values.max() + parts[0]["psi_ref"].values.min())
-    psi = np.interp(t, run["psi"].t, run["psi"].values) - course
+    middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
+    answer = np.interp(t, run[signal].t, run[signal].values) - middle
     edges = np.append(at, run.end)
-    area = np.concatenate([[0.0], np.cumsum((ref - course) * np.diff(edges))])
+    area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
 
     def left(theta: Array) -> Array:
         """Return what is left over; what is asked for counts by its mean over each step, late by the delay."""
         late = t - theta[4]
         asked = np.diff(np.interp(np.append(late, late[-1] + STEP), edges, area)) / STEP
-        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) - psi)
+        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) - answer)
 
     low, high = [-np.inf] * 4 + [0.0], [np.inf] * 4 + [MOST_DELAY]
     fits = []
@@ -130,6 +150,7 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
         if np.all(begin[:3] > 0.0):
             x = np.array([*np.log(begin[:3]), begin[3], 0.1])
             fits.append(least_squares(left, x, bounds=(low, high), x_scale="jac", max_nfev=40))
+    noise = float(run.meta.get("noise_std", 0.0)) ** 2  # of the sensor: no loop has to explain it
     best = min(fits, key=lambda fit: float(fit.cost))
     loop = _of(best.x)
     if not all(p.real < 0.0 for p in loop.poles()):
@@ -139,7 +160,7 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
         )
     return (
         loop,
-        1.0 - float(np.std(best.fun) / np.std(psi)),
+        1.0 - math.sqrt(max(float(np.var(best.fun)) - noise, 0.0) / max(float(np.var(answer)) - noise, 1e-12)),
         _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun),
     )
 
@@ -166,7 +187,7 @@ def _of(theta: Array) -> TransferFunction:
 
 
 def _flown(a: Array, b_1: float, asked: Array) -> Array:
-    """Return the heading (n,) of a loop at rest that is *asked* for headings (n,), each held for a step."""
+    """Return the answer (n,) of a loop at rest that is *asked* for values (n,), each held for a step."""
     A = np.zeros((4, 4))
     A[0, 1] = A[1, 2] = 1.0
     A[2] = np.array([-1.0, -a[0], -a[1], 1.0]) / a[2]
@@ -175,22 +196,24 @@ def _flown(a: Array, b_1: float, asked: Array) -> Array:
     if not np.all(np.isfinite(stepped)):
         return np.full(len(asked), LOST)
     top, bottom = signal.ss2tf(stepped[:3, :3], stepped[:3, 3:], np.array([[1.0, b_1, 0.0]]), np.zeros((1, 1)))
-    heading: Array = np.clip(np.nan_to_num(signal.lfilter(top[0], bottom, asked), nan=LOST), -LOST, LOST)
-    return heading
+    answer: Array = np.clip(np.nan_to_num(signal.lfilter(top[0], bottom, asked), nan=LOST), -LOST, LOST)
+    return answer
 
 
-def _verdict(zeta: float, std: float) -> str:
+def _verdict(zeta: float, std: float, axis: str) -> str:
+    if math.isnan(zeta):
+        return f"the damping of the {axis} loop cannot be told from these relays: other sizes of relay tell more"
     if zeta + std < POORLY_DAMPED:
-        return "the heading loop swings: it is time for gcs-autotune tune heading"
+        return f"the {axis} loop swings: it is time for gcs-autotune tune {axis}"
     if zeta - std > WELL_DAMPED:
-        return "the heading loop is well damped"
+        return f"the {axis} loop is well damped"
     if std < 0.5 * (WELL_DAMPED - POORLY_DAMPED):
-        return "the heading loop is damped, but not well"
-    return f"the damping of the heading loop is told to +-{std:.1f} only: other sizes of relay tell more"
+        return f"the {axis} loop is damped, but not well"
+    return f"the damping of the {axis} loop is told to +-{std:.1f} only: other sizes of relay tell more"
 
 
 def relays_of(run: Trial) -> list[Trial]:
-    """Return the relays in a run one by one, with the heading commanded as channel ``psi_ref`` [rad].
+    """Return the relays in a run one by one, with what was commanded as ``psi_ref`` [rad], ``z_ref`` or ``u_ref``.
 
     Raises
     ------
@@ -200,18 +223,18 @@ def relays_of(run: Trial) -> list[Trial]:
     starts = [m.t for m in run.marks if m.kind == "relay"]
     if len(starts) < 2:
         raise NotInformative(f"run '{run.name}' holds {len(starts)} relays on the set-point; the loop takes two")
-    late = run.meta.get("link_times", {}).get("loop", 0.0)
+    late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
     for start, end in zip(starts, [*starts[1:], run.end], strict=True):
         part = run.between(start, end)
         switches = [m for m in run.marks if m.kind == "switch" and start <= m.t < end]
         t = np.array([m.t for m in switches]) + 0.5 * float(late)
-        ref = Channel("psi_ref", "rad", t, np.array([float(m.detail["psi_ref"]) for m in switches]))
+        ref = Channel(name, SIGNALS[name][0], t, np.array([float(m.detail[name]) for m in switches]))
         begun = next(m for m in run.marks if m.kind == "relay" and m.t == start)
         parts.append(
             replace(
                 part,
-                channels={**part.channels, "psi_ref": ref},
+                channels={**part.channels, name: ref},
                 meta={**run.meta, "manoeuvre": "relay", "x_a": begun.detail["x_a"]},
             )
         )

@@ -26,6 +26,8 @@ ENDED, HALF = 0.1, 0.5
 """Shares of the approach's speed at which the craft counts as stopped, and at which the half-way figures are read."""
 NO_THRUST = 0.05
 """Thrust that counts as none, as a share of the approach's."""
+FULL_ASTERN = 0.1
+"""Share of the samples of a stop whose thrust is astern of the one told: it takes a while to come."""
 BEFORE = 3.0
 """Longest part of the approach [s] that its speed is read from."""
 WIDTH = 2.0
@@ -91,19 +93,25 @@ def _channel(run: Trial, name: str) -> Channel:
 
 
 def _order(run: Trial, X: Channel, end: float) -> float:
-    """Return when the thrust was last taken off from steady way ahead [s]."""
+    """Return when the thrust was last taken off from steady way ahead [s].
+
+    A quick craft has stopped before thrust astern, which comes at the vehicle's own pace, stands at a level: then the
+    record's own mark tells.
+    """
     told = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
+    if told and X.held_at(math.nextafter(told[-1], -math.inf)) > 0.0:
+        return told[-1]
     holds = find_holds(X.t, X.values, end)
     for before, after in reversed(list(itertools.pairwise(holds))):
         if before.level > 0.0 and after.level <= NO_THRUST * before.level:
-            return told[-1] if told else 0.5 * (after.before + after.start)
+            return 0.5 * (after.before + after.start)
     raise NotInformative(f"run '{run.name}' holds no stop: the thrust X is never taken off from steady way ahead")
 
 
 def _astern(X: Channel, start: float, end: float) -> float:
-    """Return the thrust astern that it was stopped with, 0 when it coasted."""
+    """Return the thrust astern that it was stopped with, once it was there, 0 when it coasted."""
     held = X.between(start + 0.3 * (end - start), end).values
-    astern = -float(np.median(held)) if len(held) else -X.held_at(0.5 * (start + end))
+    astern = -float(np.quantile(held, FULL_ASTERN)) if len(held) else -X.held_at(0.5 * (start + end))
     return astern if astern > NO_THRUST * float(np.max(np.abs(X.values))) else 0.0
 
 

@@ -79,6 +79,11 @@ class FlySettings:
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
             raise UsageError("--rudder is more than --full-rudder: it goes no further")
+        for name, value in self.options.items():
+            try:
+                limit_of(name, kind.axis).check_si(value)
+            except UsageError as error:
+                raise UsageError(f"--{name}: {error}") from None
         self.make(0.0)
 
     @property
@@ -103,7 +108,7 @@ class FlySettings:
         """Return the manoeuvre; what was not given is as the table of limits says."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
-        rows = {name: limit_of(name) for name in kind.options}
+        rows = {name: limit_of(name, kind.axis) for name in kind.options}
         usual = {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
         given = dict(self.options)
         if "rudder" in given:
@@ -268,6 +273,8 @@ def _of_entry(
     kind = lookup(MANOEUVRES, str(entry["manoeuvre"]), "manoeuvre")
     _see_keys(entry, (*_RUN, *kind.options), kind.name)
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
+    force = str(given.get("force", ""))
+    kind = kind.of(force)
     sides = lookup(_SIDES, str(given.get("sides", "starboard")), "side")
     repeat = given.get("repeat", 1)
     if not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
@@ -275,13 +282,12 @@ def _of_entry(
     held_out = given.get("hold-out", False)
     if not isinstance(held_out, bool):
         raise UsageError(f"hold-out is true or false, not {held_out!r}")
-    numbers = {k: _levels(k, v) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
+    numbers = {k: _levels(k, v, kind.axis) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
     own = [k for k in entry if k in numbers]
     for values in itertools.product(*numbers.values()):
         typed = dict(zip(numbers, values, strict=True))
-        options = {k: v * limit_of(k).factor for k, v in typed.items() if k in kind.options}
+        options = {k: v * limit_of(k, kind.axis).factor for k, v in typed.items() if k in kind.options}
         here = replace(common, throttle=typed.get("throttle", common.throttle), speed=typed.get("speed", common.speed))
-        force = str(given.get("force", ""))
         label = "-".join([kind.name, *([force] if force else []), *(f"{k}{typed[k]:g}" for k in own)])
         for side in sides:
             settings = FlySettings(kind.name, here, options, side, model, full_scale, force)
@@ -289,9 +295,9 @@ def _of_entry(
                 yield PlannedRun(label if side > 0 else f"{label}-port", settings, held_out)
 
 
-def _levels(name: str, value: Any) -> list[float]:
+def _levels(name: str, value: Any, axis: str) -> list[float]:
     try:
-        return [limit_of(name).check(float(v)) for v in (value if isinstance(value, list) else [value])]
+        return [limit_of(name, axis).check(float(v)) for v in (value if isinstance(value, list) else [value])]
     except (TypeError, ValueError):
         raise UsageError(f"{name} is a number, or a list of numbers, not {value!r}") from None
     except UsageError as error:

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from gcs_autotune.axes import excitation_of
+from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import AxisFit
@@ -303,6 +303,12 @@ class _Flight:
         flown = [_checked(leg.run.settings.kind) for leg in self._to_fly]
         return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in _DOF.values()]
 
+    @property
+    def _held_dofs(self) -> list[str]:
+        """The degrees of freedom that the autopilot's own loops move."""
+        axes = {leg.run.settings.kind.axis for leg in self._to_fly} - {""}
+        return sorted(axis_kind(axis).dof for axis in axes)
+
     def announce(self) -> None:
         """Say what will be done, and ask.
 
@@ -313,9 +319,9 @@ class _Flight:
         """
         craft, s, plan = self._craft, self._common, self._plan
         dofs, now = self._dofs, craft.observe()
-        for dof in dofs:
+        for dof in (*dofs, *self._held_dofs):
             see_depth_is_told(craft, dof)
-        dive = any(dive_for(dof, craft.firmware, now) for dof in dofs)
+        dive = any(dive_for(dof, craft.firmware, now) for dof in (*dofs, *self._held_dofs))
         self._itinerary = Itinerary(
             [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
         )
@@ -406,6 +412,10 @@ class _Flight:
                 check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
                 see_signs(check, partial(runner.attempt, envelope=left[0].envelope))
                 dive = dive_for(dof, firmware, home)
+                if dive is not None:
+                    runner.fly(dive, "diving")
+            for dof in self._held_dofs:
+                dive = dive_for(dof, firmware, craft.observe())
                 if dive is not None:
                     runner.fly(dive, "diving")
             for k, leg in enumerate(itertools.chain(left, self._chosen(runner))):

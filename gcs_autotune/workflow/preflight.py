@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from gcs_autotune.axes import excitation_of
+from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.clock import Deadline
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
@@ -307,6 +307,9 @@ def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         It has not. UsageError: a rudder is meant, and there is none.
     """
     kind, firmware = settings.kind, craft.firmware
+    if kind.axis and kind.axis not in firmware.axes:
+        loops = ", ".join(firmware.axes)
+        raise WrongVehicle(f"this vehicle ({firmware.name}) has no {kind.axis} loop to swing; it has: {loops}")
     if not kind.suits(firmware):
         other = "thrust either way" if kind.stays else "way on"
         wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
@@ -330,13 +333,15 @@ _WAITING = 5.0
 
 
 def see_it_tells(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
-    """Ask for the signal that *kind* cannot do without, and see that it comes.
+    """Ask for what *kind* is read off, and see that a signal it cannot do without comes.
 
     Raises
     ------
     PreconditionFailed
         It does not.
     """
+    if kind.axis:
+        craft.rates.request(axis_kind(kind.axis).rates)
     if not kind.needs:
         return
     message, rate = _TOLD_BY[kind.needs]

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify import find_cycles
-from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
+from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, limited_orders
+from gcs_autotune.manoeuvres.relay import WallRelay
+from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.watch import SilentWatcher
 
-from .pond import Buoyant, PondCraft
+from .pond import Buoyant, PondCraft, answered, at_rest
 
 YAW = RelaySettings("psi", "N")
 DEPTH = RelaySettings("z", "Z", least_hysteresis=0.15)
@@ -227,3 +229,19 @@ def test_a_depth_relay_holds_a_craft_that_rises_or_sinks_by_itself_until_it_begi
     assert flown.outcome.ending == "completed", flown.outcome.reason
     assert abs(trial.meta["reference"] - 1.5) < 1.0
     assert trial["z"].values.min() > 0.2
+
+
+def test_whole_centimetres_that_are_the_hysteresis_but_for_rounding_switch_it():
+    relay = WallRelay(RelaySettings("d", "X", hysteresis=0.1, noise_std=0.0))
+    assert 2.3 - 2.2 < 0.1 < 2.0 - 1.9
+    told = iter((2.3, 2.25, 2.2, 2.25, 2.35, 2.4, 2.4))
+    rows = answered(relay, lambda t, _: at_rest(t=t, d=next(told)), tick=0.1, most=0.6)
+    assert [command.X > 0.0 for _, command in rows] == [True, True, False, False, False, True, True]
+
+
+def test_an_order_that_goes_on_by_the_clock_is_no_thruster_at_its_limit():
+    t = np.arange(0.0, 60.0, 0.1)
+    for N, limited in ((0.3 * np.sin(t), False), (np.where(t > 1.0, 0.2, 0.0), True)):
+        marks = (Mark(0.5, "level", {"N": 0.5}),)
+        run = Trial("orders", {"N": Channel("N", "1", t, N)}, marks)
+        assert bool(limited_orders(run)) is limited

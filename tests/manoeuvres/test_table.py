@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate
@@ -53,7 +54,7 @@ BY_COMMAND: Mapping[str, Callable[[], Manoeuvre]] = {
 
 
 def options(kind: ManoeuvreKind, throttle: float) -> dict[str, float]:
-    rows = {name: limit_of(name) for name in kind.options}
+    rows = {name: limit_of(name, kind.axis) for name in kind.options}
     usual = {n: row.default * row.factor for n, row in rows.items() if row.default is not None}
     short = {n: v for n, v in SHORT.items() if n in kind.options}
     return {**usual, **short, "throttle": throttle, "side": 1.0, "keep-still": float(not throttle)}
@@ -134,7 +135,7 @@ def test_every_row_is_walked_and_carries_its_name() -> None:
             assert preset.make(30.0).purpose == ("identification" if kind.identifies else "check")
 
 
-@pytest.mark.parametrize("name", [n for n, kind in MANOEUVRES.items() if kind.for_force])
+@pytest.mark.parametrize("name", [n for n, kind in MANOEUVRES.items() if kind.for_force and not kind.axis])
 def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
     paper = PaperCraft(
         SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test", others={f: SingleDof("surge", "1", 1.0, 1.0) for f in "XYZ"}
@@ -158,6 +159,17 @@ def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
         return
     boat = ahead.make({**options(ahead, 0.5), "keep-still": 0.0})
     assert preview(boat, paper, FREE).trial["X"].values.min() >= 0.0
+
+
+@pytest.mark.parametrize(("force", "signal"), [("N", "psi"), ("Z", "z"), ("X", "u")])
+def test_a_relay_on_the_set_point_of_each_loop_is_previewed_to_its_end(force: str, signal: str) -> None:
+    kind = MANOEUVRES["set-point-relay"].of(force)
+    assert kind.make is not None
+    sizes = options(kind, 0.0)
+    manoeuvre = kind.make({**sizes, "speed": 1.0})
+    seen = preview(manoeuvre, PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test"), FREE, floats=False, way=1.0)
+    assert (seen.trouble, manoeuvre.outcome and manoeuvre.outcome.ending) == ("", "completed")
+    assert np.ptp(seen.trial[signal].values) > 2.0 * sizes["hysteresis"]
 
 
 def test_a_row_that_steers_takes_no_other_force() -> None:

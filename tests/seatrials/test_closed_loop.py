@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from gcs_autotune.errors import NotInformative
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
-from tests.manoeuvres.pond import PondCraft
+from tests.manoeuvres.pond import PondCraft, answered, at_rest
 
 RELAYS = {"set-point": 10.0, "hysteresis": 3.0, "second-set-point": 6.0, "second-hysteresis": 3.0}
 
@@ -36,6 +37,48 @@ def test_a_loop_of_second_order_is_read_off_two_relays_on_its_set_point() -> Non
     assert sheet["overshoot"].reading.value == pytest.approx(0.075, abs=0.015)
     assert "well damped" in sheet.verdict
     assert sheet.doubts == ()
+
+
+def test_the_depth_loop_is_read_likewise() -> None:
+    # the pond's autopilot has the same loop in depth
+    relays = {"set-point": 0.17, "hysteresis": 0.05, "second-set-point": 0.1, "second-hysteresis": 0.05}
+    kind = MANOEUVRES["set-point-relay"].of("Z")
+    assert kind.make is not None
+    craft, kept = PondCraft(), []
+    craft.z = 5.0
+    craft.arm()
+    manoeuvre = kind.make({**relays, "throttle": 0.0, "side": 1.0, "keep-still": 1.0})
+    Sequencer(craft, Envelope(), SilentWatcher(), kept.append).fly(manoeuvre)
+    (sheet,) = ship_figures(kept[0])
+    assert sheet.title == "closed depth loop"
+    assert sheet["natural-frequency"].reading.value == pytest.approx(math.sqrt(2.0), rel=0.02)
+    assert sheet["damping"].reading.value == pytest.approx(1.8 / math.sqrt(8.0), rel=0.03)
+    assert sheet["amplitude-1"].reading.unit == "m"
+    assert "the depth loop is well damped" in sheet.verdict
+
+
+@pytest.mark.parametrize(("force", "signal"), [("N", "psi"), ("Z", "z"), ("X", "u")])
+def test_a_loop_that_does_not_follow_is_given_up_by_its_own_name(force: str, signal: str) -> None:
+    kind = MANOEUVRES["set-point-relay"].of(force)
+    assert kind.make is not None
+    options = {name: limit_of(name, kind.axis) for name in kind.options}
+    usual = {name: row.default * row.factor for name, row in options.items() if row.default is not None}
+    manoeuvre = kind.make({**usual, "throttle": 0.5, "side": 1.0, "keep-still": 1.0, "speed": 1.0})
+    rows = answered(manoeuvre, lambda t, _: at_rest(t=t, u=1.0, speed=1.0))
+    assert manoeuvre.outcome is not None
+    assert f"the {kind.axis} does not pass" in manoeuvre.outcome.reason
+    assert {type(command).__name__ for _, command in rows} == {"DepthTarget" if force == "Z" else "HeadingTarget"}
+    assert manoeuvre.signal == signal
+
+
+def test_a_relay_that_would_stop_the_boat_is_refused() -> None:
+    kind = MANOEUVRES["set-point-relay"].of("X")
+    assert kind.make is not None
+    sizes = {"set-point": 0.6, "hysteresis": 0.1, "second-set-point": 0.3, "second-hysteresis": 0.1}
+    with pytest.raises(UsageError, match="goes down to no speed ahead"):
+        kind.make({**sizes, "throttle": 0.5, "side": 1.0, "keep-still": 0.0, "speed": 0.5})
+    with pytest.raises(UsageError, match="none of Y"):
+        kind.of("Y")
 
 
 def test_a_loop_whose_steering_is_at_its_limit_is_doubted() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from gcs_autotune.limits import limit_of
@@ -30,7 +32,7 @@ SPEED = math.sqrt(0.64 / DRAG)
 def flown(name: str, **more: float) -> Trial:
     kind = MANOEUVRES[name]
     assert kind.make is not None
-    rows = {n: limit_of(n) for n in kind.options}
+    rows = {n: limit_of(n, kind.axis) for n in kind.options}
     usual = {n: row.default * row.factor for n, row in rows.items() if row.default is not None}
     given = {"steering": 0.5, "side": 1.0, "throttle": 0.64, "keep-still": 0.0, "full-rudder": 30.0 * DEG, **more}
     seen = preview(kind.make({**usual, **given}), CRAFT, FREE)
@@ -104,3 +106,17 @@ def test_a_stop_that_is_cut_off_says_so_and_keeps_the_figures_that_it_has() -> N
 
 def test_whatever_has_figures_is_flown_under_the_same_name() -> None:
     assert set(FIGURES) <= set(MANOEUVRES)
+
+
+def test_a_stop_that_is_over_before_the_thrust_stands_at_a_level_has_its_figures() -> None:
+    run = flown("stopping", astern=0.5)
+    (order,) = [m.t for m in run.marks if m.kind == "execute"]
+    X = run["X"]
+    slewed = np.where(X.t > order, 0.64 - 0.8 * (X.t - order), X.values)
+    end = order + 1.5
+    short = replace(run, channels={**run.channels, "X": replace(X, values=slewed)}).between(run.start, end)
+    u = short["u"]
+    quick = np.where(u.t > order, SPEED * (1.0 - (u.t - order) / 1.4), u.values)
+    (sheet,) = ship_figures(replace(short, channels={**short.channels, "u": replace(u, values=quick)}))
+    assert value(sheet, "time-stop") == pytest.approx(0.9 * 1.4, abs=0.1)
+    assert "astern" in sheet.title

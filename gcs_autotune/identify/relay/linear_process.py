@@ -14,7 +14,7 @@ classical PID is of that form on a steering equation of first order. :func:`simp
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from gcs_autotune.identify.relay.iso import from_delay, from_integrators, relay
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.models import TransferFunction
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -165,8 +166,9 @@ def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay
     return np.array([*(s**i for i in range(1, n + 1)), *(complex(P, Q) * s**i for i in range(m + 1))])
 
 
-REFERENCE = "psi_ref"
-"""Channel of the commanded heading [rad]."""
+LOOPS: Mapping[str, tuple[str, str]] = {"psi_ref": ("psi", "yaw"), "z_ref": ("z", "heave"), "u_ref": ("u", "surge")}
+"""Channel of what is commanded -> that of what answers, and the degree of freedom whose position and input stand for
+the two. A speed ahead takes the place of a position: it is what the loop holds."""
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
@@ -181,25 +183,32 @@ def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle)
 
 
 def loop_trial(trial: Trial) -> Trial:
-    """Return *trial* with the commanded heading as the input of yaw, for everything that takes a yaw run.
+    """Return *trial* with what is commanded (heading, depth or speed) as the input of its degree of freedom, and what
+    answers as the position, for everything that takes a run of one degree of freedom.
 
     Raises
     ------
     MissingChannel
-        Without ``psi_ref``.
+        Without ``psi_ref`` and ``psi``, or those of depth or speed.
     """
-    if REFERENCE not in trial or "psi" not in trial:
+    found = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
+    if found is None:
         raise MissingChannel(
-            f"run '{trial.name}' has no closed heading loop in it: {REFERENCE}[rad] (what the relay commands) and "
-            f"psi[rad] are needed, it has {', '.join(trial.channels)}"
+            f"run '{trial.name}' has no closed loop in it: psi_ref[rad] (what the relay commands) and psi[rad] are "
+            f"needed, or z_ref[m] and z[m], or u_ref[m/s] and u[m/s]; it has {', '.join(trial.channels)}"
         )
-    reference = trial[REFERENCE]
-    continuous = replace(reference, name="N", values=np.unwrap(reference.values))
-    return replace(trial, channels={"psi": trial["psi"], "N": continuous}, meta={**trial.meta, "dof": "yaw"})
+    signal, dof = LOOPS[found]
+    reference, names = trial[found], DOFS[dof]
+    values = np.unwrap(reference.values) if names.angular else reference.values
+    channels = {
+        names.position: replace(trial[signal], name=names.position),
+        names.force: replace(reference, name=names.force, values=values),
+    }
+    return replace(trial, channels=channels, meta={**trial.meta, "dof": dof})
 
 
 def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
-    """Return the limit cycles of relays that command the heading; ``C`` in rad.
+    """Return the limit cycles of relays that command a set-point; ``C`` in its unit, rad of heading.
 
     Raises
     ------
@@ -207,7 +216,8 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
         As :func:`loop_trial` and :func:`gcs_autotune.identify.find_cycles`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
-    return tuple(cycle for run in runs for cycle in find_cycles(loop_trial(run), "yaw"))
+    parts = [loop_trial(run) for run in runs]
+    return tuple(cycle for part in parts for cycle in find_cycles(part, str(part.meta["dof"])))
 
 
 def simplify(loop: TransferFunction) -> TransferFunction:
