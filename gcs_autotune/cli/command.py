@@ -244,13 +244,17 @@ def watching(args: argparse.Namespace) -> TerminalWatcher:
     return TerminalWatcher(Console(stderr=True), quiet=args.quiet, verbose=args.verbose)
 
 
-def progress_bar(args: argparse.Namespace) -> StageBar:
-    """Return what tells the terminal how far a long calculation is, as loud as :func:`add_loudness` says."""
+def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:
+    """Return what tells the terminal how far a long calculation is, as loud as :func:`add_loudness` says.
+
+    given : seconds after which it ends.
+    """
     from rich.console import Console
 
     from gcs_autotune.report import StageBar
 
-    return StageBar(Console(stderr=True, quiet=args.quiet or (args.json and not args.verbose)), verbose=args.verbose)
+    console = Console(stderr=True, quiet=args.quiet or (args.json and not args.verbose))
+    return StageBar(console, verbose=args.verbose, given=given)
 
 
 def add_remote(parser: argparse.ArgumentParser) -> None:

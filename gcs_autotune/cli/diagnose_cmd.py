@@ -52,6 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs to measure the gain on (default: parts of the runs are left out in turn)",
     )
     add_number(parser, "horizon", "S")
+    add_number(parser, "max-seconds", "S")
     add_number(parser, "jobs", "N")
     add_reading(parser)
     add_loudness(parser)
@@ -84,8 +85,9 @@ def _run(args: argparse.Namespace) -> int:
         without=_names(args.without),
         jobs=args.jobs if args.jobs > 0 else os.cpu_count() or 1,
         horizon=args.horizon,
+        max_seconds=args.max_seconds,
     )
-    with progress_bar(args) as bar:
+    with progress_bar(args, args.max_seconds) as bar:
         told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)
     page, replaced = None, ""
     if args.out is not None or not args.json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
@@ -24,6 +25,9 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
 
+ORDINARY = 0.5
+"""Chosen: share of the time given that the search without weather may take; the rest is for causes beneath it."""
+
 
 def diagnose(
     runs: Trial | Sequence[Trial],
@@ -38,6 +42,7 @@ def diagnose(
     progress: Progress | None = None,
     horizon: float | None = None,
     jobs: int = 1,
+    max_seconds: float = math.inf,
 ) -> Diagnosis:
     """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
 
@@ -57,6 +62,8 @@ def diagnose(
         whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
         hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
+    max_seconds : after which the search ends with what it has and says what it did not look at; half of it at
+        most go to the search that knows of no weather. The report takes a few seconds more.
 
     Raises
     ------
@@ -65,7 +72,7 @@ def diagnose(
     UsageError
         Contradictory arguments. UnknownName: there is no such effect.
     """
-    begun = time.perf_counter()
+    begun, clock = time.perf_counter(), time.monotonic()
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
         raise UsageError("no run was given to diagnose")
@@ -88,13 +95,26 @@ def diagnose(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
-    state = follow(
-        begin(question), (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces, judge_numbers)
-    )
+    half, end = clock + ORDINARY * max_seconds, clock + max_seconds
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, until=half, end=end)
+    state = follow(begin(question), (*SEARCH, look_at_all_runs))
+    state = replace(state, question=replace(state.question, until=end))
+    state = follow(state, (look_under_process_noise, look_in_pieces))
+    state = judge_numbers(state) or state
+    if state.cut:
+        doubts.append(_cut_short(state.cut, max_seconds))
     chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
     sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
     return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)
+
+
+def _cut_short(cut: Sequence[str], seconds: float) -> Doubt:
+    return Doubt(
+        "out-of-time",
+        f"the {seconds:g} s given did not suffice; left off or not begun: " + "; ".join(dict.fromkeys(cut)),
+        "give it longer (--max-seconds), or fewer runs, or the effects in question (--effects); what is told holds for "
+        "what was tried",
+    )
 
 
 def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: ModelInQuestion | None) -> Form:

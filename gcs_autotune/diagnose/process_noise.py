@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE
+from gcs_autotune.diagnose.workers import OutOfTime
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -89,10 +90,12 @@ class Attested:
 
     @property
     def holds(self) -> bool:
-        """Whether it pays on data left out, and not by one part's merit alone."""
-        if not self.foretold > WORTH:
-            return False
-        return len(self.unseen) < 3 or self.foretold - float(self.unseen.max()) > 0.0
+        """Whether every part left out gains by it; of three and more one may lose, where the others gain well more."""
+        losing = int(np.sum(self.unseen <= 0.0))
+        if losing == 0:
+            return self.foretold > WORTH
+        most = float(self.unseen.max())
+        return losing == 1 and len(self.unseen) > 2 and min(self.foretold - most, 0.5 * self.foretold) > WORTH
 
     @property
     def paid(self) -> bool:
@@ -111,6 +114,7 @@ class WeatherSearch:
 
     ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
     every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force over none.
+    ``still``: the same beside the causes named; ``cut``: where time was over, in words.
     ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
     """
 
@@ -125,6 +129,8 @@ class WeatherSearch:
     tried: int
     parts: str
     folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
+    still: float = math.inf
+    cut: str = ""
 
 
 def weathered_form(form: Form, dof: str) -> Form | None:
@@ -176,28 +182,34 @@ def search_under_process_noise(
     if not any("delta" in (c,) for c in form.inputs):
         high[1] = 0.0
     wandering = WanderingProblem(form, segments, data, (low, high))
-    say("process noise", 0, 1)
-    plain = _base_of(wandering, theta, pace)
+    plain = _base_of(wandering, theta, pace, say)
     if plain is None:
         return None
-    quiet = wandering.fit(plain.theta, (), replace(plain.water, size=1e-9), rounds=0)
-    calm = math.inf
-    if quiet is not None:
-        fits = [
-            wandering.fit(plain.theta, (), replace(plain.water, size=1e-9, noise=plain.water.noise * k), rounds=8)
-            for k in (1.0, 10.0)
-        ]
-        calm = plain.total - max((f.total for f in fits if f is not None), default=-math.inf)
+    calm = _over_none(wandering, plain)
     folds, words = _folds(segments, held)
     search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds)
     if calm < PRESENT:
         return search
-    while len(search.named) < MOST_CAUSES:
-        further = _one_more(search, slugs, say)
-        if len(further.named) == len(search.named):
-            return further
-        search = further
-    return search
+    try:
+        while len(search.named) < MOST_CAUSES:
+            before, search = search, _one_more(search, slugs, say)
+            if len(search.named) == len(before.named):
+                break
+    except OutOfTime as over:
+        search = replace(search, cut=str(over))
+    return replace(search, still=_over_none(wandering, search.fit))
+
+
+def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
+    """Return the log-likelihood that the wandering force of *fit* gains over none, inf where none runs away."""
+    water = fit.water
+    if problem.fit(fit.theta, fit.effects, replace(water, size=1e-9), rounds=0) is None:
+        return math.inf
+    fits = [
+        problem.fit(fit.theta, fit.effects, replace(water, size=1e-9, noise=water.noise * k), rounds=8)
+        for k in (1.0, 10.0)
+    ]
+    return fit.total - max((f.total for f in fits if f is not None), default=-math.inf)
 
 
 def _from_base(base: Fitted, dof: str, form: Form) -> tuple[Array, float]:
@@ -214,14 +226,19 @@ def _from_base(base: Fitted, dof: str, form: Form) -> tuple[Array, float]:
     return np.array([gain / inertia, damping]), 1.0 / max(abs(damping), 1e-3)
 
 
-def _base_of(problem: WanderingProblem, theta: Array, pace: float) -> WanderingFit | None:
+SLOWER = (1.0, 0.3, 3.0)
+"""Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
+
+
+def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:
     """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
     own = [next(iter(s.signals.values())) for s in problem.segments]
     rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
     noise = 0.02 * rate * problem.interval
     rough = []
-    for slower in (1.0, 0.3, 3.0):
+    for k, slower in enumerate(SLOWER):
         for memory in (2.0, 20.0):
+            say("process noise", k, len(SLOWER))
             water = Water(0.2 * rate / pace, memory * pace, noise)
             fit = problem.fit(theta * slower, (), water, rounds=ROUGH)
             rough += [] if fit is None else [fit]
@@ -296,7 +313,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         say(stage, k + 1, len(choices))
     rough.sort(key=lambda f: -(f[1].total - _price(f[1], present)))
     ends = []
-    for tried_one, fit in rough[:RUNNERS]:
+    for k, (tried_one, fit) in enumerate(rough[:RUNNERS]):
+        say(f"{stage}: fitting to the end", k, RUNNERS)
         end = problem.fit(fit.theta, fit.effects, fit.water)
         ends.append((tried_one, end if end is not None and end.total > fit.total else fit))
     if ends:
@@ -307,7 +325,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     tried = max(search.tried, len(choices))
     before = _unseen(search, present)
     judged = []
-    for effect, fit in ends:
+    for k, (effect, fit) in enumerate(ends):
+        say(f"{stage}: runs left out", k, len(ends))
         more = fit.unknowns - present.unknowns
         needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
         gain = fit.total - present.total

@@ -8,6 +8,8 @@ must pay on data left out.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -27,7 +29,7 @@ from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
-from gcs_autotune.diagnose.workers import in_parallel
+from gcs_autotune.diagnose.workers import OutOfTime, in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
 from gcs_autotune.models import Form
@@ -77,6 +79,8 @@ class Question:
 
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
     leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
+    ``until`` [s]: the monotonic clock at which the search ends with what it has. ``end``: that for what comes
+    after it, where that is later. ``weather``: whether a force that wanders may be blamed.
     """
 
     form: Form
@@ -88,11 +92,27 @@ class Question:
     horizon: float | None = None
     progress: Progress | None = None
     jobs: int = 1
+    until: float = math.inf
+    end: float = math.inf
+    weather: bool = True
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time given has passed."""
+        return time.monotonic() > self.until
 
     def say(self, stage: str, done: int, total: int) -> None:
-        """Report progress."""
+        """Report progress.
+
+        Raises
+        ------
+        OutOfTime
+            The time given is over.
+        """
         if self.progress is not None:
             self.progress(stage, done, total)
+        if self.is_over:
+            raise OutOfTime(f"{stage}, {done} of {total} done")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +134,8 @@ class SearchState:
     may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
-    process noise ended with, where it took the floor.
+    process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
+    problem it was asked about. ``cut``: what the time given did not suffice for, in words.
     """
 
     question: Question
@@ -137,6 +158,8 @@ class SearchState:
     pieces: float | None = None
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
+    beneath: tuple[Problem, WeatherSearch | None] | None = None
+    cut: tuple[str, ...] = ()
 
     @property
     def causes(self) -> tuple[EffectInstance, ...]:
@@ -211,12 +234,14 @@ class SearchState:
             better = bool(rough) and rough[0][1].cost < present.cost
             fresh = mistaken_for(rough[0][0].effect, passed_over) if better else []
             passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
-        ends = now.ends_of(rough[:RUNNERS])
+        ends = now.ends_of(rough[:RUNNERS], stage)
         if is_lost and not quick and now.lost is None:
             now = replace(now, lost=LostBase(present, tuple(ends), len(choices)))
-        return now, now.judged_all(ends, present, len(choices), quick)
+        return now, now.judged_all(ends, present, len(choices), quick, stage)
 
-    def judged_all(self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False) -> SearchStep:
+    def judged_all(
+        self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False, stage: str = "causes"
+    ) -> SearchStep:
         """Judge fits made on top of *present*, of so many *tried*."""
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
         raised = correlation_of(best)
@@ -224,7 +249,10 @@ class SearchState:
         def judged_one(i: int) -> Judged:
             return self.judged(ends[i][0].effect, ends[i][1], present, tried, raised, quick=quick)
 
-        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs))
+        def told(done: int, total: int) -> None:
+            self.question.say(stage + ": runs left out", done, total)
+
+        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs, told))
         return SearchStep(tuple(judged), None if quick else winner_of(judged, tried, present))
 
     def judged(
@@ -251,9 +279,13 @@ class SearchState:
             p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
         return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
 
-    def ends_of(self, rough: Sequence[Attempt]) -> list[Attempt]:
+    def ends_of(self, rough: Sequence[Attempt], stage: str = "causes") -> list[Attempt]:
         """Fit to the end what was fitted roughly."""
-        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs)
+
+        def told(done: int, total: int) -> None:
+            self.question.say(stage + ": fitting to the end", done, total)
+
+        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs, told)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def _rough(self, listed: Sequence[EffectCandidate], stage: str) -> list[Attempt]:

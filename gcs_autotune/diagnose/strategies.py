@@ -43,6 +43,8 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import SearchState, begin
+from gcs_autotune.diagnose.weathered import wanders
+from gcs_autotune.diagnose.workers import OutOfTime
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
 
@@ -88,9 +90,17 @@ FEWEST_PIECES = 2
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
-    """Return the state after all *strategies*, in order."""
+    """Return the state after all *strategies*, in order, or after those for which there was time.
+
+    What there was no time for is told in ``cut``.
+    """
     for strategy in strategies:
-        state = strategy(state) or state
+        try:
+            if state.question.is_over:
+                raise OutOfTime(f"not begun: {strategy.__name__.replace('_', ' ')}")
+            state = strategy(state) or state
+        except OutOfTime as over:
+            state = replace(state, cut=(*state.cut, str(over)))
     return state
 
 
@@ -98,13 +108,16 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 
 
 def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchState:
-    """Take one step after the other until none pays; *first*: the next one, judged already."""
+    """Take one step after the other until none pays, or time is over; *first*: the next one, judged already."""
     found = True
-    while found and len(state.steps) < MOST_CAUSES:
-        state, found = _one_more(state, first)
-        first = None
-        if found and len(state.steps) > 1:
-            state = backward_elimination(state)
+    try:
+        while found and len(state.steps) < MOST_CAUSES:
+            state, found = _one_more(state, first)
+            first = None
+            if found and len(state.steps) > 1:
+                state = backward_elimination(state)
+    except OutOfTime as over:
+        state = replace(state, cut=(*state.cut, str(over)))
     return state
 
 
@@ -121,7 +134,9 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
         state, step = blocked_cv(state, step) or (state, step)
     taken: tuple[SearchStep, ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
-        state, ahead = _look_ahead(state, step, stage)
+        # Beneath a force that wanders every pair looks as good as the next, and there are many.
+        state, adrift = wanders(state)
+        state, ahead = (state, None) if adrift else _look_ahead(state, step, stage)
         taken = ahead or taken
     accepted = taken[-1].accepted
     if accepted is None:
@@ -298,6 +313,9 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     lost = state.lost
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
+    state, adrift = wanders(state)
+    if adrift:
+        return state
     state.question.say("in pieces", 0, 1)
     held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
     ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
@@ -383,15 +401,15 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     ):
         return None
     segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
-    again = follow(begin(replace(question, segments=segments, unseen=unseen)), SEARCH)
+    again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
     if again.fitted.effects == again.base.effects or not _holds_over(again, question.whole):
-        return None
+        return replace(state, cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
         f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
         "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
     )
-    return replace(again, pieces=seconds, doubts=(*state.doubts, doubt))
+    return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
 
 
 def look_at_all_runs(state: SearchState) -> SearchState | None:
@@ -401,14 +419,14 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:
-        return None
+        return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
         "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
         "together",
         "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
     )
-    return replace(both, doubts=(*state.doubts, doubt))
+    return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
 
 
 def _is_lost(state: SearchState) -> bool:

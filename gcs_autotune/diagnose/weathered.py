@@ -26,6 +26,7 @@ __all__ = [
     "ranking_under",
     "shares_under",
     "values_under",
+    "wanders",
     "words_of",
 ]
 
@@ -36,6 +37,23 @@ BINS, FEWEST = 9, 8
 
 TOLD = 0.1
 """Share of the missing force that must go with something, foretold from other runs, to be told."""
+
+
+def wanders(state: SearchState) -> tuple[SearchState, bool]:
+    """Return the state, and whether a force that wanders is there whatever causes are named beside it.
+
+    The answer is kept: the search under process noise is long. No where it cannot be asked.
+    """
+    question = state.question
+    if question.given is not None or question.horizon is not None or not question.weather:
+        return state, False
+    if state.beneath is None or state.beneath[0] is not state.problem:
+        say = replace(question, until=question.end).say
+        found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, say)
+        state = replace(state, beneath=(state.problem, found))
+        assert state.beneath is not None
+    search = state.beneath[1]
+    return state, search is not None and search.calm >= PRESENT and search.still >= PRESENT
 
 
 def look_under_process_noise(state: SearchState) -> SearchState | None:
@@ -51,11 +69,14 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         return None
     if any(not may_be_told(e.slug) for e in state.causes):
         return None
-    search = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
+    state, _ = wanders(state)
+    search = None if state.beneath is None else state.beneath[1]
     if search is None or search.calm < PRESENT:
-        return None
+        return state
+    if search.cut:
+        state = replace(state, cut=(*state.cut, search.cut))
     if state.causes and _outdone(search, state):
-        return None
+        return state
     kept = replace(state, weather=search, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
     if not search.named:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))

@@ -90,6 +90,16 @@ DESK = (
         unset="whole runs first",
         slips=(MS,),
     ),
+    Limit(
+        "max-seconds",
+        "time a diagnosis may take; then it tells what it has, and what it has not looked at",
+        "s",
+        1.0,
+        86400.0,
+        "in less nothing can be told, and a day is more than any search takes",
+        600.0,
+        slips=(MS,),
+    ),
     Limit("jobs", "processes to use; 0: all cores", "", 0, 1024, "0 takes all cores there are", 1, whole=True),
     Limit(
         "length",

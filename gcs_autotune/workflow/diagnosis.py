@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ class DiagnosisSettings:
     """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
 
     ``model``: a model file; ``effects``: slugs to try, all when None; ``without``: slugs to leave out;
-    ``jobs``: processes.
+    ``jobs``: processes; ``max_seconds``: the search ends then with what it has.
     """
 
     dof: str | None = None
@@ -34,6 +35,7 @@ class DiagnosisSettings:
     without: tuple[str, ...] = ()
     jobs: int = 1
     horizon: float | None = None
+    max_seconds: float = math.inf
 
     def slugs(self) -> tuple[str, ...] | None:
         """Return the effects to try; None for all.
@@ -79,6 +81,7 @@ def run_diagnosis(
         progress=watch,
         jobs=settings.jobs,
         horizon=settings.horizon,
+        max_seconds=settings.max_seconds,
     )
 
 

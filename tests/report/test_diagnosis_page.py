@@ -229,6 +229,14 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(terminal):
     assert ("cause 1: screening" in stream.getvalue()) is terminal
 
 
+@pytest.mark.parametrize(("given", "told"), [(600.0, True), (float("inf"), False)])
+def test_the_time_left_is_shown_where_there_is_an_end_to_it(given, told):
+    stream = io.StringIO()
+    with StageBar(Console(file=stream, force_terminal=True, width=120), given=given) as bar:
+        bar("cause 1: screening", 3, 23)
+    assert ("at most 10:00 left" in stream.getvalue()) is told
+
+
 @pytest.mark.slow
 def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
     told = dead_zone()

@@ -78,8 +78,8 @@ def test_the_command_shows_them_on_standard_error_unless_json_is_wanted(json, qu
     seen: list[str] = []
 
     class Bar:
-        def __init__(self, console, *, verbose):
-            assert console.stderr and not verbose
+        def __init__(self, console, *, verbose, given):
+            assert console.stderr and not verbose and given == math.inf
             assert console.quiet == quiet
 
         def __enter__(self):

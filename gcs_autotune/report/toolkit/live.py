@@ -12,7 +12,7 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.control import Control
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from rich.segment import ControlType
 from rich.text import Text
@@ -203,19 +203,34 @@ class TerminalWatcher:
         self._console.print(Text(visible(describe_progress(progress))), soft_wrap=True)
 
 
+class _TimeLeft(ProgressColumn):
+    """How much of the time given is left."""
+
+    def __init__(self, given: float) -> None:
+        super().__init__()
+        self._given = given
+
+    def render(self, task: Task) -> Text:
+        """Return minutes and seconds."""
+        left = max(0, round(self._given - (task.elapsed or 0.0)))
+        return Text(f"at most {left // 60}:{left % 60:02d} left")
+
+
 class StageBar:
     """One line for the stage under way; gone when all is done. Silent where *console* is no terminal.
 
-    verbose : each stage has a line that stays, in a terminal or not.
+    verbose : each stage has a line that stays, in a terminal or not. given : seconds after which all ends, told when
+    they are so many.
     """
 
-    def __init__(self, console: Console, *, verbose: bool = False) -> None:
+    def __init__(self, console: Console, *, verbose: bool = False, given: float = math.inf) -> None:
         self._kept, self._stage = console if verbose else None, ""
         columns = (
             TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
+            *(() if math.isinf(given) else (_TimeLeft(given),)),
         )
         self._bar = RichProgress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task: TaskID | None = None
