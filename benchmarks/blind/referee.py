@@ -27,6 +27,9 @@ __all__ = ["NEAR", "Outcome", "form_of", "given_model", "judge", "play"]
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
 
+LONGEST = 600.0
+"""Seconds after which a diagnosis ends with what it has."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -155,7 +158,7 @@ def judge(case: Case, seed: int, slug: str, drawing: float) -> Outcome:
         model = None if case.kind not in GIVEN or case.simulations else given_model(case)
         form = form_of(case) if model is None else None
         runs, unseen = list(case.runs), list(case.unseen)
-        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations)
+        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations, max_seconds=LONGEST)
     except AutotuneError as error:
         told = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on

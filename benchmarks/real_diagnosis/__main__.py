@@ -22,6 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser("benchmarks.real_diagnosis", description=package.__doc__, formatter_class=about)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     parser.add_argument("--no-tables", action="store_true")
+    parser.add_argument("--max-seconds", type=float, default=600.0, help="time for each case (600)")
     chosen = parser.parse_args(arguments)
     if not DATA.is_dir():
         print(f"no measured runs at {DATA}", file=sys.stderr)
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {', '.join(case.unseen)}", flush=True)
         runs, unseen = case.load()
         try:
-            lines = told(diagnose(runs, unseen=unseen, dof=case.dof))
+            lines = told(diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds))
         except AutotuneError as error:
             lines = [f"refused: {error}"]
         print("\n".join(f"  {line}" for line in lines), flush=True)

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
-from gcs_autotune.diagnose.process_noise import PRESENT, WeatherSearch, may_be_told, search_under_process_noise
+from gcs_autotune.diagnose.process_noise import (
+    PRESENT,
+    WORTH,
+    Attested,
+    WeatherSearch,
+    may_be_told,
+    search_under_process_noise,
+)
 from gcs_autotune.diagnose.result import ErrorReduction, MissingCurve, MissingForce, Ranked, Value
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
@@ -325,6 +332,7 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
                 + ", ".join(missing.curves)
                 + "): it looks like wind, wakes or current"
             )
+    found += [_evidence_of(a, search) for a in search.named]
     for attested in search.judged:
         if attested.refuted:
             found.append(
@@ -332,6 +340,25 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
                 f"log-likelihood) and loses on those left out ({attested.foretold:+.1f}): refuted as it stands"
             )
     return tuple(dict.fromkeys(found))
+
+
+STRENGTHS = ((5.0, "very strong"), (WORTH, "strong"), (1.0, "positive"))
+"""Log-likelihood on data left out -> words, Kass1995's (half of the twice of their table)."""
+
+
+def _evidence_of(named: Attested, search: WeatherSearch) -> str:
+    """Return in words how well a name foretells what it was not fitted to, and which other came next."""
+    strength = next((w for least, w in STRENGTHS if named.foretold > least), "weak")
+    each = ", ".join(f"{v:+.1f}" for v in named.unseen)
+    told = (
+        f"{named.effect.slug} of {named.effect.place}: {strength} evidence on {search.parts}, log-likelihood "
+        f"{named.foretold:+.1f} ({each})"
+    )
+    others = [a for a in search.judged if a.step == named.step and a.effect.slug != named.effect.slug and a.gain > 0.0]
+    rival = max(others, key=lambda a: a.foretold, default=None)
+    if rival is None or not rival.foretold > 0.0:
+        return told + "; no other effect in its place foretells anything"
+    return told + f"; its best rival is {rival.effect.slug} of {rival.effect.place} ({rival.foretold:+.1f})"
 
 
 def next_of(missing: MissingForce | None) -> str | None:

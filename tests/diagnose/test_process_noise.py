@@ -54,6 +54,7 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert found.missing is not None
     assert 0.05 < found.missing.size < 0.3
     assert "process-noise" in {d.slug for d in found.doubts}
+    assert any("quadratic-drag of yaw: very strong evidence on each of 3 runs" in f for f in found.left.findings)
 
 
 @pytest.mark.slow
