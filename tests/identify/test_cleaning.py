@@ -124,6 +124,8 @@ def test_the_step_of_a_coarse_scale_is_found_and_no_other() -> None:
     assert cleaning.quantum(np.repeat([0.0, 1.0], 50)) == 0.0, "two levels tell no scale"
     assert cleaning.quantum(np.repeat([0.0, 1.0, 2.4, 3.4], 9)) == 0.0
     assert cleaning.quantum(np.array([])) == 0.0
+    for about in (-2.375, -9.0):  # both signs, and none but negative ones
+        assert cleaning.quantum(ramp + about) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -17,7 +17,8 @@ from gcs_autotune.logs.dataflash_format import BinaryLog
 REAL = Path(__file__).parents[2] / "../shared/data/ardusub_logs/small.BIN"
 
 
-def boat(start: float = 100.0, seconds: float = 20.0) -> Board:
+def boat(start: float = 100.0, seconds: float = 20.0, course: float | None = None) -> Board:
+    """A boat that turns; with a *course* [deg] relative to her bow a receiver tells her speed of 1.5 m/s, after 1 s."""
     board = Board()
     board.boat(t=start)
     motion = swing(seconds)
@@ -27,6 +28,9 @@ def boat(start: float = 100.0, seconds: float = 20.0) -> Board:
         board.row("IMU", t, 1, 9.0, 9.0, 9.0)
         board.row("RCOU", t, 1500 + round(400 * N), 0, 1600)
         board.row("SIM", t, 77.0)
+        if course is not None:
+            status, along = (3 if t >= start + 1.0 else 1), math.degrees(psi) + course
+            board.row("GPS", t, 0, status, 45.0 + 1e-6 * (t - start), 14.0, 1.5, along % 360.0)
     return board
 
 
@@ -38,6 +42,15 @@ def test_a_binary_log_becomes_a_run_with_its_first_imu_and_without_the_simulator
     assert np.allclose(run["r"].values, swing(20.0)["r"], atol=1e-6)
     assert set(run["N"].values) == {-0.4, 0.4}
     assert not run.meta["notes"]
+
+
+def test_without_an_estimator_speed_ahead_and_aside_come_from_the_receivers_course(tmp_path: Path) -> None:
+    (run,) = load_runs(boat(course=30.0).write(tmp_path / "00000007.BIN"))
+    assert run.meta["sources"]["u"] == "gps"
+    known = np.isfinite(run["u"].values)
+    assert run["u"].t[known][0] == pytest.approx(run["psi"].t[0] + 1.0, abs=0.06)
+    assert np.allclose(run["u"].values[known], 1.5 * math.cos(math.radians(30.0)), atol=0.01)
+    assert np.allclose(run["v"].values[known], 1.5 * math.sin(math.radians(30.0)), atol=0.01)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the shared data folder is not beside this checkout")

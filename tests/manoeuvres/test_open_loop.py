@@ -69,6 +69,14 @@ def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
     assert set(shifted) == {-1.0}  # white, as far as two levels can be
 
 
+def test_steps_of_thrust_are_of_six_levels_with_none_and_full_among_them_and_change_widely() -> None:
+    _, X = flown("steps", "X", duration=60.0)
+    levels = X[np.flatnonzero(np.diff(X, prepend=9.0))][1:] / 0.5
+    assert len(levels) == len(set(levels)) == 6
+    assert {0.0, 1.0} <= set(levels)
+    assert np.abs(np.diff(levels)).min() > 0.35
+
+
 def test_a_boat_is_kept_on_her_course_by_thrust_and_not_while_she_coasts() -> None:
     kind = MANOEUVRES["staircase"].of("X")
     assert kind.make is not None
