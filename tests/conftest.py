@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +59,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
-@pytest.fixture(scope="module")
-def briefly() -> Iterator[None]:
+@contextmanager
+def in_few_evaluations() -> Iterator[None]:
     """Refine in a few evaluations: what holds of a proposal holds of any; ``test_refinement`` asks for the best."""
     with pytest.MonkeyPatch.context() as patch:
         for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
             patch.setattr(f"gcs_autotune.design.refinement.{name}", number)
+        yield
+
+
+@pytest.fixture(scope="module")
+def briefly() -> Iterator[None]:
+    """Do as :func:`in_few_evaluations` for all tests of a file."""
+    with in_few_evaluations():
         yield
 
 

@@ -58,6 +58,7 @@ def test_a_method_is_listed_and_fits(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
 def test_an_axis_a_control_law_and_a_firmware_tune_a_vehicle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
