@@ -67,11 +67,12 @@ class Envelope:
 class Guard:
     """One limit: ``share(envelope, anchor, now)`` is how much of it is used, above 1 when broken.
 
-    ``measure`` returns (value, limit) in SI units, or None when the signal is not there.
+    ``measure`` returns (value, limit) in SI units, or None when the signal is not there; ``option`` sets the limit.
     """
 
     name: str
     unit: str
+    option: str
     measure: Callable[[Envelope, Observation, Observation], tuple[float, float] | None]
     below: bool = False
 
@@ -109,18 +110,30 @@ def _outside(envelope: Envelope, now: Observation) -> tuple[float, float] | None
 OUTSIDE = "outside the area"
 
 GUARDS: tuple[Guard, ...] = (
-    Guard("heading excursion", "rad", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)),
-    Guard("depth excursion", "m", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
-    Guard("greatest depth", "m", lambda e, a, o: (o.z, e.depth_max)),
-    Guard("least depth", "m", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True),
-    Guard("speed", "m/s", lambda e, a, o: (o.speed, e.speed_limit)),
-    Guard("distance from start", "m", lambda e, a, o: (_distance(a, o), e.distance_limit)),
-    Guard(OUTSIDE, "m", lambda e, a, o: _outside(e, o)),
-    Guard("roll", "rad", lambda e, a, o: (abs(o.phi), e.roll)),
-    Guard("pitch", "rad", lambda e, a, o: (abs(o.theta), e.pitch)),
-    Guard("battery voltage", "V", lambda e, a, o: (o.battery_voltage, e.battery_voltage), below=True),
-    Guard("battery remaining", "1", lambda e, a, o: (o.battery_remaining, e.battery_remaining), below=True),
-    Guard("time", "s", lambda e, a, o: (o.t - a.t, e.time)),
+    Guard(
+        "heading excursion", "rad", "max-heading-excursion", lambda e, a, o: (abs(o.psi - a.psi), e.heading_excursion)
+    ),
+    Guard("depth excursion", "m", "max-depth-excursion", lambda e, a, o: (abs(o.z - a.z), e.depth_excursion)),
+    Guard("greatest depth", "m", "max-depth", lambda e, a, o: (o.z, e.depth_max)),
+    Guard(
+        "least depth", "m", "min-depth", lambda e, a, o: (o.z, e.depth_min) if e.depth_min > 0.0 else None, below=True
+    ),
+    Guard("speed", "m/s", "max-speed", lambda e, a, o: (o.speed, e.speed_limit)),
+    Guard("distance from start", "m", "max-distance", lambda e, a, o: (_distance(a, o), e.distance_limit)),
+    Guard(OUTSIDE, "m", "area", lambda e, a, o: _outside(e, o)),
+    Guard("roll", "rad", "max-roll", lambda e, a, o: (abs(o.phi), e.roll)),
+    Guard("pitch", "rad", "max-pitch", lambda e, a, o: (abs(o.theta), e.pitch)),
+    Guard(
+        "battery voltage",
+        "V",
+        "min-battery-voltage",
+        lambda e, a, o: (o.battery_voltage, e.battery_voltage),
+        below=True,
+    ),
+    Guard(
+        "battery remaining", "1", "min-battery", lambda e, a, o: (o.battery_remaining, e.battery_remaining), below=True
+    ),
+    Guard("time", "s", "max-time", lambda e, a, o: (o.t - a.t, e.time)),
 )
 """Every limit there is; adding one is one line here and one field in :class:`Envelope`."""
 
@@ -198,9 +211,14 @@ class Watch:
                 value=value,
                 limit=limit,
             )
+        cure = (
+            "Charge it first, or set"
+            if guard.name.startswith("battery")
+            else "Fly something smaller, slower or shorter, or, where there is room, set"
+        )
         raise GuardTripped(
             f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to "
-            "neutral. Give more room with the matching --max-/--min- option, or a smaller relay or step.",
+            f"neutral. {cure} another limit (--{guard.option})",
             guard=guard.name,
             value=value,
             limit=limit,

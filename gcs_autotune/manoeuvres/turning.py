@@ -62,7 +62,7 @@ class CircleAndPullOut(UnderWay):
         return (
             f"the bow came round by {math.degrees(turned):.0f} deg and by no {math.degrees(LEAST_GAIN):.0f} deg more "
             f"in {PATIENCE:.0f} s, and {math.degrees(self._turn):.0f} deg are wanted: give more rudder (--rudder or "
-            "--steering) or more way (--throttle)"
+            "--steering; less where it stalls) or more way (--throttle)"
         )
 
 

@@ -82,7 +82,7 @@ class ZigZag(UnderWay):
         return (
             f"after execute {executed} the heading came to {math.degrees(farthest):.1f} deg in {s.patience:.0f} s, and "
             f"{math.degrees(s.heading):g} deg are wanted: give a smaller --heading, more rudder (--rudder or "
-            "--steering) or more way (--throttle)"
+            "--steering; less where it stalls) or more way (--throttle)"
         )
 
 

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import argparse
 import math
 from dataclasses import replace
 
 import pytest
 
+from gcs_autotune.cli.command import GUARDING, add_envelope, envelope_from
 from gcs_autotune.errors import GuardTripped
+from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import GUARDS, Area, Envelope, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
@@ -164,3 +167,17 @@ def test_a_depth_and_a_position_that_come_late_are_counted_from_where_they_came(
             watch.check(at_rest(x=100.0, y=50.0, z=4.0 + 1.6 * sign))
     with pytest.raises(GuardTripped, match="distance from start"):
         watch.check(at_rest(x=100.0, y=81.0, z=4.0))
+
+
+@pytest.mark.parametrize("guard", [g for g in GUARDS if g.name != "outside the area"], ids=lambda g: g.name)
+def test_a_guard_that_tripped_names_its_own_option_of_the_command_line(guard):
+    anchor = anchor_for(guard.name)
+    with pytest.raises(GuardTripped) as tripped:
+        Watch(TIGHT, anchor).check(replace(anchor, **BROKEN[guard.name]))
+    assert f"(--{guard.option})" in str(tripped.value)
+    assert guard.option in GUARDING
+    given = argparse.ArgumentParser()
+    add_envelope(given)
+    row = limit_of(guard.option)
+    other = row.greatest if row.default != row.greatest else row.least
+    assert envelope_from(given.parse_args([f"--{guard.option}", f"{other:g}"])) != envelope_from(given.parse_args([]))
