@@ -100,7 +100,9 @@ _TO_SI: dict[str, tuple[str, float]] = {
 class Dof:
     """One degree of freedom and the names its signals and parameters go by.
 
-    ``velocity`` names the parameters: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw.
+    ``velocity`` names the parameters: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw. Where it is ``along_ground`` the
+    position is a coordinate of the track, north and east as a rule: the integral of the velocity only once the heading
+    is taken out.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Dof:
     position: str
     force: str
     angular: bool
+    along_ground: bool = False
 
     @property
     def position_unit(self) -> str:
@@ -133,8 +136,8 @@ DOFS: dict[str, Dof] = {
     d.name: d
     for d in (
         Dof("yaw", "r", "psi", "N", True),
-        Dof("surge", "u", "x", "X", False),
-        Dof("sway", "v", "y", "Y", False),
+        Dof("surge", "u", "x", "X", False, along_ground=True),
+        Dof("sway", "v", "y", "Y", False, along_ground=True),
         Dof("heave", "w", "z", "Z", False),
         Dof("roll", "p", "phi", "K", True),
         Dof("pitch", "q", "theta", "M", True),

@@ -67,7 +67,7 @@ def projected_track(trial: Trial, axis: Dof, position: Channel, notes: list[Doub
     NotInformative
         The craft turned too much for its track to be a line.
     """
-    other = {"x": "y", "y": "x"}.get(position.name) if axis.name in ("surge", "sway") else None
+    other = {"x": "y", "y": "x"}.get(position.name) if axis.along_ground else None
     if other is None or other not in trial or "psi" not in trial or min(len(trial[other]), len(trial["psi"])) < 2:
         return position
     second, psi = clean(trial[other], trial.name, notes), clean(trial["psi"], trial.name, notes)

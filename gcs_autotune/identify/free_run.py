@@ -261,7 +261,7 @@ def first_state(record: Segment, states: tuple[str, ...]) -> Array:
         if own is not None and not any(n in record.signals for n in ("u", "v") if name in ("u", "v")):
             signal = record.signals[own.position]
             few = min(8, len(signal.values))
-            if own.name not in ("surge", "sway"):
+            if not own.along_ground:
                 guess[i] = float(np.polyfit(signal.t[:few], signal.values[:few], 1)[0])
     return guess
 

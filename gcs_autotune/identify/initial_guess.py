@@ -138,7 +138,7 @@ def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Recorded
             X[:, states.index(dof.position)] = fits[dof.position][0]
         if dof.velocity in fits:
             value, rate, _ = fits[dof.velocity]
-        elif dof.name in ("surge", "sway") and {"x", "y"} & set(fits):
+        elif dof.along_ground and {"x", "y"} & set(fits):
             value, rate = _through_the_body(fits, psi, dof.name)
         elif dof.position in fits:
             _, value, rate = fits[dof.position]

@@ -158,7 +158,7 @@ def check_units(trial: Trial) -> list[Doubt]:
     """
     found: list[Doubt] = []
     for dof in DOFS.values():
-        if dof.name in ("surge", "sway") or dof.position not in trial or dof.velocity not in trial:
+        if dof.along_ground or dof.position not in trial or dof.velocity not in trial:
             continue
         ratio = _ratio(trial[dof.position], trial[dof.velocity])
         found += _judged(trial, dof.position, dof.velocity, ratio, "angle" if dof.angular else "length")

@@ -71,7 +71,7 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
 def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
     """Return the signals of the first fit; both kinds only when different runs have different ones."""
     axis = records[0].dof
-    prefer = (axis.velocity, axis.position) if axis.name in ("surge", "sway") else (axis.position, axis.velocity)
+    prefer = (axis.velocity, axis.position) if axis.along_ground else (axis.position, axis.velocity)
     for name in prefer:
         if all(name in r.signals for r in records):
             return (name,)

@@ -264,7 +264,7 @@ def _spread_of(names: Sequence[str], record: Segment) -> Array:
         if name in record.signals:
             spread[i] = np.std(record.signals[name].values) + 10.0 * _rough_noise(record.signals[name])
         elif name == own.velocity:
-            rate = speed if own.name in ("surge", "sway") else 0.0
+            rate = speed if own.along_ground else 0.0
             if own.position in record.signals:
                 signal = record.signals[own.position]
                 rate = max(rate, float(np.sqrt(np.mean(np.gradient(signal.values, signal.t) ** 2))))

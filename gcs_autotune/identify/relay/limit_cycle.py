@@ -270,7 +270,7 @@ def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
     velocity integrated about its mean, Miskovic2010, eq. (6.48). The mean is taken over whole periods, later ones only:
     over anything else the integral would drift.
     """
-    ashore = record.dof.name in ("surge", "sway") and record.velocity is not None
+    ashore = record.dof.along_ground and record.velocity is not None
     if record.position is not None and not ashore:
         return record.position.t, record.position.values, 0.0
     velocity = record.main if record.velocity is None else record.velocity
