@@ -14,6 +14,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
 COLOURS = {"before": "#d55e00", "after": "#0072b2"}
@@ -66,8 +67,8 @@ def step_in(run: Path, which: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     )
 
 
-def main(run: Path, picture: Path) -> None:
-    """Draw heading and actuator of the step before and after, and what was written."""
+def figure_of(run: Path) -> Figure:
+    """Return the picture: heading and actuator of the step before and after, and what was written."""
     summary = json.loads((run / "gains.json").read_text())
     figure, (top, low) = plt.subplots(
         2, 1, figsize=(8.0, 4.2), dpi=110, sharex=True, height_ratios=(2.4, 1.0), layout="constrained"
@@ -95,6 +96,12 @@ def main(run: Path, picture: Path) -> None:
     for axes in (top, low):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
+    return figure
+
+
+def main(run: Path, picture: Path) -> None:
+    """Draw the picture of *run* into a file."""
+    figure = figure_of(run)
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, metadata={KEY: json.dumps(new_gains(run))})
 

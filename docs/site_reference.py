@@ -230,6 +230,8 @@ def hide_and_find() -> str:
         "",
     ]
     for effect in EFFECTS.values():
+        if effect.slug not in ABOARD:  # of somebody else's package
+            continue
         what = ABOARD[effect.slug][0]
         others = ", ".join(f"[{name}](#{name})" for name in effect.mistaken_for)
         lines += [
