@@ -109,6 +109,7 @@ def test_model_files_hold_to_their_schema(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # two tunes are flown meanwhile
 def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path):
     """Pages are executed meanwhile; one that fails fails the build."""
     for needed in ("sphinx", "myst_parser", "furo"):
