@@ -155,7 +155,9 @@ def test_a_name_of_sixteen_letters_works(parameters: Parameters, boat: ScriptedV
 def test_a_write_is_verified_by_its_echo_and_by_reading_it_back_twice(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
+    begun = parameters.session.clock.now()
     parameters.write("ATC_STR_RAT_P", 0.33)
+    assert parameters.session.clock.now() - begun < 0.5, "an echo that came is not waited for"
     assert boat.parameters["ATC_STR_RAT_P"] == pytest.approx(0.33)
     assert boat.count("PARAM_SET") == 1
     assert boat.count("PARAM_REQUEST_READ") == 2

@@ -1,0 +1,85 @@
+"""Are a boat's surge and its standard errors true? ``experiment surge`` flown on the simulated boats, over seeds.
+
+Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. Printed of inertia, of the speed
+at half throttle's thrust and of the thrust curve's share of the square: the mean and rms of what is found less the
+hidden truth, in its own standard errors (1 where these are true), how many are beyond two, and the standard error.
+
+With ``--save FILE`` every flight is a line in FILE, and one that is there is not flown again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.reach import Aboard
+from gcs_autotune.identify import CURVE
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import TuneSettings, Unattended, experiment
+from sitl import open_vehicle
+
+__all__ = ["BOATS", "fly", "main"]
+
+BOATS: Mapping[str, tuple[float, float]] = {"blueboat": (0.0, 0.0), "charlie": (1.0, 1.0)}
+"""Boat -> share of its thrust, and of its damping, that goes with the square."""
+
+
+def fly(boat: str, seed: int) -> dict[str, tuple[float, float, float]]:
+    """Return what was found, its standard error and the truth: inertia, damping (per full thrust) and the share."""
+    server = open_vehicle(boat, seed=seed)
+    vehicle = server.vehicle
+    hull, full = vehicle.body.surge, vehicle.actuators.full["surge"]
+    truth = {"alpha_u": hull.alpha / full, "beta_u": hull.beta / full, "beta_uu": hull.beta2 / full}
+    with tempfile.TemporaryDirectory() as folder:
+        settings = TuneSettings("surge", Aboard(server=server), Path(folder) / "run")
+        fit = experiment(settings, Unattended(), SilentWatcher())
+    damping = "beta_uu" if BOATS[boat][1] else "beta_u"
+    found = {name: (fit.parameters[name].value, fit.parameters[name].std, truth[name]) for name in ("alpha_u", damping)}
+    return {**found, "share": (fit.extra[CURVE]["square"], fit.extra[CURVE]["std"], BOATS[boat][0])}
+
+
+def table(flights: Sequence[Mapping[str, Sequence[float]]]) -> list[str]:
+    """Return a line per parameter of some *flights*."""
+    lines = []
+    for name in flights[0]:
+        value, std, truth = np.array([f[name] for f in flights]).T
+        z = (value - truth) / np.maximum(std, 1e-9)  # a damping decided away has no error, and stands out
+        lines.append(
+            f"{name:<9}{truth[0]:>9.4g}{z.mean():>+8.2f}{np.sqrt(np.mean(z**2)):>7.2f}"
+            f"{int(np.sum(np.abs(z) > 2.0)):>4} of {len(z):<4}{np.median(std):>9.2g}"
+        )
+    return lines
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("boats", nargs="*", metavar="VEHICLE", help=f"default: {', '.join(BOATS)}")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--save", type=Path, metavar="FILE")
+    args = parser.parse_args(argv)
+    saved: dict[tuple[str, int], dict[str, tuple[float, float, float]]] = {}
+    if args.save is not None and args.save.is_file():
+        for line in args.save.read_text(encoding="utf-8").splitlines():
+            boat, seed, found = json.loads(line)
+            saved[boat, seed] = found
+    for boat in args.boats or BOATS:
+        for seed in range(1, args.seeds + 1):
+            if (boat, seed) in saved:
+                continue
+            saved[boat, seed] = fly(boat, seed)
+            if args.save is not None:
+                with args.save.open("a", encoding="utf-8") as file:
+                    print(json.dumps([boat, seed, saved[boat, seed]]), file=file, flush=True)
+        own = [saved[boat, seed] for seed in range(1, args.seeds + 1)]
+        print(f"{boat}\n{'':<9}{'truth':>9}{'mean':>8}{'rms':>7}{'beyond 2':>11}{'std':>9}")
+        print("\n".join(table(own)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
