@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gcs_autotune.design.laws import LAWS, THROTTLE, Scenario
+from gcs_autotune.design.laws import LAWS, THROTTLE, Scenario, loops
 from gcs_autotune.design.laws.rover_steering import scale
 from gcs_autotune.firmware import FIRMWARE
 
@@ -35,6 +36,15 @@ def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_paramete
     assert {*law.tuned, *law.fixed, *law.measured} == {g.parameter for g in given.gains}
     assert law.integral in law.tuned
     assert set(law.defaults) <= set(given.context)
+
+
+@pytest.mark.parametrize("lead", [0.0, 2.0])
+def test_every_sample_of_a_motion_is_written_the_first_with_them(lead: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    unwritten = SimpleNamespace(**{**vars(np), "empty": lambda n: np.full(n, math.nan)})
+    monkeypatch.setattr(loops, "np", unwritten)
+    motion = ROVER.simulate(boat(1.0, 1.0, 0.0, 0.0), ROVER_DEFAULTS, Scenario(0.3, 5.0, lead=lead), 2.0, 0.0)
+    assert np.isfinite(motion.position).all()
+    assert np.isfinite(motion.output).all()
 
 
 @pytest.mark.parametrize("name", POSITIONS)
