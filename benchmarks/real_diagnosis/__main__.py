@@ -29,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     for name in chosen.case:
         case = CASES[name]
-        print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {', '.join(case.unseen)}", flush=True)
+        unseen_words = ", ".join(case.unseen) or "each in turn"
+        print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
         runs, unseen = case.load()
         try:
             lines = told(diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds))
@@ -57,7 +58,8 @@ def told(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.gains:
         lines.append(diagnosis.gains[0].held_out)
-    lines += [f"left: {words}" for words in diagnosis.left.findings[:2]]
+    lines += [f"left: {words}" for words in diagnosis.left.findings]
+    lines += [] if diagnosis.next_manoeuvre is None else [f"next: {diagnosis.next_manoeuvre}"]
     lines += [f"doubt: {d.cause}" for d in diagnosis.doubts]
     return lines
 

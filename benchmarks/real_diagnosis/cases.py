@@ -20,7 +20,10 @@ SUB_DEPTH = {"t_sim": "t[s]", "y": "z[m]", "ydot": "w[m/s]", "cmd": "Z[1]", "z":
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Runs of one craft: file names without ending, degrees of freedom as for ``--dof``, heads to be renamed."""
+    """Runs of one craft: file names without ending, degrees of freedom as for ``--dof``, heads to be renamed.
+
+    Without ``unseen`` ones the runs are left out in turn.
+    """
 
     folder: str
     dof: str
@@ -42,6 +45,10 @@ CASES: Mapping[str, Case] = {
     "blueboat-surge": Case("blueboat", "surge", ("run218", "run220"), ("run216",)),
     "blueboat-coupled": Case("blueboat", "surge,yaw", ("run228", "run224", "run218"), ("run225", "run216")),
     "kvlcc2-yaw": Case("kvlcc2_hsva", "yaw", ("Z_10_05", "Z_20_10_P"), ("Z_20_05", "Z_10_10_S")),
+    "blueboat-yaw-apart": Case("blueboat", "yaw", ("run228", "run230", "run216"), ()),
+    "kvlcc2-yaw-all": Case(
+        "kvlcc2_hsva", "yaw", ("Z_05_01", "Z_10_01", "Z_10_05", "Z_10_10_S", "Z_20_05", "Z_20_10_P", "Z_30_05"), ()
+    ),
     "rover-yaw": Case("ardupilot_sitl", "yaw", ("rover_relay_C0.1_h5",), ("rover_relay_C0.2_h5",), ROVER),
     "sub-yaw": Case("ardupilot_sitl", "yaw", ("sub_yaw_relay_C500_h5",), ("sub_yaw_relay_C1000_h10",), SUB_YAW),
     "sub-depth": Case(

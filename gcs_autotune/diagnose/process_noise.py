@@ -243,14 +243,19 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> 
             fit = problem.fit(theta * slower, (), water, rounds=ROUGH)
             rough += [] if fit is None else [fit]
     rough.sort(key=lambda f: -f.total)
-    ends = [problem.fit(f.theta, (), f.water) for f in rough[:2]]
+    ends = []
+    for k, f in enumerate(rough[:2]):
+        say("process noise: fitting to the end", k, 2)
+        ends.append(problem.fit(f.theta, (), f.water))
     best = max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
     if best is None:
         return None
-    for freedom in FREEDOMS[1:]:
+    for k, freedom in enumerate(FREEDOMS[1:]):
+        say("process noise: law of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
         if tailed is not None and tailed.total > best.total + WORTH:
             best = tailed
+    say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
 

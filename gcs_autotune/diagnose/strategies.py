@@ -314,7 +314,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
     state, adrift = wanders(state)
-    if adrift:
+    if adrift and state.beneath is not None and state.beneath[1] is not None and state.beneath[1].named:
         return state
     state.question.say("in pieces", 0, 1)
     held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
