@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import sitl
+from gcs_autotune.errors import AutotuneError
 from gcs_autotune.experiments import relative_errors
 from gcs_autotune.identify import fit
 from gcs_autotune.link import MemoryLink
@@ -103,6 +104,24 @@ def seconds_until(runs: Sequence[Trial], until: Precision) -> float:
     return math.inf
 
 
+def compared(seed: int, place: Path) -> tuple[float, str]:
+    """Fly both on one craft, records in *place*; return the ratio of seconds and the story in words."""
+    path = drawn(seed, place)
+    common = TuneSettings("heading", Connection("memory"), place / "standard", envelope=WIDE)
+    (place / "plan.toml").write_text(STANDARD)
+    standard = load_flight_plan(place / "plan.toml", common, None, None)
+    runs = [run.trial for run in flown(path, seed, standard, common).runs if run.trial is not None]
+    until = wish_of(runs)
+    fixed = seconds_until(runs, until)
+    common = replace(common, directory=place / "self")
+    plan = replace(FlightPlan.of(first_run(until, common)), until=until)
+    result = flown(path, seed, plan, common)
+    own = seconds_of(result, until)
+    names = ", ".join(step.run for step in result.steps)
+    why = "" if math.isfinite(own) else f": {result.steps[-1].ended}"
+    return own / fixed, f"{until.title}: by itself {own:.0f} s ({names}){why}, standard plan {fixed:.0f} s"
+
+
 def main() -> None:
     """Fly both on each craft and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -112,23 +131,12 @@ def main() -> None:
     ratios = []
     for seed in range(args.first, args.first + args.seeds):
         with tempfile.TemporaryDirectory() as directory:
-            place = Path(directory)
-            path = drawn(seed, place)
-            common = TuneSettings("heading", Connection("memory"), place / "standard", envelope=WIDE)
-            (place / "plan.toml").write_text(STANDARD)
-            standard = load_flight_plan(place / "plan.toml", common, None, None)
-            runs = [run.trial for run in flown(path, seed, standard, common).runs if run.trial is not None]
-            until = wish_of(runs)
-            fixed = seconds_until(runs, until)
-            common = replace(common, directory=place / "self")
-            plan = replace(FlightPlan.of(first_run(until, common)), until=until)
-            result = flown(path, seed, plan, common)
-            own = seconds_of(result, until)
-        ratios.append(own / fixed)
-        names = ", ".join(step.run.partition("-")[2] for step in result.steps)
-        why = "" if math.isfinite(own) else f": {result.steps[-1].ended}"
-        print(f"craft {seed}: {until.title}: by itself {own:.0f} s ({names}){why},", end=" ")
-        print(f"standard plan {fixed:.0f} s, ratio {ratios[-1]:.2f}", flush=True)
+            try:
+                ratio, story = compared(seed, Path(directory))
+            except AutotuneError as error:
+                ratio, story = math.inf, str(error)
+        ratios.append(ratio)
+        print(f"craft {seed}: {story}, ratio {ratio:.2f}", flush=True)
     within = sum(ratio <= 0.6 for ratio in ratios)
     print(f"{args.seeds} craft: median ratio {np.median(ratios):.2f}, at most 0.60 in {within}")
 
