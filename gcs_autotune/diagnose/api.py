@@ -25,8 +25,9 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
 
-ORDINARY = 0.5
-"""Chosen: share of the time given that the search without weather may take; the rest is for causes beneath it."""
+ORDINARY, SEARCHING = 0.4, 0.8
+"""Chosen: shares of the time given at which the search without weather ends, and all searching; the rest is for the
+stage then under way and the report."""
 
 
 def diagnose(
@@ -62,8 +63,8 @@ def diagnose(
         whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
         hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
-    max_seconds : after which the search ends with what it has and says what it did not look at; half of it at
-        most go to the search that knows of no weather. The report takes a few seconds more.
+    max_seconds : of the whole; it ends with what it has and says what it did not look at. Two fifths of it at most go
+        to the search that knows of no weather, a fifth is kept for the report.
 
     Raises
     ------
@@ -95,7 +96,7 @@ def diagnose(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    half, end = clock + ORDINARY * max_seconds, clock + max_seconds
+    half, end = clock + ORDINARY * max_seconds, clock + SEARCHING * max_seconds
     question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, until=half, end=end)
     state = follow(begin(question), (*SEARCH, look_at_all_runs))
     state = replace(state, question=replace(state.question, until=end))
