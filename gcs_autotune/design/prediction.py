@@ -18,6 +18,7 @@ from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.models import SingleDof
+from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 
 __all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_metrics"]
 
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 RATE = 50.0
 """Most samples per second kept [Hz]."""
+EVERY = 0.1
+"""Chosen [s]: so often is asked whether the craft is at rest."""
 
 
 class _Flown(NamedTuple):
@@ -73,26 +76,39 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
     """
     known = (*problem.spec.windows, *[duration] * 2)[:2]
     fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
-    lasted = [_over_at(problem, fly(settings=settings)[0]) for settings in pair]
+    lasted = [_over_at(problem, settings, fly(settings=settings)[0]) for settings in pair]
     lasted[:1] = problem.spec.windows[:1] or lasted[:1]
     flown = [fly(settings=settings, turn=turn) for settings, turn in zip(pair, lasted, strict=True)]
-    ends = [min(known[half], *(_over_at(problem, steps[half]) for steps in flown)) for half in (0, 1)]
+    over = [[_over_at(problem, s, half) for half in steps] for s, steps in zip(pair, flown, strict=True)]
+    ends = [min(lengths) for lengths in zip(known, *over, strict=True)]
     metrics = [
         combine([_measure(problem, _cut(half, end)) for half, end in zip(steps, ends, strict=True)]) for steps in flown
     ]
     return PairAsFlown(metrics[0], metrics[1], (ends[0], ends[1]))
 
 
-def _over_at(problem: DesignProblem, half: _Flown) -> float:
+def _over_at(problem: DesignProblem, settings: Settings, half: _Flown) -> float:
     """Return when a simulated *half* has stood at its target for as long as ends a flown one [s], else its length."""
+    away = np.flatnonzero(np.abs(half.size - half.position) > problem.spec.settled_band)
+    for one, other in itertools.pairwise([-1, *away.tolist(), len(half.t)]):
+        begin, left = one + 1, min(other, len(half.t) - 1)
+        if begin < left and (end := _waited_until(problem, settings, half, half.t[begin])) <= half.t[left]:
+            return end
+    return float(half.t[-1])
+
+
+def _waited_until(problem: DesignProblem, settings: Settings, half: _Flown, since: float) -> float:
+    """Return until when [s] is waited with a craft that came to its target at *since* and stays: at rest, less long."""
     spec = problem.spec
-    away = np.flatnonzero(np.abs(half.size - half.position) > spec.settled_band)
-    since = float(half.t[min(int(away[-1]) + 1, len(half.t) - 1)]) if len(away) else 0.0
-    for one, other in itertools.pairwise([-1, *away.tolist()]):
-        if half.t[other] - half.t[one + 1] >= spec.settled_time:
-            since = float(half.t[one + 1])
-            break
-    return min(since + spec.settled_time, float(half.t[-1]))
+    output_std = output_noise(problem, settings)
+    signals = ((half.position, TRIFLE * abs(half.size), spec.jitter), (half.output, TRIFLE, output_std))
+    enough = since + spec.settled_time
+    last = min(enough, float(half.t[-1]))
+    for now in np.arange(min(max(since + spec.settled_least, LOOK), last), last, EVERY):
+        seen = (half.t > now - LOOK) & (half.t <= now)
+        if all(is_at_rest(half.t[seen], x[seen], enough - now, few, std, unseen=std) for x, few, std in signals):
+            return float(now)
+    return enough
 
 
 def _cut(half: _Flown, end: float) -> _Flown:

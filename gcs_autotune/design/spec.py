@@ -30,6 +30,7 @@ class Spec:
     windows : how long [s] step and step back were recorded with the present gains; empty: ``step_duration``.
     settled_band, settled_time : a flown half is over when the signal has been so near its target [rad or m] for so
         long [s]. Gains are chosen over ``step_duration`` all the same; only what is told of them is of such halves.
+    settled_least : ... or for so long [s], where signal and output are at rest by then.
     hold : how long [s] the craft is held before that step, by a loop whose integral is empty at first; 0: one that
         has long settled.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
@@ -57,6 +58,7 @@ class Spec:
     windows: Sequence[float] = ()
     settled_band: float = math.inf
     settled_time: float = math.inf
+    settled_least: float = math.inf
     hold: float = 3.0
     noise_std: float = 0.0
     jitter_std: float | None = None

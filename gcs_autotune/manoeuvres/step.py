@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
 
 Array = NDArray[np.float64]
@@ -35,12 +36,6 @@ ONE_QUANTUM = 1.01
 """A reading one quantum off is as near as the sensor can tell."""
 LEAST_SAMPLES = 5
 """Second differences fewer than this tell no noise."""
-LOOK = 3.0
-"""Chosen [s]: so much is looked at to tell whether signal and output are at rest."""
-TRIFLE = 0.01
-"""Chosen: share of the step, and of full output, that does not matter, ..."""
-TRIFLE_NOISES = 2.0
-"""... nor do so many standard deviations of the noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,24 +85,14 @@ class Rest:
             self._seen.popleft()
 
     def lasts(self, seconds: float, size: float) -> bool:
-        """Return whether, as the last :data:`LOOK` went, nothing changes in the *seconds* to come.
-
-        Neither the line through it, carried on, nor what scatters about that line (waves, a limit cycle) may be more
-        than a trifle of the step's *size* and of full output, or than the noise from sample to sample.
-        """
+        """Return whether nothing changes in the *seconds* to come that a step of *size* or full output would notice."""
         seen = np.array(self._seen)
         if len(seen) < 2 * LEAST_SAMPLES or seen[-1, 0] - seen[0, 0] < 0.9 * LOOK:
             return False
         t, x, output = seen.T
-        return _is_at_rest(t, x, seconds, TRIFLE * size) and _is_at_rest(t, output, seconds, TRIFLE)
-
-
-def _is_at_rest(t: Array, x: Array, seconds: float, trifle: float) -> bool:
-    """Whether the line through *x* (n,) at *t* (n,) goes on and scatters by less than a *trifle* or the noise."""
-    since, off = t - t.mean(), x - x.mean()
-    pace = float(since @ off / (since @ since))
-    scatter = math.sqrt(float(np.mean((off - pace * since) ** 2)))
-    return max(abs(pace) * seconds, scatter) <= max(trifle, TRIFLE_NOISES * _noise_in(x))
+        return all(
+            is_at_rest(t, y, seconds, trifle, _noise_in(y)) for y, trifle in ((x, TRIFLE * size), (output, TRIFLE))
+        )
 
 
 def _noise_in(x: Array) -> float:

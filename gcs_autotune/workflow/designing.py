@@ -104,6 +104,7 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         windows=windows_of(before),
         settled_band=float(before.meta.get("band", math.inf)),
         settled_time=flown.enough,
+        settled_least=flown.least_enough,
         hold=min(flown.hold, flown.least_hold),
         noise_std=criteria.noise,
         jitter_std=criteria.jitter,

@@ -126,6 +126,9 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
     assert flown.before.metrics.itae <= whole.before.metrics.itae
     known = propose("slow boat", step_duration=FLOWN, windows=(0.5 * there, FLOWN), **ends)
     assert known.windows == (pytest.approx(0.5 * there), pytest.approx(back))
+    soon = propose("slow boat", step_duration=FLOWN, settled_least=1.0, **ends)
+    assert soon.new == flown.new
+    assert settles + 1.0 <= soon.windows[0] < there - 1.0, "a half of a craft that is at rest is over sooner"
 
 
 def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
