@@ -99,7 +99,6 @@ EQUIVALENT: dict[str, str] = {
         "without a length it is not looked at"
     ),
     "gcs_autotune/mavlink/tlog.py::read_tlog: 1 -> 2 in is_empty = not stream.peek(1)": "whatever is buffered comes",
-    "gcs_autotune/models/simulation.py::_sweep: 1 -> 2 in w = np.zeros((5, DEGREE + 1))": "room larger than is used",
     "gcs_autotune/identify/least_squares.py::descend: 1e-6 -> 2e-06 in damping, worse, converged, trial = 1e-6, 4.0, "
     "False, 0": "where damping begins: doubled, and it is four times more or ten times less at the next step anyway",
     "gcs_autotune/link/vehicle/rc_monitor.py::RcMonitor.departed: not self._sent -> False": (

@@ -16,6 +16,7 @@ from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.prediction import told_over
 from gcs_autotune.design.proposal import design, design_from
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
@@ -60,5 +61,6 @@ __all__ = [
     "stability_bound",
     "step_metrics",
     "throttle_of",
+    "told_over",
     "uncertainty_of",
 ]

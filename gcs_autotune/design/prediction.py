@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from gcs_autotune.design.laws import Scenario, Settings
 from gcs_autotune.design.matching import DesignProblem, output_noise
 from gcs_autotune.design.reference_model import wanted_step
-from gcs_autotune.design.result import Prediction, ReferenceModel, StepMetrics
+from gcs_autotune.design.result import Prediction, Proposal, ReferenceModel, Ruler, StepHalf, StepMetrics
+from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.models import SingleDof
 from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 
-__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_metrics"]
+__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_metrics", "ruler_of", "told_over"]
 
 Array = NDArray[np.float64]
 
@@ -30,21 +31,16 @@ EVERY = 0.1
 """Chosen [s]: so often is asked whether the craft is at rest."""
 
 
-class _Flown(NamedTuple):
-    """A step of *size* [rad or m]: t (n,) [s] from the step on, position from where it was stepped from, output."""
-
-    size: float
-    t: Array
-    position: Array
-    output: Array
-
-
 class PairAsFlown(NamedTuple):
-    """Metrics of a step with one and with the other settings, both read over ``windows`` [s] of step and step back."""
+    """A step with one and with the other settings, both read over ``windows`` [s] of step and step back.
+
+    ``halves`` of each go on until they would be ended at the latest.
+    """
 
     one: StepMetrics
     other: StepMetrics
     windows: tuple[float, float]
+    halves: tuple[tuple[StepHalf, StepHalf], tuple[StepHalf, StepHalf]]
 
 
 def predict(
@@ -57,14 +53,14 @@ def predict(
     pair = _there_and_back(problem, model, settings, problem.step, duration)
     there = pair[0]
     ideal = problem.step * wanted_step(wanted, there.t).position
-    metrics = combine([_measure(problem, flown) for flown in pair])
+    metrics = combine([_measure(flown, ruler_of(problem.spec)) for flown in pair])
     return Prediction(there.t, np.full_like(there.t, problem.step), there.position, ideal, there.output, metrics)
 
 
 def predict_metrics(problem: DesignProblem, settings: Settings, step: float, duration: float) -> StepMetrics:
     """Return what :func:`predict` would measure for a step of *step* [rad or m] on the identified model."""
     pair = _there_and_back(problem, problem.model, settings, step, duration)
-    return combine([_measure(problem, flown) for flown in pair])
+    return combine([_measure(flown, ruler_of(problem.spec)) for flown in pair])
 
 
 def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:
@@ -76,18 +72,44 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
     """
     known = (*problem.spec.windows, *[duration] * 2)[:2]
     fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
-    lasted = [_over_at(problem, settings, fly(settings=settings)[0]) for settings in pair]
+    whole = [fly(settings=settings)[0] for settings in pair]
+    lasted = [_over_at(problem, settings, half) for settings, half in zip(pair, whole, strict=True)]
     lasted[:1] = problem.spec.windows[:1] or lasted[:1]
     flown = [fly(settings=settings, turn=turn) for settings, turn in zip(pair, lasted, strict=True)]
     over = [[_over_at(problem, s, half) for half in steps] for s, steps in zip(pair, flown, strict=True)]
     ends = [min(lengths) for lengths in zip(known, *over, strict=True)]
-    metrics = [
-        combine([_measure(problem, _cut(half, end)) for half, end in zip(steps, ends, strict=True)]) for steps in flown
+    one, other = ((there, steps[1]) for there, steps in zip(whole, flown, strict=True))
+    ruler = ruler_of(problem.spec)
+    return PairAsFlown(_read(one, ends, ruler), _read(other, ends, ruler), (ends[0], ends[1]), (one, other))
+
+
+def told_over(proposal: Proposal, windows: Sequence[float]) -> Proposal:
+    """Return *proposal* with its predictions read over the *windows* [s] that two flown steps both recorded.
+
+    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read.
+    """
+    told = [
+        p
+        if p.halves is None
+        else replace(
+            p,
+            metrics=_read(p.halves, [min(w, h.t[-1]) for w, h in zip(windows, p.halves, strict=True)], proposal.ruler),
+        )
+        for p in (proposal.before, proposal.after)
     ]
-    return PairAsFlown(metrics[0], metrics[1], (ends[0], ends[1]))
+    return replace(proposal, before=told[0], after=told[1], windows=tuple(windows))
 
 
-def _over_at(problem: DesignProblem, settings: Settings, half: _Flown) -> float:
+def ruler_of(spec: Spec) -> Ruler:
+    """Return what flown positions are read with."""
+    return Ruler(spec.noise_std, spec.quantum, 0.5 / spec.noise_bandwidth)
+
+
+def _read(halves: Sequence[StepHalf], ends: Sequence[float], ruler: Ruler) -> StepMetrics:
+    return combine([_measure(_cut(half, end), ruler) for half, end in zip(halves, ends, strict=True)])
+
+
+def _over_at(problem: DesignProblem, settings: Settings, half: StepHalf) -> float:
     """Return when a simulated *half* has stood at its target for as long as ends a flown one [s], else its length."""
     away = np.flatnonzero(np.abs(half.size - half.position) > problem.spec.settled_band)
     for one, other in itertools.pairwise([-1, *away.tolist(), len(half.t)]):
@@ -97,7 +119,7 @@ def _over_at(problem: DesignProblem, settings: Settings, half: _Flown) -> float:
     return float(half.t[-1])
 
 
-def _waited_until(problem: DesignProblem, settings: Settings, half: _Flown, since: float) -> float:
+def _waited_until(problem: DesignProblem, settings: Settings, half: StepHalf, since: float) -> float:
     """Return until when [s] is waited with a craft that came to its target at *since* and stays: at rest, less long."""
     spec = problem.spec
     output_std = output_noise(problem, settings)
@@ -111,21 +133,21 @@ def _waited_until(problem: DesignProblem, settings: Settings, half: _Flown, sinc
     return enough
 
 
-def _cut(half: _Flown, end: float) -> _Flown:
+def _cut(half: StepHalf, end: float) -> StepHalf:
     kept = int(np.searchsorted(half.t, end + 1e-9))
-    return _Flown(half.size, half.t[:kept], half.position[:kept], half.output[:kept])
+    return StepHalf(half.size, half.t[:kept], half.position[:kept], half.output[:kept])
 
 
 def _there_and_back(
     problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float, turn: float = math.inf
-) -> tuple[_Flown, _Flown]:
+) -> tuple[StepHalf, StepHalf]:
     """Return both steps: in one flight where that is known, else each of a loop that has long settled.
 
     The step back comes after *duration* [s], or after *turn*.
     """
     if problem.spec.step_duration is None:
         there, back = (
-            _Flown(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
+            StepHalf(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
         )
         return there, back
     lead, turn = problem.spec.hold, min(turn, duration)
@@ -133,8 +155,8 @@ def _there_and_back(
     t, position, output = _fly(problem, model, settings, scenario, lead)
     first = int(np.searchsorted(t, turn - 1e-9))
     return (
-        _Flown(step, t[: first + 1], position[: first + 1], output[: first + 1]),
-        _Flown(-step, t[first:] - t[first], position[first:] - step, output[first:]),
+        StepHalf(step, t[: first + 1], position[: first + 1], output[: first + 1]),
+        StepHalf(-step, t[first:] - t[first], position[first:] - step, output[first:]),
     )
 
 
@@ -152,18 +174,9 @@ def _fly(
     return motion.t[kept] - begin, motion.position[kept], motion.output[kept]
 
 
-def _measure(problem: DesignProblem, flown: _Flown) -> StepMetrics:
+def _measure(flown: StepHalf, ruler: Ruler) -> StepMetrics:
     """Measure a step as the flown one is: the target was the position at rest, and errors within the noise are none."""
-    spec = problem.spec
     t, position, output = (np.concatenate([x[:1], x]) for x in (flown.t, flown.position, flown.output))
     target = np.full_like(t, flown.size)
     target[0] = 0.0
-    return step_metrics(
-        t,
-        target,
-        position,
-        output,
-        noise_std=spec.noise_std,
-        quantum=spec.quantum,
-        noise_time=0.5 / spec.noise_bandwidth,
-    )
+    return step_metrics(t, target, position, output, **ruler._asdict())

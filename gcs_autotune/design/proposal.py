@@ -16,7 +16,7 @@ from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import notes_on, said
 from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
-from gcs_autotune.design.prediction import predict, predict_as_flown
+from gcs_autotune.design.prediction import predict, predict_as_flown, ruler_of
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
 from gcs_autotune.design.refinement import MIN_ERROR, any_better, refine
@@ -99,7 +99,8 @@ def design(
     told, windows = (before.prediction, shown.prediction), tuple[float, ...]()
     if math.isfinite(spec.settled_time):
         read = predict_as_flown(problem, (before.settings, shown.settings), span)
-        told = replace(told[0], metrics=read.one), replace(told[1], metrics=read.other)
+        one, other = read.halves
+        told = replace(told[0], metrics=read.one, halves=one), replace(told[1], metrics=read.other, halves=other)
         windows = read.windows
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
@@ -123,6 +124,7 @@ def design(
         actuator=actuator,
         windows=windows,
         spread=_spread(problem, shown, span),
+        ruler=ruler_of(spec),
     )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gcs_autotune.design.hunting import Hunting
     from gcs_autotune.design.open_loop import OpenLoop
 
-__all__ = ["Change", "Margins", "Prediction", "Proposal", "ReferenceModel", "StepMetrics"]
+__all__ = ["Change", "Margins", "Prediction", "Proposal", "ReferenceModel", "Ruler", "StepHalf", "StepMetrics"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,29 @@ class StepMetrics:
     oscillation: float = 0.0
 
 
+class StepHalf(NamedTuple):
+    """A step of *size* [rad or m]: t (n,) [s] from the step on, position from where it was stepped from, output."""
+
+    size: float
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    output: NDArray[np.float64]
+
+
+class Ruler(NamedTuple):
+    """What a flown position is read with: white noise [rad or m] that lasts ``noise_time`` [s], and its quantum."""
+
+    noise_std: float = 0.0
+    quantum: float = 0.0
+    noise_time: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """A step simulated on the identified model with given gains: arrays (n,), position in rad or m."""
+    """A step simulated on the identified model with given gains: arrays (n,), position in rad or m.
+
+    ``halves``: step and step back as far as simulated, where they are flown one after the other.
+    """
 
     t: NDArray[np.float64]
     target: NDArray[np.float64]
@@ -92,6 +112,7 @@ class Prediction:
     wanted: NDArray[np.float64]
     output: NDArray[np.float64]
     metrics: StepMetrics
+    halves: tuple[StepHalf, StepHalf] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,9 +125,9 @@ class Proposal:
     effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
     ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
     ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.
-    ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read; empty: as long
-    as the predictions. ``spread``: by what share the error over time of the gains shown is larger than predicted, at
-    worst over the 95 % region.
+    ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read (after a proof:
+    what both its steps recorded); empty: as long as the predictions; ``ruler``: what they are read with. ``spread``: by
+    what share the error over time of the gains shown is larger than predicted, at worst over the 95 % region.
     """
 
     axis: str
@@ -125,6 +146,7 @@ class Proposal:
     actuator: Actuator | None = None
     windows: tuple[float, ...] = ()
     spread: float = math.nan
+    ruler: Ruler = field(default_factory=Ruler)
 
     @property
     def new(self) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from gcs_autotune.design import Proposal, design, is_better, refinement
+from gcs_autotune.design import Proposal, design, is_better, refinement, told_over
 from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
 
@@ -129,6 +129,17 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
     soon = propose("slow boat", step_duration=FLOWN, settled_least=1.0, **ends)
     assert soon.new == flown.new
     assert settles + 1.0 <= soon.windows[0] < there - 1.0, "a half of a craft that is at rest is over sooner"
+
+
+def test_after_the_proof_predictions_are_told_over_what_was_flown() -> None:
+    step = math.radians(30.0)
+    flown = propose("slow boat", step_duration=FLOWN, settled_band=0.03 * step, settled_time=5.0)
+    assert told_over(flown, flown.windows).after.metrics == flown.after.metrics
+    longer = told_over(flown, (FLOWN, flown.windows[1]))
+    assert longer.windows == (FLOWN, flown.windows[1])
+    assert longer.after.metrics.itae > flown.after.metrics.itae
+    assert longer.before.metrics.itae > flown.before.metrics.itae
+    assert longer.new == flown.new
 
 
 def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
 from gcs_autotune.link import Journal
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
+from gcs_autotune.workflow.experiments import common_windows
 
 from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness
 
@@ -25,6 +26,8 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
     harness, story = tuned
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
+    steps = [load_trial(path) for path in sorted(harness.directory.glob("trials/*-step-*.csv"))]
+    assert story.proposal.windows == common_windows(steps[0], steps[-1]), "prediction and proof are read alike"
     for name, value in story.proposal.new.items():
         assert harness.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
