@@ -37,6 +37,10 @@ class Page:
         self.page.on("websocket", lambda socket: self.called.add(urlsplit(socket.url).netloc))
         self.link = link
         self.page.goto(link)
+        self.is_up()
+
+    def is_up(self) -> None:
+        """Wait until the page has heard from its server, which has no run or one that is over."""
         self.page.locator("#stage", has_text="No run").or_(self.page.locator("#stage", has_text="over")).wait_for()
 
     def shows(self, selector: str, text: str, timeout: float = LONG) -> None:
@@ -395,7 +399,7 @@ def test_a_heading_that_passes_north_is_read_off_from_0_to_360(visit: Any, scrip
     page = visit(scripted)
     page.context.add_init_script(SPY)
     page.page.reload()
-    page.shows("#stage", "No run")
+    page.is_up()
     read = [float(text) for text in page.page.evaluate(ACROSS_NORTH) if text.replace("-", "").isdigit()]
     assert {340.0, 350.0, 0.0, 10.0, 20.0} <= set(read)  # 338 to 384 degrees, as it runs on
     assert max(read) < 360.0
