@@ -86,8 +86,11 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
 def told_over(proposal: Proposal, windows: Sequence[float]) -> Proposal:
     """Return *proposal* with its predictions read over the *windows* [s] that two flown steps both recorded.
 
-    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read.
+    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read. As it
+    is where fewer than two were recorded: a loop ran away.
     """
+    if len(windows) < 2:
+        return proposal
     told = [
         p
         if p.halves is None

@@ -84,7 +84,7 @@ def _prove(
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
             log.say(f"both are read over the first {there_and_back} of step and step back: what both recorded")
         log.metrics_before, log.metrics_after = (criteria.read(trial, alike) for trial in (before, after))
-        if alike and log.proposal is not None:
+        if log.proposal is not None:
             log.proposal = told_over(log.proposal, alike)
         verdict = is_better(log.metrics_before, log.metrics_after, context.law.free_overshoot)
         log.verdict = (verdict.better, verdict.reasons)

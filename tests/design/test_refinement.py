@@ -140,6 +140,7 @@ def test_after_the_proof_predictions_are_told_over_what_was_flown() -> None:
     assert longer.after.metrics.itae > flown.after.metrics.itae
     assert longer.before.metrics.itae > flown.before.metrics.itae
     assert longer.new == flown.new
+    assert told_over(flown, (3.0,)) is flown, "a loop that ran away recorded no step back"
 
 
 def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:

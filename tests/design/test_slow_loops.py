@@ -16,7 +16,7 @@ from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import sample_region
-from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_metrics
+from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_metrics, ruler_of
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
@@ -145,7 +145,7 @@ def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_long
         return step_metrics(t, target, psi, 0.0 * t, noise_std=spec.noise_std, noise_time=0.1).itae
 
     there_alone = _there_and_back(problem, craft, gains, 30.0 * DEG, there)[0]
-    alone = combine([_measure(problem, there_alone)]).itae
+    alone = combine([_measure(there_alone, ruler_of(spec))]).itae
     assert read.one.itae == read.other.itae
     assert 2.0 * read.one.itae - alone == pytest.approx(error_back(there), rel=0.03)
     assert error_back(30.0) != pytest.approx(error_back(there), rel=0.15)

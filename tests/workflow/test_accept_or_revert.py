@@ -81,6 +81,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         said=said,
         end=lambda ending, why: done.append(ending),
         given_changes=[CHANGE],
+        proposal=None,
         metrics_after=None,
         verdict=None,
     )
