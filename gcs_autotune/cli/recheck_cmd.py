@@ -17,7 +17,7 @@ RELAY = ("set-point", "hysteresis", "second-set-point", "second-hysteresis")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=tuple(LOOPS), help="the loop")
+    parser.add_argument("axis", choices=LOOPS, help="the loop")
     add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
     add_flight(parser, RELAY)

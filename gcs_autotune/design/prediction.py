@@ -86,18 +86,14 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
 def told_over(proposal: Proposal, windows: Sequence[float]) -> Proposal:
     """Return *proposal* with its predictions read over the *windows* [s] that two flown steps both recorded.
 
-    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read. As it
-    is where fewer than two were recorded: a loop ran away.
+    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read. The
+    step back stays predicted from where its own step was to end. As it is where fewer than two were recorded: a loop
+    ran away.
     """
     if len(windows) < 2:
         return proposal
     told = [
-        p
-        if p.halves is None
-        else replace(
-            p,
-            metrics=_read(p.halves, [min(w, h.t[-1]) for w, h in zip(windows, p.halves, strict=True)], proposal.ruler),
-        )
+        p if p.halves is None else replace(p, metrics=_read(p.halves, windows, proposal.ruler))
         for p in (proposal.before, proposal.after)
     ]
     return replace(proposal, before=told[0], after=told[1], windows=tuple(windows))

@@ -83,8 +83,9 @@ class RunLog:
         ``fit-onboard.json`` and ``onboard.html`` are left in the run directory. A log that tells nothing is no failure
         of the run: it is said.
         """
-        for fit in fits if self.path is not None else ():
-            assert self.path is not None
+        if self.path is None:
+            return
+        for fit in fits:
             stem = "" if len(fits) == 1 else f"-{fit.dof}"
             try:
                 runs = load_runs(self.path)
