@@ -1,12 +1,19 @@
-"""Time as the tuner sees it. Logic never reads the wall clock itself: it is handed a :class:`Clock`."""
+"""Time as the tuner sees it. Logic never reads the wall clock itself: it is handed a :class:`Clock`.
+
+Computations may be given a :func:`time_limit`: deep inside, between one simulation and the next, :func:`check_time`
+then ends them by :class:`OutOfTime`. Whoever set the limit keeps what there is.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Clock", "Deadline", "ManualClock", "WallClock"]
+__all__ = ["Clock", "Deadline", "ManualClock", "OutOfTime", "WallClock", "check_time", "time_limit"]
 
 
 class Clock(Protocol):
@@ -65,3 +72,39 @@ class Deadline:
     def expired(self) -> bool:
         """Whether the moment has passed."""
         return self.clock.now() >= self.at
+
+
+class OutOfTime(Exception):
+    """The time given to a computation is over; the message says at what. It never leaves whoever gave it."""
+
+
+_limit: ContextVar[Deadline | None] = ContextVar("time_limit", default=None)
+"""Of this thread, and of what it forks: a fit deep inside need not be handed it by everyone above."""
+
+_under_way: ContextVar[str] = ContextVar("under_way", default="a fit")
+
+
+@contextmanager
+def time_limit(deadline: Deadline | None) -> Iterator[None]:
+    """Let what is computed inside end at *deadline*, None for never; it takes the place of any limit outside."""
+    token, words = _limit.set(deadline), _under_way.set(_under_way.get())
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+        _under_way.reset(words)
+
+
+def check_time(at: str = "") -> None:
+    """Do nothing, or end what is being computed: *at* says in words what that is, empty: what was said last.
+
+    Raises
+    ------
+    OutOfTime
+        The time given is over.
+    """
+    if at:
+        _under_way.set(at)
+    deadline = _limit.get()
+    if deadline is not None and deadline.expired:
+        raise OutOfTime(_under_way.get())

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from gcs_autotune.clock import Deadline, OutOfTime, WallClock, time_limit
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
@@ -25,9 +26,9 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
 
-ORDINARY, SEARCHING = 0.4, 0.8
-"""Chosen: shares of the time given at which the search without weather ends, and all searching; the rest is for the
-stage then under way and the report."""
+UNDERSTANDING, ORDINARY, SEARCHING, JUDGING = 0.2, 0.4, 0.8, 0.9
+"""Chosen: shares of the time given at which ends what is spent on understanding somebody else's simulator; the search
+without weather; all searching; judging the numbers of a model. The rest is for the report."""
 
 
 def diagnose(
@@ -64,7 +65,7 @@ def diagnose(
         hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
     max_seconds : of the whole; it ends with what it has and says what it did not look at. Two fifths of it at most go
-        to the search that knows of no weather, a fifth is kept for the report.
+        to the search that knows of no weather, a fifth is kept for a given model's numbers and the report.
 
     Raises
     ------
@@ -73,7 +74,12 @@ def diagnose(
     UsageError
         Contradictory arguments. UnknownName: there is no such effect.
     """
-    begun, clock = time.perf_counter(), time.monotonic()
+    begun, clock = time.perf_counter(), WallClock()
+
+    def until(share: float) -> Deadline:
+        return Deadline(clock, started + share * max_seconds)
+
+    started = clock.now()
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
         raise UsageError("no run was given to diagnose")
@@ -83,7 +89,10 @@ def diagnose(
     if simulations:
         if given is not None:
             raise UsageError("give either a model or a simulation's output, not both")
-        given, early = surrogate_of(simulations, together, dof=dof, use=use, form=form, effects=slugs)
+        with time_limit(until(UNDERSTANDING)):
+            given, early = surrogate_of(
+                simulations, together, dof=dof, use=use, form=form, effects=slugs, progress=progress, jobs=jobs
+            )
     together, doubts = taken_in(together)
     others, more = taken_in(unseen) if unseen else ([], [])
     together, repeats = without_repeats(together, others)
@@ -96,26 +105,23 @@ def diagnose(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    half, end = clock + ORDINARY * max_seconds, clock + SEARCHING * max_seconds
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, until=half, end=end)
-    state = follow(begin(question), (*SEARCH, look_at_all_runs))
-    state = replace(state, question=replace(state.question, until=end))
-    state = follow(state, (look_under_process_noise, look_in_pieces))
-    state = judge_numbers(state) or state
-    if state.cut:
-        doubts.append(_cut_short(state.cut, max_seconds))
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, until(SEARCHING))
+    weather = given is None and horizon is None
+    with time_limit(until(ORDINARY if weather else SEARCHING)):
+        state = follow(begin(question), (*SEARCH, look_at_all_runs))
+    with time_limit(until(SEARCHING)):
+        state = follow(state, (look_under_process_noise, look_in_pieces))
+    if given is not None:
+        with time_limit(until(JUDGING)):
+            state = follow(state, (judge_numbers,))
     chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
-    sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
-    return build_report(state, doubts, together, others, time.perf_counter() - begun, sure=sure)
-
-
-def _cut_short(cut: Sequence[str], seconds: float) -> Doubt:
-    return Doubt(
-        "out-of-time",
-        f"the {seconds:g} s given did not suffice; left off or not begun: " + "; ".join(dict.fromkeys(cut)),
-        "give it longer (--max-seconds), or fewer runs, or the effects in question (--effects); what is told holds for "
-        "what was tried",
-    )
+    with time_limit(until(1.0)):
+        try:
+            sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
+        except OutOfTime:
+            state, sure = replace(state, cut=(*state.cut, "whether it holds over whole runs")), False
+        found = build_report(state, doubts, together, others, max_seconds, sure=sure)
+    return replace(found, seconds=time.perf_counter() - begun)
 
 
 def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: ModelInQuestion | None) -> Form:

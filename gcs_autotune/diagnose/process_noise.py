@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
+from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE
-from gcs_autotune.diagnose.workers import OutOfTime
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -114,7 +114,8 @@ class WeatherSearch:
 
     ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
     every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force over none.
-    ``still``: the same beside the causes named; ``cut``: where time was over, in words.
+    ``still``: the same beside the causes named, inf where there was no time to ask; ``cut``: where time was over, in
+    words.
     ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
     """
 
@@ -187,7 +188,7 @@ def search_under_process_noise(
         return None
     calm = _over_none(wandering, plain)
     folds, words = _folds(segments, held)
-    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds)
+    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
     if calm < PRESENT:
         return search
     try:
@@ -195,9 +196,11 @@ def search_under_process_noise(
             before, search = search, _one_more(search, slugs, say)
             if len(search.named) == len(before.named):
                 break
+            search = replace(search, still=math.inf)
+            search = replace(search, still=_over_none(wandering, search.fit))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
-    return replace(search, still=_over_none(wandering, search.fit))
+    return search
 
 
 def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:

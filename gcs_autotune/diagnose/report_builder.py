@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import WHITE, Test, correlation_of, nonparametric_rivals, tests_of, whiteness_of
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
@@ -34,6 +36,8 @@ __all__ = ["build_report", "signature_of"]
 
 Array = NDArray[np.float64]
 
+Made = TypeVar("Made")
+
 
 VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
     (False, True, True): "effect-found",
@@ -54,19 +58,35 @@ def build_report(
     doubts: Sequence[Doubt],
     runs: Sequence[Trial],
     unseen: Sequence[Trial],
-    seconds: float,
+    max_seconds: float = math.inf,
     *,
     sure: bool = True,
 ) -> Diagnosis:
-    """Return what there is to tell of a search that has ended; *sure*: its causes hold over whole runs."""
+    """Return what there is to tell of a search that has ended; *sure*: its causes hold over whole runs.
+
+    max_seconds : what the diagnosis was given, for the words where it did not suffice. Within a :func:`.time_limit`
+    what takes long is left off and told; what was not tested counts as not explained.
+    """
     problem, final, numbers = state.problem, state.fitted, state.numbers
     base = state.base if state.given is None else state.given
-    gave_away, _ = signature_of(problem, base)
-    left, _ = signature_of(problem, final)
+    cut = list(state.cut)
+
+    def in_time(at: str, made: Callable[[], Made], otherwise: Made) -> Made:
+        try:
+            check_time(at)
+            return made()
+        except OutOfTime as over:
+            cut.append(str(over))
+            return otherwise
+
+    untested = Signature((), 0.0)
+    left = in_time("what is left over", lambda: signature_of(problem, final)[0], untested)
+    gave_away = in_time("what gave it away", lambda: signature_of(problem, base)[0], untested)
     weather = state.weather
     order = [effect for effect in _found_order(state) if effect in final.effects]
-    missing = None if weather is None else missing_under(weather, state)
-    rivals = nonparametric_rivals(problem, final)
+    missing = None if weather is None else in_time("the missing force", lambda: missing_under(weather, state), None)
+    none: tuple[str, ...] = ()
+    rivals = in_time("laws without a name", lambda: nonparametric_rivals(problem, final), none)
     left = replace(left, findings=(*left.findings, *rivals))
     if weather is not None:
         left = replace(left, findings=(*words_of(weather, missing), *left.findings))
@@ -80,7 +100,8 @@ def build_report(
         alike = _alike(state, order)
         shares = {(e.slug, e.place): _share(state, e) for e in order}
     else:
-        gains, alike = gains_under(weather) if order else (), weather.alike
+        gains = in_time("error several seconds ahead", lambda: gains_under(weather), ()) if order else ()
+        alike = weather.alike
         shares = shares_under(weather)
     return Diagnosis(
         verdict=verdict,
@@ -109,11 +130,23 @@ def build_report(
         held_out=tuple(r.name for r in unseen),
         noise=dict(final.levels),
         tried=state.tried if weather is None else weather.tried,
-        seconds=seconds,
-        doubts=(*doubts, *state.doubts, *_other_places(state, order)),
+        seconds=math.nan,
+        doubts=(*doubts, *_cut_short(cut, max_seconds), *state.doubts, *_other_places(state, order)),
         numbers=numbers,
         missing=missing,
     )
+
+
+def _cut_short(cut: Sequence[str], seconds: float) -> tuple[Doubt, ...]:
+    if not cut:
+        return ()
+    doubt = Doubt(
+        "out-of-time",
+        f"the {seconds:g} s given did not suffice; left off or not begun: " + "; ".join(dict.fromkeys(cut)),
+        "give it longer (--max-seconds), or fewer runs, or the effects in question (--effects); what is told holds for "
+        "what was tried",
+    )
+    return (doubt,)
 
 
 def _found_order(state: SearchState) -> list[EffectInstance]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
-from gcs_autotune.diagnose.state import ModelInQuestion, Question, begin
+from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
@@ -39,10 +39,13 @@ def surrogate_of(
     use: Sequence[str] | None,
     form: Form | None,
     effects: Sequence[str],
+    progress: Progress | None = None,
+    jobs: int = 1,
 ) -> tuple[ModelInQuestion, list[Doubt]]:
     """Return a model that moves as the simulator does with its fit, and what the comparison with the runs says at once.
 
-    simulations : one per run, in the same order; inputs they lack are taken from the run.
+    simulations : one per run, in the same order; inputs they lack are taken from the run. Within a :func:`.time_limit`
+    a doubt says what of it was not looked at.
 
     Raises
     ------
@@ -56,8 +59,21 @@ def surrogate_of(
     flown = [_driven(s, r) for s, r in zip(simulations, runs, strict=True)]
     base = form if form is not None else plain_form(flown, dof)
     segments, doubts = prepare_as_recorded(flown, base, use)
-    state = follow(begin(Question(base, segments, effects)), SEARCH)
+
+    def told(stage: str, done: int, total: int) -> None:
+        if progress is not None:
+            progress(f"the simulation: {stage}", done, total)
+
+    state = follow(begin(Question(base, segments, effects, progress=told, jobs=jobs)), SEARCH)
     problem, found = state.problem, state.fitted
+    if state.cut:
+        doubts.append(
+            Doubt(
+                "simulation-out-of-time",
+                "the simulation was not understood to the end in its share of the time: " + "; ".join(state.cut),
+                "give it longer (--max-seconds), or its equations as a model file (--model)",
+            )
+        )
     for name, level in found.levels.items():
         spread = problem.data_summary.spread[name]
         if level > FAITHFUL * spread:

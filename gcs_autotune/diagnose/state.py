@@ -8,11 +8,10 @@ must pay on data left out.
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from gcs_autotune.clock import Deadline, OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
@@ -29,7 +28,7 @@ from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
-from gcs_autotune.diagnose.workers import OutOfTime, in_parallel
+from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
 from gcs_autotune.models import Form
@@ -79,8 +78,8 @@ class Question:
 
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
     leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
-    ``until`` [s]: the monotonic clock at which the search ends with what it has. ``end``: that for what comes
-    after it, where that is later. ``weather``: whether a force that wanders may be blamed.
+    ``end``: when all searching ends, that for a force that wanders too; None: never. ``weather``: whether such a force
+    may be blamed.
     """
 
     form: Form
@@ -92,14 +91,8 @@ class Question:
     horizon: float | None = None
     progress: Progress | None = None
     jobs: int = 1
-    until: float = math.inf
-    end: float = math.inf
+    end: Deadline | None = None
     weather: bool = True
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the time given has passed."""
-        return time.monotonic() > self.until
 
     def say(self, stage: str, done: int, total: int) -> None:
         """Report progress.
@@ -111,8 +104,7 @@ class Question:
         """
         if self.progress is not None:
             self.progress(stage, done, total)
-        if self.is_over:
-            raise OutOfTime(f"{stage}, {done} of {total} done")
+        check_time(f"{stage}, {done} of {total} done")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -330,9 +322,15 @@ def begin(question: Question) -> SearchState:
 def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: Fitted | None = None) -> SearchState:
     """Return the state of a search that begins at *fitted*; *given*: the model in question as it is."""
     parts = parts_of(problem, question.unseen)
-    unseen = held_out(problem, parts, fitted, refit=True)
-    given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
-    return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen)
+    unseen, given_unseen = HeldOut((), False), None
+    cut: tuple[str, ...] = ()
+    try:
+        question.say("plain model: runs left out", 0, 1)
+        unseen = held_out(problem, parts, fitted, refit=True)
+        given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
+    except OutOfTime as over:
+        cut = (str(over),)
+    return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen, cut=cut)
 
 
 def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gcs_autotune.clock import OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import (
     WHITE,
     correlation_of,
@@ -44,7 +45,6 @@ from gcs_autotune.diagnose.score import (
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.weathered import wanders
-from gcs_autotune.diagnose.workers import OutOfTime
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
 
@@ -96,8 +96,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
     """
     for strategy in strategies:
         try:
-            if state.question.is_over:
-                raise OutOfTime(f"not begun: {strategy.__name__.replace('_', ' ')}")
+            check_time(f"not begun: {strategy.__name__.replace('_', ' ')}")
             state = strategy(state) or state
         except OutOfTime as over:
             state = replace(state, cut=(*state.cut, str(over)))
@@ -136,8 +135,11 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
     if step.accepted is None and white < SIGNIFICANCE:
         # Beneath a force that wanders every pair looks as good as the next, and there are many.
         state, adrift = wanders(state)
-        state, ahead = (state, None) if adrift else _look_ahead(state, step, stage)
-        taken = ahead or taken
+        try:
+            state, ahead = (state, None) if adrift else _look_ahead(state, step, stage)
+            taken = ahead or taken
+        except OutOfTime as over:  # what was asked about the water is kept: it is long
+            state = replace(state, cut=(*state.cut, str(over)))
     accepted = taken[-1].accepted
     if accepted is None:
         return replace(state, steps=(*state.steps, *taken)), False
@@ -316,16 +318,19 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     state, adrift = wanders(state)
     if adrift and state.beneath is not None and state.beneath[1] is not None and state.beneath[1].named:
         return state
-    state.question.say("in pieces", 0, 1)
-    held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
-    ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
-    if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
-        return None
-    unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
-    anew = replace(state, steps=()).with_model(lost.base, unseen)
-    other = add_causes(anew, anew.judged_all(ends, lost.base, lost.tried))
+    try:
+        state.question.say("in pieces", 0, 1)
+        held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
+        ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
+        if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
+            return state
+        unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
+        anew = replace(state, steps=()).with_model(lost.base, unseen)
+        other = add_causes(anew, anew.judged_all(ends, lost.base, lost.tried))
+    except OutOfTime as over:  # what was asked about the water is kept: it is long
+        return replace(state, cut=(*state.cut, str(over)))
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
-    return other if now < before else None
+    return other if now < before else replace(state, cut=other.cut)
 
 
 # -- equals

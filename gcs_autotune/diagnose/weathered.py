@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import time_limit
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
@@ -55,8 +56,8 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     if question.given is not None or question.horizon is not None or not question.weather:
         return state, False
     if state.beneath is None or state.beneath[0] is not state.problem:
-        say = replace(question, until=question.end).say
-        found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, say)
+        with time_limit(question.end):
+            found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
         state = replace(state, beneath=(state.problem, found))
         assert state.beneath is not None
     search = state.beneath[1]
@@ -82,12 +83,14 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         return state
     if search.cut:
         state = replace(state, cut=(*state.cut, search.cut))
-    if state.causes and _outdone(search, state):
-        return state
+    with time_limit(None):  # a fit from where one ended; without it what was found beneath could not be weighed
+        if state.causes and _outdone(search, state):
+            return state
     kept = replace(state, weather=search, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
     if not search.named:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
-    fitted = _as_fitted(state, search)
+    with time_limit(None):
+        fitted = _as_fitted(state, search)
     doubt = Doubt(
         "process-noise",
         f"between the samples a force wanders ({words_of_water(search)}); the causes named foretell the {search.dof} "

@@ -7,13 +7,9 @@ import signal
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["OutOfTime", "in_parallel"]
+__all__ = ["in_parallel"]
 
 Result = TypeVar("Result")
-
-
-class OutOfTime(Exception):
-    """The time given to a search is over; the message says at what, and how much was done. It never leaves it."""
 
 
 _task: Callable[[int], Any] | None = None

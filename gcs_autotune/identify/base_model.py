@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import OutOfTime, time_limit
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.coupled.limits import physical
@@ -233,6 +235,8 @@ def base_limits(form: Form) -> Limits:
 def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tuple[Problem, Fitted]:
     """Fit *form* from several starts, *trials* steps each, and return the problem and the best fit.
 
+    Within a :func:`.time_limit` it is the best of those for which there was time, or else the best start as it is.
+
     Raises
     ------
     NotInformative
@@ -241,14 +245,9 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
     limits = base_limits(form)
     ground = initial_guess_of(form, segments)
     problem = Problem(form, segments, data_summary_of(form, segments), limits)
-    best: Fitted | None = None
-    with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
-        starts = list(ground.starts(limits))
-    for theta in starts:
-        low, high = limits.of(form.parameters)
-        found = problem.fit(np.clip(theta, low, high), (), ground.initial, trials=trials)
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
+    low, high = limits.of(form.parameters)
+    starts = ((np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits))
+    best = _best_from(problem, starts, (), trials)
     if best is None:
         raise NotInformative(
             f"no simulation of '{form.title}' follows these runs: check columns and units, or give --dof with less"
@@ -273,18 +272,40 @@ def given_base(
     problem = Problem(form, segments, data_summary_of(form, segments, model.values), limits)
     ground = initial_guess_of(form, segments)
     low, high = limits.of(form.parameters)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"), time_limit(None):  # what it is compared with, come what may
         given = problem.states(model.theta, effects, ground.initial)
-        begins = [(model.theta, given.initial if given else ground.initial, given.shift if given else 0.0)]
-        begins += [(np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits)]
-        fits = [problem.fit(theta, effects, initial, shift=shift) for theta, initial, shift in begins]
-    best = min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
+    own = (model.theta, given.initial if given else ground.initial, given.shift if given else 0.0)
+    starts = ((np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits))
+    best = _best_from(problem, chain([own], starts), effects)
     if best is None:
         raise NotInformative(
             f"the model '{form.title}' runs away on these runs, whatever its numbers: is it about this craft, in these "
             "units?"
         )
     return _known(form, segments, limits, best), given, best
+
+
+def _best_from(
+    problem: Problem,
+    begins: Iterable[tuple[Array, Sequence[Array], float]],
+    effects: Sequence[EffectInstance],
+    trials: int = 30,
+) -> Fitted | None:
+    """Return the best fit from these parameters, initial states and shifts; None when all run away.
+
+    Where there is no time for one fit it is the best of them as they are: whoever gave the time has something to tell.
+    """
+    begun, fits = [], []
+    with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
+        try:
+            for theta, initial, shift in begins:
+                begun.append((theta, initial, shift))
+                fits.append(problem.fit(theta, effects, initial, trials=trials, shift=shift))
+        except OutOfTime:
+            if not any(fits):
+                with time_limit(None):
+                    fits = [problem.fit(x, effects, initial, trials=0, shift=s) for x, initial, s in begun]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
 def _known(form: Form, segments: Sequence[Segment], limits: Limits, fitted: Fitted) -> Problem:

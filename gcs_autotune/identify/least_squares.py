@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import check_time
+
 __all__ = ["Local", "Minimum", "descend", "inverse_of"]
 
 Array = NDArray[np.float64]
@@ -54,6 +56,11 @@ def descend(
     cost has no value. *trials* at most, to a relative decrease of *tolerance*.
 
     The damping follows how well the last decrease was foretold (Nielsen1999).
+
+    Raises
+    ------
+    OutOfTime
+        Within a :func:`.time_limit`, before the next trial.
     """
     x = np.clip(start, low, high)
     here = local(x)
@@ -61,6 +68,7 @@ def descend(
         return None
     damping, worse, converged, trial = 1e-6, 4.0, False, 0
     while trial < trials:
+        check_time()
         trial += 1
         step, expected = _step(here, x, low, high, damping)
         moved = np.clip(x + step, low, high)

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from runs_in_the_tank import towed
 
-from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise, state
+from gcs_autotune import clock
+from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise
+from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
+from gcs_autotune.identify.kalman.filter_bank import FilterBank
+from gcs_autotune.models import CoupledModel, Form
+from gcs_autotune.trial import Trial
 
 SOME = ("quadratic-drag", "dead-zone", "input-bias")
 
@@ -22,7 +29,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch, last: str, *, jobs: int = 1) -> D
         if stage.startswith(last):
             passed[0] = 1e6
 
-    monkeypatch.setattr(state, "time", SimpleNamespace(monotonic=lambda: time.monotonic() + passed[0]))
+    monkeypatch.setattr(clock, "time", SimpleNamespace(monotonic=lambda: time.monotonic() + passed[0]))
     runs = towed(("dead-zone", "N", {"width": 0.2}))
     return diagnose(runs, effects=SOME, jobs=jobs, max_seconds=1e5, progress=watch)
 
@@ -50,6 +57,58 @@ def test_time_enough_is_not_mentioned(monkeypatch: pytest.MonkeyPatch) -> None:
     found = diagnosed(monkeypatch, "never")
     assert [c.effect.slug for c in found.causes] == ["dead-zone"]
     assert "out-of-time" not in {d.slug for d in found.doubts}
+
+
+FORM = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+
+OVERHEAD = 150
+"""Passes that a diagnosis of two runs makes however little time it has: a model as it stands, some starts, a report."""
+
+
+def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **asked: Any) -> tuple[int, Diagnosis]:
+    """Diagnose by a clock on which each pass of a simulation, or of a filter, over a run takes a second."""
+    passed = [0]
+    for owner in (ExtendedSimulator, FilterBank):
+        run = owner.run
+
+        def counted(self: Any, *args: Any, run: Any = run, **named: Any) -> Any:
+            passed[0] += 1 if isinstance(self, ExtendedSimulator) else len(self.tracks)
+            return run(self, *args, **named)
+
+        monkeypatch.setattr(owner, "run", counted)
+    monkeypatch.setattr(clock, "time", SimpleNamespace(monotonic=lambda: float(passed[0])))
+    found = diagnose(*asked.pop("runs"), max_seconds=seconds, **asked)
+    return passed[0], found
+
+
+def wandering(seed: int) -> list[Trial]:
+    """Return runs of a tow, pushed by what wanders."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    for run in towed(samples=600, full=1.0, seed=seed):
+        push = np.cumsum(rng.normal(0.0, 0.03, len(run["psi"].t)))
+        psi = replace(run["psi"], values=run["psi"].values + 0.1 * np.cumsum(push - push.mean()) * 0.1)
+        runs.append(replace(run, channels={"N": run["N"], "psi": psi}))
+    return runs
+
+
+@pytest.mark.parametrize("seconds", [0.0, 100.0, 1e3, 3e3, 1e4])
+@pytest.mark.parametrize("asked", ["runs", "weather", "model", "simulation"])
+def test_whatever_the_stage_it_ends_near_the_time_given(
+    monkeypatch: pytest.MonkeyPatch, asked: str, seconds: float
+) -> None:
+    runs = towed(("dead-zone", "N", {"width": 0.2}), ("quadratic-drag", "yaw", {"coefficient": 1.0}))
+    wrong = ExtendedModel(CoupledModel(FORM, {"N_rdot": -3.0, "N_r": -1.0}), ())
+    every: dict[str, dict[str, Any]] = {
+        "runs": {"runs": (runs,)},
+        "weather": {"runs": (wandering(1),)},
+        "model": {"runs": (runs,), "model": wrong},
+        "simulation": {"runs": (runs,), "simulations": towed(noise=0.0)},
+    }
+    passes, found = passes_of(monkeypatch, seconds, **every[asked])
+    assert passes <= 1.5 * seconds + OVERHEAD
+    if passes > 0.9 * seconds:
+        assert any(d.slug in ("out-of-time", "simulation-out-of-time") for d in found.doubts)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from gcs_autotune.clock import check_time
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
 from gcs_autotune.identify.segment import Segment
@@ -500,6 +501,7 @@ class _Coordinates:
         return move
 
     def at(self, x: Array) -> _Point | None:
+        check_time()
         found = self.problem._innovations(*self.unpack(x))
         if found is None:
             return None
