@@ -25,7 +25,8 @@ def accept_or_revert(
 ) -> None:
     """End the tune with *proposal*, as it deserves and the operator wants; *before* is the step with present gains.
 
-    Both steps are compared over what both recorded: each ends by itself once the craft stands at its target.
+    Both steps are compared over what both recorded: each ends by itself once the craft stands at its target. The log
+    has the metrics of the step *before* already.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def accept_or_revert(
             "unchanged",
             "no gains found inside the documented ranges do better than the present ones; nothing was written",
         )
-    elif _is_hopeless(proposal, criteria.read(before, proposal.windows)):
+    elif log.metrics_before is not None and _is_hopeless(proposal, log.metrics_before):
         log.end(
             "unchanged",
             "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
@@ -83,10 +84,9 @@ def _prove(
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
             log.say(f"both are read over the first {there_and_back} of step and step back: what both recorded")
-        log.metrics_before, log.metrics_after = (criteria.read(trial, alike) for trial in (before, after))
-        if log.proposal is not None:
-            log.proposal = told_over(log.proposal, alike)
-        verdict = is_better(log.metrics_before, log.metrics_after, context.law.free_overshoot)
+        then, now, log.proposal = context.run_in_background(_compared, criteria, before, after, alike, log.proposal)
+        log.metrics_before, log.metrics_after = then, now
+        verdict = is_better(then, now, context.law.free_overshoot)
         log.verdict = (verdict.better, verdict.reasons)
         if verdict.better:
             loan.keep()
@@ -95,6 +95,14 @@ def _prove(
             log.end("kept", "the new gains are better and stay")
     if not verdict.better:
         log.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+
+
+def _compared(
+    criteria: StepCriteria, before: Trial, after: Trial, windows: Sequence[float], proposal: Proposal | None
+) -> tuple[StepMetrics, StepMetrics, Proposal | None]:
+    """Return what both steps read over their *windows* [s] come to, and the proposal with its prediction read so."""
+    told = None if proposal is None else told_over(proposal, windows)
+    return criteria.read(before, windows), criteria.read(after, windows), told
 
 
 def _is_hopeless(proposal: Proposal, measured: StepMetrics) -> bool:

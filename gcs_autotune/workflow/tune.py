@@ -164,7 +164,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     if axis.steers_by_way and found is None:
         context = replace(context, throttle=steering_throttle(before, context.present, context.throttle))
     proof, grain = proof.after(before), resolution(before)
-    log.metrics_before = measure(before, resolution=grain)
+    log.metrics_before = context.run_in_background(measure, before, resolution=grain)
     if given is None:
         moving = context.law.controls_velocity
         if found is None:
@@ -181,7 +181,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     else:
         criteria = StepCriteria(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)
         proposal = design_from_file(context, given, before, criteria)
-    log.metrics_before = criteria.read(before, proposal.windows)
+    log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
     accept_or_revert(context, proposal, before, criteria, journal)
 
 
@@ -202,7 +202,7 @@ def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -
     grain = resolution(before)
     noise = _noise_in_proof(before, gains, context.law.controls_velocity, grain)
     criteria = StepCriteria(proof.after(before), noise, grain)
-    context.log.metrics_before = criteria.read(before)
+    context.log.metrics_before = context.run_in_background(criteria.read, before)
     accept_or_revert_supplied(context, before, criteria, journal)
 
 

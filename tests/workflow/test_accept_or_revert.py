@@ -82,6 +82,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         end=lambda ending, why: done.append(ending),
         given_changes=[CHANGE],
         proposal=None,
+        metrics_before=step(1.0),
         metrics_after=None,
         verdict=None,
     )
@@ -91,6 +92,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         agrees=lambda question: done.append(question) or context.answer,
         answer=True,
         flies=0.5,
+        run_in_background=lambda work, *args: work(*args),
         craft=SimpleNamespace(parameters=None, firmware=FIRMWARE["ardusub"]),
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import nullcontext
 from functools import partial
+from importlib import import_module
 from threading import Event
 from types import SimpleNamespace
 from typing import Any
@@ -161,14 +162,38 @@ def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> N
 
 
 @pytest.mark.slow
-def test_everything_that_a_tune_computes_can_cross_to_another_process(tmp_path: Any, monkeypatch: Any) -> None:
-    crossed = []
+def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_cross(
+    tmp_path: Any, monkeypatch: Any
+) -> None:
+    crossed: list[str] = []
+    across: list[bool] = []
+    held_up: list[str] = []
 
     def there_and_back(craft: Any, worker: Worker, bear: Any, work: Any, *args: Any, **named: Any) -> Any:
         crossed.append(work.__name__)
-        return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
+        across.append(True)
+        try:
+            return pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(partial(work, *args, **named)))()))
+        finally:
+            across.pop()
 
+    def begun(worker: Worker, work: Any) -> None:
+        across.append(True)
+        begin(worker, work)  # in simulated time done at once
+        across.pop()
+
+    def read(*args: Any) -> Any:
+        if not across:
+            held_up.append("a step is read by the loop that holds the sticks: loading its kernel takes 0.3 s")
+        return error_behind(*args)
+
+    step_metrics = import_module("gcs_autotune.design.step_metrics")
+    error_behind = step_metrics.error_behind
+    begin = Worker.begin
+    monkeypatch.setattr(Worker, "begin", begun)
     monkeypatch.setattr(context, "run_in_background", there_and_back)
-    story = SitlHarness(tmp_path).tune(dry_run=True)
-    assert story.ending == "dry-run"
-    assert {"fit_axis", "design"} <= set(crossed)
+    monkeypatch.setattr(step_metrics, "error_behind", read)
+    story = SitlHarness(tmp_path).tune(stop_rule="settled")  # the other rule asks its worker by itself
+    assert story.ending == "kept"
+    assert {"fit_axis", "design", "read"} <= set(crossed)
+    assert held_up == []
