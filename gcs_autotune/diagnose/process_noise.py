@@ -3,7 +3,8 @@
 Over a free run such pushes add up until no simulation follows, whatever its model, and every candidate looks alike.
 Here they are part of the model (:class:`.WanderingProblem`): a force of fitted size and memory, so that what is judged
 is how well each sample is foretold from those before it. Each candidate is fitted to the runs together, and whole runs
-(blocks of one) are left out in turn: a name must pay on both. What pays on the first alone is told as refuted.
+(blocks of one) are left out in turn: a name must pay on both. What does not is told
+with what it came to on the second.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ Say = Callable[[str, int, int], None]
 class Attested:
     """A candidate under process noise: log-likelihood gained on the runs fitted, and on each part left out.
 
-    ``paid``: whether it may be named; ``refuted``: it pays on the runs it is fitted to, and loses on those left out.
+    ``paid``: whether it may be named; ``falls_short``: it pays on the runs it is fitted to, and not on each left out.
     """
 
     effect: EffectInstance
@@ -103,8 +104,8 @@ class Attested:
         return self.gain > self.needed and self.holds and not self.brief
 
     @property
-    def refuted(self) -> bool:
-        """Whether it pays on the runs it is fitted to, and not on those it has not seen."""
+    def falls_short(self) -> bool:
+        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
         return self.gain > self.needed and not self.holds
 
 

@@ -336,13 +336,20 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
                 + "): it looks like wind, wakes or current"
             )
     found += [_evidence_of(a, search) for a in search.named]
-    for attested in search.judged:
-        if attested.refuted:
-            found.append(
-                f"{attested.effect.slug} of {attested.effect.place} fits the given runs ({attested.gain:+.1f} in "
-                f"log-likelihood) and loses on those left out ({attested.foretold:+.1f}): refuted as it stands"
-            )
-    return tuple(dict.fromkeys(found))
+    named = {(a.effect.slug, a.effect.place) for a in search.named}
+    last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
+    found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
+    return tuple(found)
+
+
+def _shortfall_of(unnamed: Attested) -> str:
+    """Return in words why a candidate that fits the given runs is not named."""
+    fits = (
+        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
+    )
+    if unnamed.foretold > 0.0:
+        return f"{fits} and gains on those left out together ({unnamed.foretold:+.1f}), but not on each: not named"
+    return f"{fits} and loses on those left out ({unnamed.foretold:+.1f}): refuted as it stands"
 
 
 STRENGTHS = ((5.0, "very strong"), (WORTH, "strong"), (1.0, "positive"))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune import clock
-from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise
+from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise, weathered
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
 from gcs_autotune.identify.kalman.filter_bank import FilterBank
 from gcs_autotune.models import CoupledModel, Form
@@ -130,3 +130,20 @@ def test_a_name_holds_where_every_part_left_out_gains_or_all_but_one_well_more(
 ) -> None:
     attested = process_noise.Attested(None, None, 20.0, np.array(unseen), 5.0, 1)  # type: ignore[arg-type]
     assert attested.holds is holds
+
+
+def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> None:
+    lag = SimpleNamespace(slug="actuator-lag", place="N")
+    drag = SimpleNamespace(slug="quadratic-drag", place="yaw")
+
+    def judged(effect: Any, unseen: list[float], step: int) -> Any:
+        return process_noise.Attested(effect, cast(Any, None), 20.0, np.array(unseen), 5.0, step)
+
+    tried = [judged(lag, [-3.0, 1.0], 1), judged(drag, [-9.0, -2.0], 1), judged(lag, [6.0, -1.0], 2)]
+    told = weathered.words_of(cast(Any, SimpleNamespace(named=[], judged=tried)), None)
+    assert told == (
+        "actuator-lag of N fits the given runs (+20.0 in log-likelihood) and gains on those left out together (+5.0), "
+        "but not on each: not named",
+        "quadratic-drag of yaw fits the given runs (+20.0 in log-likelihood) and loses on those left out (-11.0): "
+        "refuted as it stands",
+    )
