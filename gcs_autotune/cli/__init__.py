@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
@@ -86,8 +88,11 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence, as every other error is said, and where the options are listed."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise it, without argparse's words around it."""
-        raise UsageError(f"{message.removeprefix('argument ')} (see `{self.prog} --help`)")
+        """Raise it, without argparse's words around it, and with the nearest spelling of a name there is not."""
+        wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message)
+        near = difflib.get_close_matches(wrong[1], re.findall(r"[^', ]+", wrong[2]), n=1, cutoff=0.5) if wrong else []
+        hint = f". Did you mean {near[0]}?" if near else ""
+        raise UsageError(f"{message.removeprefix('argument ')}{hint} (see `{self.prog} --help`)")
 
 
 def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:

@@ -14,6 +14,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, progress
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
+from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import ModelFile
@@ -24,11 +25,34 @@ __all__ = ["COMMAND"]
 MOST = 1e12
 """The largest number that a constant of a craft or an option of a method may be: that of a large ship in SI units."""
 
+MOTIONS = (*DOFS, "horizontal", "6dof", "rudder", "twin-thruster", "vectored")
+"""Degrees of freedom and the forms shipped, by name: a typo is refused before the tables, and SciPy, are imported."""
+METHODS = (
+    "output-error",
+    "global",
+    "prediction-error",
+    "ekf",
+    "ukf",
+    "smoother",
+    "least-squares",
+    "instrumental-variables",
+    "recursive-least-squares",
+    "iso",
+    "step",
+    "zig-zag",
+    "frequency",
+    "all",
+    "list",
+)
+"""Likewise; a test holds both against the tables."""
+
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     what = parser.add_argument_group("model")
-    what.add_argument("--dof", metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof")
+    what.add_argument(
+        "--dof", choices=MOTIONS, metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof"
+    )
     what.add_argument(
         "--structure",
         metavar="S",
@@ -63,7 +87,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     how = parser.add_argument_group("method")
     how.add_argument(
-        "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
+        metavar="M",
+        help=f"default {METHODS[0]}; 'all' compares; 'list' lists",
     )
     how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen)")
     how.add_argument("--robust", action="store_true", help="bear with outliers (soft-L1 loss)")
@@ -105,12 +133,13 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.text import Text
 
-    from gcs_autotune.identify import METHODS, load_model, save_model
+    from gcs_autotune.identify import METHODS as TABLE
+    from gcs_autotune.identify import load_model, save_model
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
-        _list(METHODS)
+        _list(TABLE)
         return 0
     runs = read_runs(args)
     if args.plan is not None:
