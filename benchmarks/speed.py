@@ -171,7 +171,8 @@ def water(cases: Sequence[str], seeds: int, waves: bool, file: Path | None) -> N
 
 
 def _show(name: str, pairs: Sequence[Pair], goal: float) -> None:
-    new, old = (np.array([p.seconds[i] for p in pairs]) for i in (0, 1))
+    over = [p for p in pairs if "aborted" not in p.endings]  # a tune cut short says nothing of how long one takes
+    new, old = (np.array([p.seconds[i] for p in over] or [math.nan]) for i in (0, 1))
     ratios = [p.itae[0] / p.itae[1] for p in pairs if math.isfinite(p.itae[0]) and p.itae[1] > 0.0]
     shown = f"{np.mean(ratios):.2f} ({max(ratios):.2f})" if ratios else "-"
     same = "same" if all(p.endings[0] == p.endings[1] for p in pairs) else "DIFFERENT"
