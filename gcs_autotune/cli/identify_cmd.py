@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,26 +26,9 @@ __all__ = ["COMMAND"]
 MOST = 1e12
 """The largest number that a constant of a craft or an option of a method may be: that of a large ship in SI units."""
 
-MOTIONS = (*DOFS, "horizontal", "6dof", "rudder", "twin-thruster", "vectored")
+_FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
+MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
 """Degrees of freedom and the forms shipped, by name: a typo is refused before the tables, and SciPy, are imported."""
-METHODS = (
-    "output-error",
-    "global",
-    "prediction-error",
-    "ekf",
-    "ukf",
-    "smoother",
-    "least-squares",
-    "instrumental-variables",
-    "recursive-least-squares",
-    "iso",
-    "step",
-    "zig-zag",
-    "frequency",
-    "all",
-    "list",
-)
-"""Likewise; a test holds both against the tables."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,11 +71,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     how = parser.add_argument_group("method")
     how.add_argument(
-        "--method",
-        choices=METHODS,
-        default=METHODS[0],
-        metavar="M",
-        help=f"default {METHODS[0]}; 'all' compares; 'list' lists",
+        "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
     )
     how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen)")
     how.add_argument("--robust", action="store_true", help="bear with outliers (soft-L1 loss)")
@@ -133,13 +113,12 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.text import Text
 
-    from gcs_autotune.identify import METHODS as TABLE
-    from gcs_autotune.identify import load_model, save_model
+    from gcs_autotune.identify import METHODS, load_model, save_model
     from gcs_autotune.report import render_study, study_summary, study_to_dict
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
-        _list(TABLE)
+        _list(METHODS)
         return 0
     runs = read_runs(args)
     if args.plan is not None:
