@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import UsageError
@@ -24,7 +24,7 @@ from gcs_autotune.watch import Progress
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["Relay", "RelaySettings", "StopRule", "WallRelay"]
+__all__ = ["OptionNames", "Relay", "RelaySettings", "StopRule", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -48,6 +48,17 @@ LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
+class OptionNames(NamedTuple):
+    """What a person sets a relay's size by: named in advice."""
+
+    output: str = "--relay-output"
+    hysteresis: str = "--relay-hysteresis"
+
+
+OF_A_TUNE = OptionNames()
+"""Those of ``tune`` and ``experiment``."""
+
+
 @dataclass(frozen=True, slots=True)
 class RelaySettings:
     """What to fly. Outputs are fractions of full actuator output; angles rad, lengths m, times s.
@@ -68,6 +79,7 @@ class RelaySettings:
     least_distance : nearest to a wall ahead [m], of a relay on ``d``.
     noise_std : noise of the signal where it is known, and the way is on: there is no approach then.
     least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
+    names : what the command at hand calls output and hysteresis.
 
     Raises
     ------
@@ -95,6 +107,7 @@ class RelaySettings:
     least_period: float = 0.0
     least_distance: float = 0.0
     noise_std: float | None = None
+    names: OptionNames = OF_A_TUNE
 
     def __post_init__(self) -> None:
         """See that a relay can be made of it: it switches, and pushes no harder than there is."""
@@ -275,10 +288,10 @@ class Relay(Manoeuvre):
         elif t - self._last_switch > s.patience:
             self._grow(t, messages.no_oscillation(s, self._output))
         elif self._improper_periods >= 2 and self._outruns_the_ticks():
-            too_fast = messages.too_fast(self._output, LEAST_TICKS, self._tick_time)
+            too_fast = messages.too_fast(s, self._output, LEAST_TICKS, self._tick_time)
             self._settle(t) if self._may_widen() else self._give_up(too_fast)
         elif self._improper_periods >= 2:
-            self._grow(t, messages.improper(self._output))
+            self._grow(t, messages.improper(s, self._output))
         elif state.switchings >= 2 * s.unsettled_periods and self._may_widen():
             self._settle(t)
         elif state.switchings >= 2 * s.most_periods:

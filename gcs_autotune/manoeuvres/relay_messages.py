@@ -16,7 +16,7 @@ def never_settled(settings: RelaySettings, scatter: float) -> str:
     return (
         f"the limit cycle never settled: {settings.most_periods} periods, the last scatter {100 * scatter:.0f} % "
         f"(needed {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or "
-        "use a larger --relay-output or --relay-hysteresis"
+        f"use a larger {settings.names.output} or {settings.names.hysteresis}"
     )
 
 
@@ -25,7 +25,7 @@ def link_too_slow(settings: RelaySettings, period: float) -> str:
     return (
         f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
         f"quicker than {settings.least_period:.2f} s tells about the craft rather than about the link's "
-        "delay and sampling. Use a faster link, a higher --control-rate, or a larger --relay-hysteresis"
+        f"delay and sampling. Use a faster link, a higher --control-rate, or a larger {settings.names.hysteresis}"
     )
 
 
@@ -43,7 +43,7 @@ def overwhelmed(settings: RelaySettings, output: float) -> str:
     return (
         f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
         f"{settings.signal} drifts on against it. Trim the craft, wait for less wind or current, or give a "
-        "larger --relay-output"
+        f"larger {settings.names.output}"
     )
 
 
@@ -51,25 +51,25 @@ def no_oscillation(settings: RelaySettings, output: float) -> str:
     """It did not reach the hysteresis in time."""
     return (
         f"no self-oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
-        f"{settings.patience:.0f} s. Check that the actuator moves it, or give a larger --relay-output or a "
-        "smaller --relay-hysteresis"
+        f"{settings.patience:.0f} s. Check that the actuator moves it, or give a larger {settings.names.output} or a "
+        f"smaller {settings.names.hysteresis}"
     )
 
 
-def too_fast(output: float, least_ticks: float, tick: float) -> str:
+def too_fast(settings: RelaySettings, output: float, least_ticks: float, tick: float) -> str:
     """Half a period is over within *least_ticks* control ticks of *tick* [s]."""
     return (
         f"the craft swings through the hysteresis within {least_ticks:g} control ticks of {tick:.2f} s at "
         f"relay output {output:.2f}: the relay cannot follow it. Give a higher --control-rate, a larger "
-        "--relay-hysteresis or a smaller --relay-output"
+        f"{settings.names.hysteresis} or a smaller {settings.names.output}"
     )
 
 
-def improper(output: float) -> str:
+def improper(settings: RelaySettings, output: float) -> str:
     """It swings, but condition (7.12) is not met."""
     return (
         f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
-        f"{output:.2f}; give a larger --relay-output or a smaller --relay-hysteresis"
+        f"{output:.2f}; give a larger {settings.names.output} or a smaller {settings.names.hysteresis}"
     )
 
 

@@ -10,7 +10,7 @@ from gcs_autotune.axes import EXCITATIONS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import hand_released, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, WallRelay
+from gcs_autotune.manoeuvres.relay import OptionNames, Relay, RelaySettings, WallRelay
 
 __all__ = ["MANOEUVRES"]
 
@@ -23,6 +23,10 @@ def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
         return Relay(settings)
 
     return Preset(title, force, make, closed=True)
+
+
+_OF_EXPERIMENT = OptionNames("--relay-output (of `experiment`)", "--relay-hysteresis (of `experiment`)")
+"""`fly relay` finds both by itself; `experiment`, the same relay for one axis, takes them."""
 
 
 def _relay_of(force: str) -> ManoeuvreKind:
@@ -38,6 +42,7 @@ def _relay_of(force: str) -> ManoeuvreKind:
             throttle=0.0 if force == "X" else options["throttle"],
             keep_still=bool(options["keep-still"]),
             least_hysteresis=d.least_hysteresis,
+            names=_OF_EXPERIMENT,
         )
         return Relay(settings)
 
@@ -69,6 +74,7 @@ def _wall_relay(options: Mapping[str, float]) -> WallRelay:
         hysteresis=options["wall-hysteresis"],
         keep_still=bool(options["keep-still"]),
         least_distance=options["least-distance"],
+        names=OptionNames("relay output", "--wall-hysteresis"),
     )
     return WallRelay(settings, "wall-relay")
 

@@ -1,19 +1,30 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from gcs_autotune.cli import make_parser
 from gcs_autotune.identify import find_cycles
-from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, limited_orders
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Envelope,
+    Relay,
+    RelaySettings,
+    Sequencer,
+    limited_orders,
+    relay_messages,
+)
 from gcs_autotune.manoeuvres.relay import WallRelay
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.watch import SilentWatcher
 
 from .pond import Buoyant, PondCraft, answered, at_rest
 
+WALL = {"wall-hysteresis": 0.2, "least-distance": 1.0}
 YAW = RelaySettings("psi", "N")
 DEPTH = RelaySettings("z", "Z", least_hysteresis=0.15)
 WIDE = Envelope(heading_excursion=math.radians(170.0))
@@ -245,3 +256,26 @@ def test_an_order_that_goes_on_by_the_clock_is_no_thruster_at_its_limit():
         marks = (Mark(0.5, "level", {"N": 0.5}),)
         run = Trial("orders", {"N": Channel("N", "1", t, N)}, marks)
         assert bool(limited_orders(run)) is limited
+
+
+def options_of(command):
+    """The options that *command* takes."""
+    verbs = next(action.choices for action in make_parser()._actions if action.dest == "command")
+    return set(re.findall(r"--[a-z][a-z-]*", verbs[command].format_help()))
+
+
+@pytest.mark.parametrize("name", ["relay", "wall-relay"])
+def test_what_a_flown_relay_advises_is_an_option_of_fly_or_of_the_command_it_names(name):
+    settings = MANOEUVRES[name].make(dict.fromkeys(("throttle", "keep-still"), 0.0) | WALL)._settings
+    told = [
+        relay_messages.never_settled(settings, 0.3),
+        relay_messages.link_too_slow(settings, 0.3),
+        relay_messages.overwhelmed(settings, 0.5),
+        relay_messages.no_oscillation(settings, 0.5),
+        relay_messages.too_fast(settings, 0.5, 4.0, 0.1),
+        relay_messages.improper(settings, 0.5),
+    ]
+    named = re.findall(r"(--[a-z][a-z-]*)(?: \(of `([a-z]+)`\))?", " ".join(told))
+    assert len(named) >= len(told)
+    for option, command in named:
+        assert option in options_of(command or "fly"), (option, command)
