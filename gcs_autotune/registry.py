@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from gcs_autotune.errors import UnknownName, UsageError
 
-__all__ = ["lookup"]
+__all__ = ["lookup", "nearest_of"]
 
 T = TypeVar("T")
 
@@ -36,9 +36,14 @@ def lookup(table: Mapping[str, T], name: str, kind: str, *, group: str = "") -> 
         loaded: T = _loaded(offered[name], kind)
         return loaded
     known = [*table, *offered]
-    nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    hint = f" Did you mean {' or '.join(nearest)}?" if nearest else ""
+    nearest, hint = nearest_of(name, known)
     raise UnknownName(f"unknown {kind} '{name}'.{hint} Known: {', '.join(known)}.", name=name, nearest=nearest)
+
+
+def nearest_of(name: str, known: Sequence[str]) -> tuple[list[str], str]:
+    """Return the *known* spellings nearest to *name*, and the question whether one was meant, empty without any."""
+    nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    return nearest, f" Did you mean {' or '.join(nearest)}?" if nearest else ""
 
 
 def _offered(group: str) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import re
 import sys
 import traceback
@@ -35,6 +34,7 @@ from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, rea
 from gcs_autotune.cli.tune_cmd import tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.registry import nearest_of
 
 __all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_settings"]
 
@@ -90,9 +90,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise it, without argparse's words around it, and with the nearest spelling of a name there is not."""
         wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message)
-        near = difflib.get_close_matches(wrong[1], re.findall(r"[^', ]+", wrong[2]), n=1, cutoff=0.5) if wrong else []
-        hint = f". Did you mean {near[0]}?" if near else ""
-        raise UsageError(f"{message.removeprefix('argument ')}{hint} (see `{self.prog} --help`)")
+        hint = nearest_of(wrong[1], re.findall(r"[^', ]+", wrong[2]))[1] if wrong else ""
+        raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
 
 
 def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:

@@ -177,11 +177,6 @@ def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_
         finally:
             across.pop()
 
-    def begun(worker: Worker, work: Any) -> None:
-        across.append(True)
-        begin(worker, work)  # in simulated time done at once
-        across.pop()
-
     def read(*args: Any) -> Any:
         if not across:
             held_up.append("a step is read by the loop that holds the sticks: loading its kernel takes 0.3 s")
@@ -189,8 +184,6 @@ def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_
 
     step_metrics = import_module("gcs_autotune.design.step_metrics")
     error_behind = step_metrics.error_behind
-    begin = Worker.begin
-    monkeypatch.setattr(Worker, "begin", begun)
     monkeypatch.setattr(context, "run_in_background", there_and_back)
     monkeypatch.setattr(step_metrics, "error_behind", read)
     story = SitlHarness(tmp_path).tune(stop_rule="settled")  # the other rule asks its worker by itself
