@@ -44,10 +44,16 @@ MOST_DELAY = 1.0
 """Chosen [s]: more is the loop itself. A limit on the turn's acceleration shows as such a delay."""
 FOLLOWED = 0.9
 """Chosen: share of the motion that a loop of this form explains where nothing limits it."""
+DISTINCT = 0.05
+"""Chosen: by how much the shares of two relays differ before the difference is given a cause."""
+SETTLED = 0.5
+"""Chosen [s]: before the first relay, over which is read where the loop stands."""
 SATURATED, OFTEN = 0.98, 0.05
 """An output that counts as full, and the share of the time that makes the loop another one."""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
 """Chosen: damping ratios above which a loop overshoots by less than a sixth, and below which by more than a third."""
+LARGE_OVERSHOOT = 0.2
+"""Chosen: of a step, more than a sixth by more than its scatter."""
 
 
 def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
@@ -63,11 +69,11 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     force, unit = DOFS[axis.dof].force, parts[0][_commanded(run)].unit
     actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
     notes: list[Doubt] = []
-    loop, explained, (omega_std, zeta_std) = _loop(run, parts)
-    if explained < FOLLOWED:
-        cause = f"no linear loop explains more than {100.0 * explained:.0f} % of this motion: limits were at work"
-        notes.append(Doubt("not-linear", cause, "give smaller --set-point and --second-set-point"))
-    omega_n, zeta = oscillation_of(loop)
+    loop, explained, (omega_std, zeta_std, overshoot_std) = _loop(run, parts)
+    whole = explained[-1]
+    if whole < FOLLOWED:
+        notes.append(_not_linear(explained))
+    omega_n, zeta, overshoot = _told(loop).tolist()
     if force in run:
         full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
         if full > OFTEN:
@@ -79,8 +85,8 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     figures = known(
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
         judged("damping", "damping ratio", Reading(zeta, zeta_std)),
-        judged("overshoot", "overshoot of a step, of its size", Reading(_overshoot(loop), NAN)),
-        judged("explained", "share of the motion that this loop explains", Reading(explained, NAN)),
+        judged("overshoot", "overshoot of a step, of its size", Reading(overshoot, overshoot_std)),
+        judged("explained", "share of the motion that this loop explains", Reading(whole, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
         judged("a3", "a_3", Reading(loop.denominator[3], NAN, "s^3")),
@@ -95,8 +101,24 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
             )
         ),
     )
-    title, verdict = f"closed {axis.name} loop", _verdict(zeta, zeta_std, axis.name)
+    title, verdict = f"closed {axis.name} loop", _verdict((zeta, zeta_std), (overshoot, overshoot_std), axis.name)
     return Sheet(run.name, "set-point-relay", title, figures, verdict, tuple(notes))
+
+
+def _not_linear(explained: Sequence[float]) -> Doubt:
+    """Return the doubt that goes with the shares *explained* of the larger relay, the smaller one and both.
+
+    A limit bends the larger motion; a dead band, waves and the sensor's noise the smaller one.
+    """
+    larger, smaller, whole = explained
+    cause = f"no linear loop explains more than {100.0 * whole:.0f} % of this motion"
+    told = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
+    if larger < smaller - DISTINCT:
+        return Doubt("not-linear", f"{cause} {told}: limits were at work", "give smaller --set-point")
+    if smaller < larger - DISTINCT:
+        cause = f"{cause} {told}: a dead band, waves or noise were at work"
+        return Doubt("not-linear", cause, "give larger --set-point and --second-set-point")
+    return Doubt("not-linear", f"{cause}, of either relay: its loop is of another form", "compare with a step flown")
 
 
 def _axis(run: Trial) -> AxisKind:
@@ -109,9 +131,9 @@ def _commanded(run: Trial) -> str:
     return f"{_axis(run).stepped}_ref"
 
 
-def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, tuple[float, float]]:
-    """Return the loop with three poles and a zero, the share of the motion that it explains, and the standard
-    errors of natural frequency [rad/s] and damping ratio.
+def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[float], Array]:
+    """Return the loop with three poles and a zero, the shares that it explains of the motion in the larger relay, in
+    the smaller one and in both, and the standard errors of natural frequency [rad/s], damping ratio and overshoot.
 
     Harmonics are where the fit to the record begins, and a loop of second order as quick as the relay.
 
@@ -132,17 +154,20 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
         starts.append(np.array([*loop.denominator[1:], 0.05 * abs(loop.denominator[2]) ** 1.5, loop.numerator[1]]))
     ref = np.concatenate([part[commanded].values for part in parts])
     at = np.concatenate([part[commanded].t for part in parts])
-    t = np.arange(at[0], run.end, STEP)
+    t = np.arange(at[0], at[-1], STEP)  # after the last switch nobody holds that command any more
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
-    answer = np.interp(t, run[signal].t, run[signal].values) - middle
+    seen = run[signal]
+    answer = np.interp(t, seen.t, seen.values) - middle
+    before = seen.values[(seen.t > at[0] - SETTLED) & (seen.t <= at[0])]
+    stood = float(np.mean(before)) - middle if len(before) else 0.0  # as it was held, which may be off its course
     edges = np.append(at, run.end)
-    area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
+    area = np.concatenate([[0.0], np.cumsum((ref - middle - stood) * np.diff(edges))])
 
     def left(theta: Array) -> Array:
         """Return what is left over; what is asked for counts by its mean over each step, late by the delay."""
         late = t - theta[4]
         asked = np.diff(np.interp(np.append(late, late[-1] + STEP), edges, area)) / STEP
-        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) - answer)
+        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) + stood - answer)
 
     low, high = [-np.inf] * 4 + [0.0], [np.inf] * 4 + [MOST_DELAY]
     fits = []
@@ -158,26 +183,31 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, float, 
             "the loop read off these relays is not stable, though it was flown: repeat them with clearly different "
             "--set-point and --second-set-point"
         )
-    return (
-        loop,
-        1.0 - math.sqrt(max(float(np.var(best.fun)) - noise, 0.0) / max(float(np.var(answer)) - noise, 1e-12)),
-        _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun),
-    )
+    explained = []
+    for part in (*sorted(parts, key=lambda part: -float(np.ptp(part[commanded].values))), run):
+        inside = (t >= part.start) & (t <= part.end)
+        missed, moved = float(np.var(best.fun[inside])), float(np.var(answer[inside]))
+        explained.append(1.0 - math.sqrt(max(missed - noise, 0.0) / max(moved - noise, 1e-12)))
+    return loop, explained, _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun)
 
 
-def _errors(theta: Array, J: Array, left: Array) -> tuple[float, float]:
-    """Return the standard errors of natural frequency and damping; what is left over may hang together."""
+def _errors(theta: Array, J: Array, left: Array) -> Array:
+    """Return the standard errors of :func:`_told`; what is left over may hang together."""
     again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
     variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
     covariance = variance * np.linalg.pinv(J.T @ J)
-    slopes = np.zeros((2, len(theta)))
-    here = np.array(oscillation_of(_of(theta)))
-    for i in range(3):
+    here = _told(_of(theta))
+    slopes = np.zeros((len(here), len(theta)))
+    for i in range(4):  # the delay moves none of them
         moved = theta.copy()
         moved[i] += NUDGE
-        slopes[:, i] = (np.array(oscillation_of(_of(moved))) - here) / NUDGE
-    spread = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
-    return float(spread[0]), float(spread[1])
+        slopes[:, i] = (_told(_of(moved)) - here) / NUDGE
+    return np.asarray(np.sqrt(np.diag(slopes @ covariance @ slopes.T)))
+
+
+def _told(loop: TransferFunction) -> Array:
+    """Return natural frequency, damping ratio and overshoot of a *loop*."""
+    return np.array([*oscillation_of(loop), _overshoot(loop)])
 
 
 def _of(theta: Array) -> TransferFunction:
@@ -200,11 +230,15 @@ def _flown(a: Array, b_1: float, asked: Array) -> Array:
     return answer
 
 
-def _verdict(zeta: float, std: float, axis: str) -> str:
-    if math.isnan(zeta):
-        return f"the damping of the {axis} loop cannot be told from these relays: other sizes of relay tell more"
+def _verdict(damping: tuple[float, float], overshoot: tuple[float, float], axis: str) -> str:
+    """Return what damping ratio and overshoot, each with its standard error, say of the loop of *axis*."""
+    (zeta, std), (over, over_std) = damping, overshoot
     if zeta + std < POORLY_DAMPED:
         return f"the {axis} loop swings: it is time for gcs-autotune tune {axis}"
+    if over - over_std > LARGE_OVERSHOOT:  # of an integral, beside poles that are damped well
+        return f"the {axis} loop overshoots a step by {100.0 * over:.0f} %: it is time for gcs-autotune tune {axis}"
+    if math.isnan(zeta):
+        return f"the damping of the {axis} loop cannot be told from these relays: other sizes of relay tell more"
     if zeta - std > WELL_DAMPED:
         return f"the {axis} loop is well damped"
     if std < 0.5 * (WELL_DAMPED - POORLY_DAMPED):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from tests.manoeuvres.pond import PondCraft, answered, at_rest
@@ -85,6 +87,43 @@ def test_a_loop_whose_steering_is_at_its_limit_is_doubted() -> None:
     wide = {"set-point": 60.0, "hysteresis": 10.0, "second-set-point": 45.0, "second-hysteresis": 10.0}
     (sheet,) = ship_figures(flown(PondCraft(), wide))
     assert "saturated" in {d.slug for d in sheet.doubts}
+
+
+def test_what_the_craft_does_after_the_last_switch_is_not_held_against_the_loop() -> None:
+    run = flown(PondCraft())
+    last = max(m.t for m in run.marks if m.kind == "switch")
+    t = np.arange(last + 0.05, last + 6.0, 0.05)
+    let_go = [np.append(run["psi"].t, t), np.append(run["psi"].values, run["psi"].values[-1] - 0.3 * (t - last))]
+    longer = replace(run, channels={**run.channels, "psi": replace(run["psi"], t=let_go[0], values=let_go[1])})
+    (sheet,), (same,) = ship_figures(run), ship_figures(longer)
+    assert same["natural-frequency"].reading == sheet["natural-frequency"].reading
+    assert same.doubts == ()
+
+
+def test_a_loop_that_stands_beside_its_course_is_read_from_where_it_stands() -> None:
+    run = flown(PondCraft())
+    psi, began = run["psi"], next(m.t for m in run.marks if m.kind == "relay")
+    t = np.maximum(psi.t - began, 0.0)
+    w = math.sqrt(2.0 - 0.9**2)
+    lost = np.exp(-0.9 * t) * (np.cos(w * t) + 0.9 / w * np.sin(w * t))  # as the pond's loop comes back to its course
+    beside = replace(psi, values=psi.values + math.radians(2.0) * lost)  # a dead band let it stand there
+    (sheet,) = ship_figures(replace(run, channels={**run.channels, "psi": beside}))
+    assert sheet["natural-frequency"].reading.value == pytest.approx(math.sqrt(2.0), rel=0.03)
+    assert sheet.doubts == ()
+
+
+def test_where_the_smaller_relay_is_explained_worse_a_larger_one_is_advised() -> None:
+    assert "dead band" in _not_linear((0.9, 0.6, 0.8)).cause
+    assert "larger" in _not_linear((0.9, 0.6, 0.8)).cure
+    assert "limits" in _not_linear((0.6, 0.9, 0.8)).cause
+    assert "another form" in _not_linear((0.8, 0.82, 0.8)).cause
+
+
+def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
+    assert "overshoots a step by 40 %" in _verdict((0.8, 0.1), (0.4, 0.1), "heading")
+    assert "well damped" in _verdict((0.8, 0.1), (0.1, 0.1), "heading")
+    assert "swings" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
+    assert "cannot be told" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
 
 
 def test_one_relay_is_too_few_for_the_loop() -> None:
