@@ -24,7 +24,8 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -33,20 +34,24 @@ from scipy.optimize import minimize
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.design import StepMetrics, combine, step_metrics
-from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
-from gcs_autotune.design.matching import TRIM_TIME
-from gcs_autotune.design.selection import MAX_OVERSHOOT
+from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise
+from gcs_autotune.design.plant import Region
+from gcs_autotune.design.result import ReferenceModel
+from gcs_autotune.design.selection import MAX_OVERSHOOT, choose
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE, Axis, Gain
 from gcs_autotune.link import MemoryLink, Transport
+from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from gcs_autotune.workflow.experiments import common_windows
 from sitl import Server, open_vehicle
+from sitl.actuators import TwinThrusterBoat
 from sitl.autopilot.rover_modes import GuidedTarget
 from sitl.hull import Loads
 from sitl.vehicle import Vehicle
@@ -238,38 +243,79 @@ class Bench:
             parts.append(step_metrics(t, target, x, u, noise_std=noise, quantum=self.quantum))
         return combine(parts)
 
+    @cached_property
+    def truth(self) -> Truth:
+        """The true craft as a design would have it, had it identified everything exactly."""
+        step = self.size if self.signal != "r" else 2.0 * _stick_rate(open_vehicle(self.name).vehicle)
+        spec = Spec(speed=self.speed, noise_std=self.noise, quantum=self.quantum)
+        return true_craft(self.name, self.axis, step, spec)
+
     def shortfall(self, gains: Mapping[str, float]) -> float:
         """Return by how much what a design asks for is missed on the true craft, as a sum of fractions.
 
-        Margins, and that a constant force is worked off in :data:`~gcs_autotune.design.matching.TRIM_TIME`.
+        Margins, integral action, noise on the output and the ceilings of gains, each as the design states it.
         """
-        spec = Spec()
-        data = open_vehicle(self.name).vehicle
-        if self.speed is not None:  # a rudder's hull is that of its propeller's speed
-            data.actuators.apply({"X": data.parameters["CRUISE_THROTTLE"] / 100.0, "N": 0.0}, data.body, Loads())
-        hull = {"yaw": data.body.yaw, "heave": data.body.heave}[self.axis.dof]
-        full = data.actuators.full[self.axis.dof]
-        u = np.linspace(0.0, USED, 201)
-        curve = getattr(data.actuators, "curve", None)
-        force = np.array([curve(v) if curve is not None else v for v in u])
-        dead = int(np.argmax(force > 0.0))
-        slopes = np.gradient(force[dead:], u[dead:])
-        moving = hull.beta + hull.beta2 * 0.3
-        period = self.law.loop_period(data.parameters.values)
-        plants = [
-            Plant(float(slope), hull.alpha / full, drag / full, 1.5 * period)
-            for slope in (max(slopes[1:-1].min(), 0.25), slopes[1:-1].max())
-            for drag in (hull.beta, moving)
-        ]
-        settings = {**data.parameters.values, **gains}
-        speed = self.law.matching_speed(settings, self.speed)
-        low = worst(margins_of_each(self.law.controller(settings, speed), plants))
+        spec, problem = self.truth.problem.spec, self.truth.problem
+        settings = {**problem.settings, **gains}
+        period = self.law.loop_period(settings)
+        low = worst(margins_of_each(self.law.controller(settings, problem.speed), self.truth.plants))
+        above = (max(0.0, gains[g.parameter] / g.high - 1.0) for g in problem.gains if g.parameter in gains)
         return (
-            max(0.0, 1.0 - TRIM_TIME * self.law.integral_rate(settings, speed))
+            integral_shortfall(problem, settings, self.truth.wanted)
+            + max(0.0, output_noise(problem, settings) / NOISE_LIMIT - 1.0)
             + max(0.0, 1.0 - low.gain / spec.gain_margin)
             + max(0.0, 1.0 - low.phase / spec.phase_margin)
             + max(0.0, 1.0 - low.delay / (2.0 * period))
+            + sum(above)
         )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true craft as a design's own problem, its reference model, and the plants that margins are held on."""
+
+    problem: DesignProblem
+    wanted: ReferenceModel
+    plants: Sequence[Plant]
+
+
+def true_craft(name: str, axis: Axis, step: float, spec: Spec) -> Truth:
+    """Return what a design would ask for on the true craft *name*; a boat at her cruise throttle."""
+    law, speed = LAWS[axis.law], spec.speed
+    data = open_vehicle(name).vehicle
+    dof = {"yaw": "N", "heave": "Z"}[axis.dof]
+    settings = dict(data.parameters.values)
+    shares = {"N": 0.0, "X": 0.0, "Z": 0.0}
+    if speed is not None:
+        shares["X"] = settings["CRUISE_THROTTLE"] / 100.0
+        if isinstance(data.actuators, TwinThrusterBoat):
+            settings |= {SKID: 1.0, THROTTLE: shares["X"]}
+
+    def force(u: float) -> float:
+        loads = Loads()
+        data.actuators.apply({**shares, dof: u}, data.body, loads)
+        return float(getattr(loads, dof))
+
+    full = data.actuators.full[axis.dof]
+    u = np.linspace(0.0, USED, 201)
+    share = (np.array([force(v) for v in u]) - force(0.0)) / full
+    # Only now is a rudder's hull that of its propeller's speed.
+    hull = {"yaw": data.body.yaw, "heave": data.body.heave}[axis.dof]
+    dead = int(np.argmax(share > 0.0))
+    slopes = np.gradient(share[dead:], u[dead:])[1:-1]
+    period = law.loop_period(settings)
+    plants = [
+        Plant(float(slope), hull.alpha / full, drag / full, 1.5 * period)
+        for slope in (max(slopes.min(), 0.25), slopes.max())
+        for drag in (hull.beta, hull.beta + hull.beta2 * 0.3)
+    ]
+    used = full * float(share[-1]) / USED
+    model = SingleDof(axis.dof, "1", hull.alpha / used, hull.beta / used, hull.beta2 / used)
+    ceilings = CEILINGS[law.name](model, settings, speed) if law.name in CEILINGS else {}
+    by_name = {g.parameter: replace(g, high=min(g.high, ceilings.get(g.parameter, math.inf))) for g in axis.gains}
+    gains, region = [by_name[n] for n in law.tuned], Region(model, np.zeros((5, 5)), ())
+    problem = DesignProblem(law, gains, region, settings, spec, step, 1.5 * period)
+    return Truth(problem, choose(problem).wanted, plants)
 
 
 def _noise_in(x: Array) -> float:
