@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -15,6 +16,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, progress
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
+from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
@@ -29,6 +31,21 @@ MOST = 1e12
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
 """Degrees of freedom and the forms shipped, by name: a typo is refused before the tables, and SciPy, are imported."""
+_ROW = re.compile(r'\bMethod\(\s*"([^"]+)"')
+"""A row of the table of methods, wherever in that room it is written."""
+
+
+def method_names() -> tuple[str, ...]:
+    """Return the names of the methods, read off their rows: their table imports all that computes."""
+    table = sys.modules.get("gcs_autotune.identify.methods")
+    if table is not None:
+        return tuple(table.METHODS)
+    files = sorted(Path(__file__).parents[1].joinpath("identify").rglob("*.py"))
+    return tuple(dict.fromkeys(name for file in files for name in _ROW.findall(file.read_text(encoding="utf-8"))))
+
+
+def _see_method_is_known(name: str, *besides: str) -> None:
+    lookup(dict.fromkeys((*method_names(), *besides)), name, "identification method")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -109,6 +126,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     known, options = _numbers(args.known), _options("--option", args.option)  # first: a typo waits for no import
+    _see_method_is_known(args.method, "all", "list")
+    if args.compare is not None and not _is_file(args.compare):
+        _see_method_is_known(args.compare)
 
     from rich.console import Console
     from rich.text import Text
@@ -180,9 +200,12 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
     """Return the model to compare with: of a file, or the name of a method."""
-    if text is None or not (Path(text).suffix or Path(text).exists()):
-        return text
-    return load(Path(text))
+    return load(Path(text)) if text is not None and _is_file(text) else text
+
+
+def _is_file(text: str) -> bool:
+    """Whether *text* is a file's name, not that of a method."""
+    return bool(Path(text).suffix) or Path(text).exists()
 
 
 def _numbers(pairs: list[str]) -> dict[str, float]:

@@ -14,6 +14,7 @@ import pytest
 from gcs_autotune.cli import identify_cmd, main, make_parser
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import CannotOpenLink, UsageError
+from gcs_autotune.identify import METHODS
 from gcs_autotune.link import Transport
 from gcs_autotune.models import FORMS
 from gcs_autotune.sname import DOFS
@@ -51,7 +52,7 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
         port = str(taken.getsockname()[1])
         lines = [f"tune heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG]
         lines += [f"experiment heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG[:7]]
-        lines += ["identify runs.csv --dof yow"]
+        lines += [f"identify runs.csv {o}" for o in ("--dof yow", "--method ukv", "--compare ukv")]
         lines += ["fly zig-zg", "fly zig-zag --heading nan", "fly --form yaw zig-zag"]
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM, *lines],
@@ -74,10 +75,16 @@ def test_the_motions_that_identify_refuses_by_are_those_of_the_tables():
     assert set(identify_cmd.MOTIONS) == {*DOFS, *FORMS}
 
 
+def test_the_methods_that_identify_refuses_by_are_the_rows_of_the_table(monkeypatch):
+    monkeypatch.delitem(sys.modules, "gcs_autotune.identify.methods")
+    assert identify_cmd.method_names() == tuple(METHODS)
+
+
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
         ("identify a.csv --dof yow", "Did you mean yaw?"),
+        ("identify a.csv --method instrumental", "Did you mean instrumental-variables?"),
         ("tune headin", "Did you mean heading?"),
         ("tun heading", "Did you mean tune?"),
     ],
