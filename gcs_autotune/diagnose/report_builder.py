@@ -15,7 +15,7 @@ from gcs_autotune.diagnose.adequacy import WHITE, Test, correlation_of, nonparam
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
-from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
     missing_under,
@@ -79,7 +79,7 @@ def build_report(
             cut.append(str(over))
             return otherwise
 
-    untested = Signature((), 0.0)
+    untested = Signature(("not looked at: the time given did not suffice",), 0.0)
     left = in_time("what is left over", lambda: signature_of(problem, final)[0], untested)
     gave_away = in_time("what gave it away", lambda: signature_of(problem, base)[0], untested)
     weather = state.weather
@@ -140,9 +140,13 @@ def build_report(
 def _cut_short(cut: Sequence[str], seconds: float) -> tuple[Doubt, ...]:
     if not cut:
         return ()
+    said = dict.fromkeys(cut)
+    left_off, later = [s for s in said if not s.startswith(NOT_BEGUN)], [s for s in said if s.startswith(NOT_BEGUN)]
+    parts = [f"left off: {'; '.join(left_off)}"] if left_off else []
+    parts += [NOT_BEGUN + ", ".join(s.removeprefix(NOT_BEGUN) for s in later)] if later else []
     doubt = Doubt(
         "out-of-time",
-        f"the {seconds:g} s given did not suffice; left off or not begun: " + "; ".join(dict.fromkeys(cut)),
+        f"the {seconds:g} s given did not suffice; {'; '.join(parts)}",
         "give it longer (--max-seconds), or fewer runs, or the effects in question (--effects); what is told holds for "
         "what was tried",
     )

@@ -34,6 +34,7 @@ from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, giv
 from gcs_autotune.models import Form
 
 __all__ = [
+    "NOT_BEGUN",
     "Key",
     "LostBase",
     "ModelInQuestion",
@@ -49,6 +50,9 @@ Progress = Callable[[str, int, int], None]
 
 Key = tuple[str, str, str]
 """A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
+
+NOT_BEGUN = "not begun: "
+"""Begins what is told of a look for which there was no time."""
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""

@@ -43,7 +43,7 @@ from gcs_autotune.diagnose.score import (
     winner_of,
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
-from gcs_autotune.diagnose.state import SearchState, begin
+from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState, begin
 from gcs_autotune.diagnose.weathered import wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
@@ -96,7 +96,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
     """
     for strategy in strategies:
         try:
-            check_time(f"not begun: {strategy.__name__.replace('_', ' ')}")
+            check_time(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
             state = strategy(state) or state
         except OutOfTime as over:
             state = replace(state, cut=(*state.cut, str(over)))

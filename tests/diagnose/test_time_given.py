@@ -16,6 +16,7 @@ from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise, weathered
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
 from gcs_autotune.identify.kalman.filter_bank import FilterBank
 from gcs_autotune.models import CoupledModel, Form
+from gcs_autotune.report.diagnosis.wording import verdict_headline
 from gcs_autotune.trial import Trial
 
 SOME = ("quadratic-drag", "dead-zone", "input-bias")
@@ -43,7 +44,7 @@ def test_time_that_is_over_at_once_leaves_the_base_and_says_where_it_ended(
     assert found.verdict == "unexplained"
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
     assert "cause 1: fitting, 0 of " in doubt.cause
-    assert "not begun: look under process noise" in doubt.cause
+    assert "look under process noise" in doubt.cause.partition("not begun: ")[2]
     assert "--max-seconds" in doubt.cure
 
 
@@ -109,6 +110,16 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
     assert passes <= 1.5 * seconds + OVERHEAD
     if passes > 0.9 * seconds:
         assert any(d.slug in ("out-of-time", "simulation-out-of-time") for d in found.doubts)
+
+
+def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
+    headline = verdict_headline(found)
+    assert "the time given did not suffice to say what" in headline.text
+    assert "no candidate was tried to the end" in headline.text
+    assert found.left.findings == ("not looked at: the time given did not suffice",)
+    (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")
+    assert doubt.cause.count("not begun") == 1
 
 
 @pytest.mark.parametrize(

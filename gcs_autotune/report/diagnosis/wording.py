@@ -308,10 +308,14 @@ def _ahead(gain: ErrorReduction) -> str:
 
 def _unexplained(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
-    said = "Something is missing, and it is none of the effects known here"
+    cut = any(d.slug == "out-of-time" for d in diagnosis.doubts)
+    known = "the time given did not suffice to say what" if cut else "it is none of the effects known here"
+    said = f"Something is missing, and {known}"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
-    return f"{said}; none of the {diagnosis.tried} candidates tried pays on unseen data."
+    if not diagnosis.tried:
+        return f"{said}; no candidate was tried to the end."
+    return f"{said}; none of the {diagnosis.tried} candidates tried{' so far' * cut} pays on unseen data."
 
 
 def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
