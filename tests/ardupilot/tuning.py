@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from firmware_process import ArduPilot, Witness
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, tune
 
-__all__ = ["QUICK", "Stopper", "assert_left_alone", "command_line", "summary_of", "tune_until"]
+__all__ = ["QUICK", "Stopper", "assert_left_alone", "command_line", "free_ports", "summary_of", "tune_until"]
 
 QUICK = ("--step-duration", "8")
 """Options that make a tune of a lively craft short."""
@@ -33,6 +34,17 @@ def summary_of(run: Path) -> dict[str, Any]:
     """Return what a run says of itself."""
     summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
     return summary
+
+
+def free_ports(count: int) -> list[int]:
+    """Return *count* UDP ports nobody listens on."""
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    for s in sockets:
+        s.bind(("127.0.0.1", 0))
+    ports = [int(s.getsockname()[1]) for s in sockets]
+    for s in sockets:
+        s.close()
+    return ports
 
 
 class Stopper(SilentWatcher):
