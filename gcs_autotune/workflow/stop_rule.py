@@ -263,8 +263,8 @@ class KnownSurge:
             return ""
         self.fit = found
         return (
-            f"the way out explains {found.fit_percent:.0f} % of its motion, and back the boat is as quick: "
-            f"a current of {along.set:+.3f} m/s, give or take {along.error:.3f}"
+            f"the way out explains {found.fit_percent:.0f} % of its motion, and back the boat is as quick "
+            f"within {2.0 * abs(along.set):.2f} m/s: no current that counts"
         )
 
     def close(self) -> None:
