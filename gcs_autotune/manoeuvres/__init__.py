@@ -20,7 +20,7 @@ from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import SPEED_TIME, PaperCraft, Preview, preview
+from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, Preview, preview
 from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, StopRule
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
@@ -33,6 +33,7 @@ from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
+    "DEEP",
     "DISARMED_ITSELF",
     "DOF_OF",
     "GUARDS",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
@@ -58,6 +58,7 @@ class ManoeuvreKind:
     axis : the autopilot's own loop that flies it, where one does; its options are in that loop's units.
     command : what flies it when ``gcs-autotune fly`` does not.
     for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
+    shrinks : option -> the power of a scale below 1 that makes it smaller or shorter, where the room asks for that.
     """
 
     name: str
@@ -77,6 +78,7 @@ class ManoeuvreKind:
     axis: str = ""
     command: str = "fly"
     for_force: Callable[[str], ManoeuvreKind] | None = None
+    shrinks: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, force: str) -> ManoeuvreKind:
         """Return the row for *force* (``X`` to ``N``; empty: as it is).

@@ -107,6 +107,8 @@ _NOTED, _LIMITED = 0.1, 0.9
 _MOST, _STEADY = (0.1, 0.9), 0.5
 """Quantiles between which most of an output lies, and how far apart they may be, as a share of the order: more is no
 limit but another order, which follows a clock or a controller from there on."""
+_LASTED = 1.0
+"""Chosen [s]: an order that stands for less is over before a slow link shows what came of it."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
@@ -119,6 +121,8 @@ def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
     orders = [m for m in trial.marks if m.kind in ("execute", "level")]
     for k, order in enumerate(orders):
         until = orders[k + 1].t if k + 1 < len(orders) else trial.end
+        if until - order.t < _LASTED:
+            continue
         for force, asked in order.detail.items():
             if force not in forces or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
                 continue

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -278,8 +279,12 @@ def _of_any_force(
     *presets: tuple[str, str, Callable[[float, float], Programme]],
     options: Sequence[str] = (),
     tied: bool = False,
+    shrinks: Mapping[str, float] = MappingProxyType({}),
 ) -> ManoeuvreKind:
-    """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows."""
+    """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows.
+
+    *shrinks*: as of the row, beside duration and, where less of it takes less room, size.
+    """
 
     def row(force: str) -> ManoeuvreKind:
         def make(given: Mapping[str, float]) -> OpenLoopProgramme:
@@ -306,6 +311,7 @@ def _of_any_force(
             tied=tied,
             presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),
             for_force=row,
+            shrinks={} if tied else {"duration": 1.0, **shrinks, **({} if force == "N" else {"steering": GENTLER})},
         )
 
     return row("N")
@@ -334,6 +340,7 @@ def _steered(
         room=room,
         turns=True,
         presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),
+        shrinks={"duration": 1.0},
     )
 
 
@@ -352,6 +359,9 @@ def _grown(given: Mapping[str, float]) -> Programme:
     return _timed(_growing, "N", given["throttle"], given["side"] * given["steering"], given["duration"])
 
 
+GENTLER = 0.4
+"""Chosen: the size shrinks as this power of the duration: at an eighth of it thrusters are still beyond their dead
+band."""
 WITHOUT_THROTTLE = 0.5
 """Chosen: thrust ahead, where it takes some, of a craft that has no cruise and was told no --throttle."""
 ROOM: Mapping[str, str] = {
@@ -404,12 +414,14 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         "one force as a sine from one frequency to another, faded in and out",
         lambda given, either_way: _ahead(_chirp(given), either_way),
         options=("f-start", "f-stop", "fade-in", "fade-out"),
+        shrinks={"f-start": -1.0, "fade-in": 1.0, "fade-out": 1.0},
     ),
     _of_any_force(
         "multisine",
         "one force as many sines at once, from one frequency to another",
         lambda given, either_way: _ahead(_multisine(given), either_way),
         options=("f-start", "f-stop"),
+        shrinks={"f-start": -1.0},
     ),
     _of_any_force(
         "prbs",
@@ -422,12 +434,14 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         ("pseudo-random throttle", "X", partial(_random, "X", (0.1, 1.0), 1.5)),
         ("pseudo-random heave", "Z", partial(_random, "Z", (0.0, 0.0), 1.0)),
         options=("shortest",),
+        shrinks={"shortest": 1.0},
     ),
     _of_any_force(
         "free-decay",
         "one force for a while, then none: how the motion dies away, or the craft comes back",
         lambda given, either_way: _decay(given),
         options=("push",),
+        shrinks={"push": 1.0},
     ),
     _steered(
         "s-manoeuvre",

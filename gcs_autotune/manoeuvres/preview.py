@@ -23,13 +23,17 @@ from gcs_autotune.trial import Channel, Trial
 if TYPE_CHECKING:
     from gcs_autotune.models import SingleDof
 
-__all__ = ["SPEED_TIME", "PaperCraft", "Preview", "preview"]
+__all__ = ["DEEP", "SPEED_TIME", "PaperCraft", "Preview", "preview"]
 
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
 LONGEST = 3600.0
 LOOP_RATE = 0.5
 """Chosen [rad/s]: turn rate wanted per heading error, where the autopilot steers."""
+DEEP = 10.0
+"""Chosen [m]: where a craft below the surface is, where nobody says."""
+SURFACE = 0.2
+"""Chosen [m]: a craft that comes up so far is at the surface, where its thrusters draw air."""
 WALL = 5.0
 """Chosen [m]: distance to a wall ahead, where one is needed."""
 SPEED_TIME = 3.0
@@ -92,13 +96,19 @@ class Preview:
 
 
 def preview(
-    manoeuvre: Manoeuvre, craft: PaperCraft, envelope: Envelope, *, floats: bool = True, way: float = 0.0
+    manoeuvre: Manoeuvre,
+    craft: PaperCraft,
+    envelope: Envelope,
+    *,
+    floats: bool = True,
+    way: float = 0.0,
+    depth: float = DEEP,
 ) -> Preview:
-    """Fly *manoeuvre* on paper inside *envelope*, bow to the north; *floats*: it has no depth, *way* [m/s]: it begins
-    with.
+    """Fly *manoeuvre* on paper inside *envelope*, bow to the north; *floats*: it has no depth, else it begins at
+    *depth* [m]; *way* [m/s]: it begins with.
     """
     t = psi = r = x = y = 0.0
-    z = math.nan if floats else 10.0
+    z = math.nan if floats else depth
     along = {"X": way, "Y": 0.0, "Z": 0.0}
     late: deque[float] = deque([0.0] * round(craft.yaw.delay * INSIDE / TICK))
     rows: list[tuple[float, ...]] = []
@@ -141,6 +151,9 @@ def preview(
             watch.check(now)
         except GuardTripped as error:
             refusal = str(error).partition(". The actuators")[0]
+            break
+        if manoeuvre.force == "Z" and z < SURFACE <= depth:
+            refusal = f"it comes up to the surface, from {depth:.1f} m: begin deeper, or push less"
             break
         command = commands.send(now)
     table = np.array(rows).T

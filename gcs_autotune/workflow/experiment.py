@@ -50,6 +50,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     record, log = RunDirectory(settings.directory), TuneLog(settings, when, watcher)
     uri, dof = settings.connection.uri, axis_kind(settings.axis).dof
     with (
+        record.summarised(f"experiment {settings.axis}", when),
         jit_warmup(uri, [dof], []) as worker,
         connect_craft(settings.connection, operator, log, record, settings.control_rate, settings.axis) as craft,
     ):

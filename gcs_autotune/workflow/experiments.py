@@ -38,6 +38,7 @@ __all__ = [
     "SHALLOW",
     "STEP_AHEAD",
     "SWING_AHEAD",
+    "WORKING_DEPTH",
     "common_windows",
     "dive_for",
     "measure",

@@ -43,6 +43,10 @@ from gcs_autotune.workflow.settings import TuneSettings
 __all__ = ["FlightLeg", "FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
+SCALES = tuple(0.8**k for k in range(1, 11))
+"""Chosen: how much smaller a manoeuvre is tried, one after the other; beyond a tenth it tells next to nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class FlySettings:
     """What to fly: ``options`` (SI and radians) are those given, by their names in the table of limits.
@@ -104,18 +108,33 @@ class FlySettings:
         envelope = replace(self.common.envelope, cruise=speed)
         return replace(envelope, heading_excursion=math.inf) if self.kind.turns else envelope
 
+    @property
+    def _usual(self) -> dict[str, float]:
+        """What the options are (SI and radians) that are not given."""
+        rows = {name: limit_of(name, self.kind.axis) for name in self.kind.options}
+        return {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
+
+    def smaller(self) -> Iterator[FlySettings]:
+        """Yield these settings ever smaller and shorter, by the options that nobody gave; none where all are."""
+        free = {name: power for name, power in self.kind.shrinks.items() if name not in self.options}
+        usual = self._usual
+        for scale in SCALES if free else ():
+            sizes = {name: float(f"{usual[name] * scale**power:.2g}") for name, power in free.items()}
+            try:
+                yield replace(self, options={**self.options, **sizes})
+            except UsageError:  # out of range, or not together with what was given
+                return
+
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
         """Return the manoeuvre; what was not given is as the table of limits says."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
-        rows = {name: limit_of(name, kind.axis) for name in kind.options}
-        usual = {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
         given = dict(self.options)
         if "rudder" in given:
             given["steering"] = given["rudder"] / given["full-rudder"]
         return kind.make(
             {
-                **usual,
+                **self._usual,
                 **given,
                 "throttle": throttle,
                 "speed": speed,

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import json
+import math
+import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate
+from gcs_autotune.identify import AxisFit, Doubt, Fit, Validation, fit_axis, save_model, validate
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
+from gcs_autotune.sname import DOFS
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.thrust_curve import fitted, left, number
 
 __all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
 
@@ -106,6 +113,7 @@ def read_flight(
     for dof, (used, held) in ({} if steps else _by_dof(flown)).items():
         try:
             models.append(_identified(dof, used, held, common))
+            remarks += _left_out(dof, flown, record.path)
         except NotInformative as error:
             remarks.append(f"no model of {dof}: {error}" if len(flown) > 1 else f"no model: {error}")
     for model in models:
@@ -152,14 +160,77 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )
+    fit = _with_doubt_of_thrust(fit, used, common.directory)
     unseen: Validation | None = validate(fit.model, held) if held else None
     return FlightModel(fit, tuple(t.name for t in held), unseen)
+
+
+_LOPSIDED = "asymmetric-thrust"
+_USED = 0.1
+"""Share of full beyond which a force was used that way."""
+_STDS, _EVIDENCE = 5.0, 10.0
+"""Chosen: standard errors from equal thrust, and BIC in favour, by which thrust is told to differ with the way."""
+_WAYS: Mapping[str, tuple[str, str]] = {
+    "X": ("ahead", "astern"),
+    "Y": ("to starboard", "to port"),
+    "Z": ("down", "up"),
+    "N": ("to starboard", "to port"),
+}
+
+
+def _with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -> AxisFit:
+    """Return *fit* with a doubt where thrust one way is clearly weaker than the other way: it has one gain for both."""
+    force = fit.model.axis.force
+    shares = np.concatenate([run[force].values for run in used])
+    if not (shares.min() < -_USED and shares.max() > _USED):
+        return fit
+    other = fitted(used, fit, _LOPSIDED)
+    if other is None:
+        return fit
+    ratio, size = number(other, _LOPSIDED), len(shares)
+    evidence = -2.0 * size * math.log(max(left(other), 1e-9) / left(fit)) - math.log(size)
+    if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
+        return fit
+    one, way = _WAYS[force]
+    name, inertia = fit.model.axis.parameter_names()[0], other.parameters[f"{force}_{fit.model.axis.velocity}dot"]
+    doubt = Doubt(
+        "lopsided-thrust",
+        f"thrust {way} is {100.0 * ratio.value:.0f} ± {100.0 * ratio.std:.0f} % of that {one}, and this model has one "
+        f"gain for both: with two, {name} is {abs(inertia.value):.3g} ± {inertia.std:.2g}",
+        f"Fit it so: gcs-autotune identify {shlex.quote(str(directory))} --dof {fit.model.dof} "
+        f"--effects {_LOPSIDED}@{force}.",
+    )
+    return replace(fit, doubts=(*fit.doubts, doubt))
+
+
+_MOVED = 3.0
+"""Chosen: a velocity whose standard deviation is so many times its noise's has moved."""
+
+
+def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Path) -> list[str]:
+    """Return a remark on what the runs moved besides *dof*, which a model of one degree of freedom leaves out."""
+    moved: dict[str, list[str]] = {}
+    for planned, trial in flown:
+        for other in planned.settings.kind.excites - {dof} if trial.meta.get("dof") == dof else ():
+            signal = DOFS[other].velocity
+            if signal in trial and float(np.nanstd(trial[signal].values)) > _MOVED * noise_in(trial, signal):
+                moved.setdefault(other, []).append(planned.name)
+    if not moved:
+        return []
+    names = dict.fromkeys(name for runs in moved.values() for name in runs)
+    asked = "horizontal" if "sway" in moved else next(iter(moved))
+    return [
+        f"{', '.join(names)} moved {' and '.join(sorted(moved))} too, which the model of {dof} leaves out: "
+        f"`gcs-autotune identify {shlex.quote(str(directory))} --dof {asked}` fits "
+        f"{'them together' if asked == 'horizontal' else 'that'}"
+    ]
 
 
 def _limited(trial: Trial) -> list[str]:
     """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
     return [
-        f"of {asked:.0%} {force} asked for, {came:.0%} came out: it stands at a limit "
-        "(less --throttle leaves thrusters room to steer). Figures and model are by what came out"
+        f"of {asked:.0%} {force} asked for, {came:.0%} came out: it stands at a limit"
+        f"{' (less --throttle leaves thrusters room to steer)' * (force == 'N')}. "
+        "Figures and model are by what came out"
         for force, (asked, came) in limited_orders(trial).items()
     ][:1]

@@ -15,15 +15,19 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import AxisFit
+from gcs_autotune.limits import limit_of
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import (
+    DEEP,
     DOF_OF,
     Area,
     CalmCheck,
     ComeBack,
     Dive,
     DiveSettings,
+    Envelope,
     ManoeuvreKind,
+    Preview,
     Zone,
     preview,
 )
@@ -33,7 +37,7 @@ from gcs_autotune.workflow.announcement import after_a_silence, battery, how_lon
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import TWITCHING, connect_craft
 from gcs_autotune.workflow.context import armed
-from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
@@ -69,6 +73,12 @@ _LEFT = 0.7
 """Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
 BACK, LOOKING = 45.0, 6.0
 """Seconds of coming back between two runs, and of looking whether it is calm; guesses, told beforehand."""
+NO_LIMITS = Envelope(
+    heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
+)
+"""In which a preview tells what all of a run takes."""
+_FAR = 10e3
+"""Chosen [m]: nobody who flies is so far from the area meant."""
 _POINTS = 400
 """Chosen: of a predicted track that are told; more no screen shows."""
 
@@ -136,7 +146,9 @@ def fly_plan(
     record = RunDirectory(common.directory)
     earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
     warm = plan.until.dofs if plan.until is not None else ()
+    what = plan.title if plan.until is None else f"until {plan.until.title}"
     with (
+        record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when),
         jit_warmup(common.connection.uri, warm, []) as worker,
         connect_craft(common.connection, operator, watcher, record, common.control_rate, common.axis) as craft,
     ):
@@ -195,7 +207,7 @@ class _Flight:
         for run in self._plan.runs:
             see_it_suits(run.settings, craft)
             see_it_tells(run.settings.kind, craft)
-            leg = self._leg_of(run)
+            leg = self._made_to_fit(self._leg_of(run))
             if self._plan.until is not None:
                 leg = self._planned_from(leg, self._plan.until)
             seen, assumed = leg.preview, leg.preview.craft.assumed
@@ -223,16 +235,55 @@ class _Flight:
 
     def _leg_of(self, run: PlannedRun) -> FlightLeg:
         """Return *run* with its preview from where the craft is now."""
-        craft, firmware, area, settings = self._craft, self._craft.firmware, self._area, run.settings
-        now = craft.observe()
+        firmware, settings = self._craft.firmware, run.settings
         throttle, speed = settings.cruise(firmware, self._held)
-        envelope = replace(settings.envelope(speed), area=area)
-        paper = paper_craft(settings, firmware, self._held, throttle, speed)
-        here = replace(envelope, area=None if area is None else area.seen_from(now.x, now.y, now.psi))
-        way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
-        manoeuvre = settings.make(throttle, speed=speed)
-        seen = preview(manoeuvre, paper, here, floats=firmware.needs_way, way=way)
+        envelope = replace(settings.envelope(speed), area=self._area)
+        now = self._craft.observe()
+        here = None if self._area is None else self._area.seen_from(now.x, now.y, now.psi)
+        seen = self._foreseen(settings, replace(envelope, area=here), now)
         return FlightLeg(run, throttle, speed, envelope, seen)
+
+    def _foreseen(self, settings: FlySettings, envelope: Envelope, now: Observation) -> Preview:
+        """Return the preview from *now*; where it is of assumed numbers, of the craft of which it comes out worse."""
+        firmware = self._craft.firmware
+        throttle, speed = settings.cruise(firmware, self._held)
+        way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
+        manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
+        depth = self._depth_before(settings, now)
+        seen = []
+        for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
+            paper = paper_craft(settings, firmware, self._held, throttle, speed, sinks=sinks)
+            seen.append(preview(manoeuvre(), paper, envelope, floats=firmware.needs_way, way=way, depth=depth))
+        return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
+
+    def _depth_before(self, settings: FlySettings, now: Observation) -> float:
+        """Return how deep [m] the craft is when it begins: where it is *now*, or where it dives to before."""
+        least, dof = self._plan.min_depth, _checked(settings.kind)
+        if least is not None and not now.z >= least:
+            return least + _BELOW
+        if dof and dive_for(dof, self._craft.firmware, now) is not None:
+            return WORKING_DEPTH
+        return now.z if math.isfinite(now.z) else DEEP
+
+    def _made_to_fit(self, leg: FlightLeg) -> FlightLeg:
+        """Return a run that stays inside the limits: smaller and shorter than usual in what nobody gave, if need be.
+
+        One that does not fit whatever is tried is returned as it is, with what all of it takes.
+        """
+        settings, troubled = leg.run.settings, leg.preview
+        if not troubled.refusal:
+            return leg
+        for smaller in settings.smaller():
+            fits = self._leg_of(replace(leg.run, settings=smaller))
+            if not fits.preview.trouble:
+                self._watcher.say(
+                    f"{leg.run.name} is made {_sizes(settings, smaller)}, for at its usual size {troubled.refusal}"
+                )
+                return fits
+        if not troubled.craft.assumed:
+            return leg
+        whole = self._foreseen(settings, NO_LIMITS, self._craft.observe())
+        return replace(leg, preview=replace(whole, refusal=troubled.refusal))
 
     def _planned_from(self, first: FlightLeg, until: Precision) -> FlightLeg:
         """Set up what chooses the runs, and return the first: the usual one, or what helps after those known.
@@ -285,7 +336,12 @@ class _Flight:
         area = both.around(*fix, now.x, now.y)
         beyond = area.beyond(now.x, now.y)
         if beyond > 0.0:
-            raise PreconditionFailed(f"the vehicle is {beyond:.0f} m outside {area.source}; nothing was armed")
+            away = f"{beyond:.0f} m" if beyond < _FAR else f"{beyond / 1000.0:.0f} km"
+            swapped = ". See whether its latitudes and longitudes are in the right order" * (beyond >= _FAR)
+            where = f"{fix[0]:.5f} {fix[1]:.5f}"
+            raise PreconditionFailed(
+                f"the vehicle, at {where}, is {away} outside {area.source}; nothing was armed{swapped}"
+            )
         self._watcher.say(
             f"stays in {area.source}: {-max(z.beyond(now.x, now.y) for z in area.zones):.0f} m to its edge"
         )
@@ -468,6 +524,14 @@ class _Flight:
 
 COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
 """Stages between two runs."""
+
+
+def _sizes(usual: FlySettings, smaller: FlySettings) -> str:
+    """Return in words what was made smaller."""
+    changed = [name for name in smaller.options if name not in usual.options]
+    return ", ".join(
+        f"--{name} {smaller.options[name] / limit_of(name, usual.kind.axis).factor:g}" for name in sorted(changed)
+    )
 
 
 def _checked(kind: ManoeuvreKind) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,8 +27,15 @@ _ROV_RATE, _ROV_LAG = 0.8, 1.0
 """Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise."""
 TIED = 1e9
 """Inertia and drag of what does not move."""
-_FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 0.5, "Z": 0.5}
-"""Chosen [m/s]: speed at full output along each force, likewise."""
+_FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 1.0, "Z": 1.5}
+"""Chosen [m/s]: speed at full output along each force of a craft that nobody knows. Up and down quicker than ROVs of up
+to 100 kg go (0.6 to 1.3): what is foreseen as too small ends at a limit."""
+_SIDEWAYS = 0.3
+"""Chosen [s]: in which such a craft gains its speed to the side, up and down (0.1 to 0.6): they are short of mass for
+their thrusters there."""
+_WEIGHT = 0.03
+"""Chosen [of full]: weight left in the water of an ROV that nobody knows, or buoyancy (0.02 to 0.03)."""
+_WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
 
 
 def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
@@ -46,9 +54,18 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
 
 
 def paper_craft(
-    settings: FlySettings, firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float
+    settings: FlySettings,
+    firmware: Firmware | None,
+    present: Mapping[str, float],
+    throttle: float,
+    speed: float,
+    *,
+    sinks: bool = True,
 ) -> PaperCraft:
-    """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size."""
+    """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size.
+
+    One whose heave is driven and assumed *sinks* by itself, or comes up.
+    """
     if settings.kind.tied:
         return PaperCraft(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
     under_way = firmware is not None and firmware.needs_way
@@ -60,7 +77,20 @@ def paper_craft(
         yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
         words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
     ahead = speed / math.sqrt(throttle) if speed and throttle else _FULL_SPEED["X"]
-    others = {f: _lag_of(DOF_OF[f], full) for f, full in {**_FULL_SPEED, "X": ahead}.items()}
+    full_speed = {**_FULL_SPEED, "X": ahead}
+    others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], full_speed[f]) for f in "YZ"}}
+    drives = settings.kind.drives
+    along = [f for f in _WAYS if drives == {f}]
+    if along:
+        (force,) = along
+        cruise = force == "X" and speed and throttle
+        words = (
+            f"its cruise of {speed:g} m/s at {throttle:.0%} throttle"
+            if cruise
+            else f"an assumed {full_speed[force]:g} m/s {_WAYS[force]} at full output (a --model file tells better)"
+        )
+    if "Z" in drives:
+        others["Z"] = replace(others["Z"], delta=_WEIGHT if sinks else -_WEIGHT)
     known: set[str] = set()
     if settings.model is not None:
         for dof in settings.model.model.base.form.dofs:
@@ -76,7 +106,13 @@ def paper_craft(
     return PaperCraft(yaw, speed, words, assumed=bool(missing) or not known, others=others)
 
 
-def _lag_of(dof: str, full_speed: float) -> SingleDof:
+def _by_the_square(dof: str, full_speed: float) -> SingleDof:
     """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
     drag = full_speed**-2
     return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
+
+
+def _lively(dof: str, full_speed: float) -> SingleDof:
+    """Return a craft that reaches *full_speed* [m/s] at full output soon, half of its drag by the square."""
+    linear, square = 0.5 / full_speed, 0.5 / full_speed**2
+    return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * _SIDEWAYS, linear, square)

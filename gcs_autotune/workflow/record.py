@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.trial import Trial, save_trial
 
@@ -17,6 +18,8 @@ __all__ = ["JOURNAL", "PROPOSED", "RunDirectory"]
 JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
 
+SUMMARY = "summary.json"
+"""How a run ended in a few words, likewise; a tune's says more."""
 PROPOSED = "proposed.param"
 """The gains that a run proposed and did not write."""
 
@@ -123,6 +126,25 @@ class RunDirectory:
             (self.path / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise self._unwritable(error) from error
+
+    @contextmanager
+    def summarised(self, title: str, when: str) -> Iterator[None]:
+        """Say in ``summary.json`` what the run within was, and how it ended: what lists of runs show.
+
+        Raises
+        ------
+        BadFile
+            It came to a good end, and that cannot be written (a full disk).
+        """
+        about = {"title": title, "when": when}
+        try:
+            yield
+        except AutotuneError as error:
+            if self.is_made:
+                with suppress(BadFile):  # what ended it is what is told
+                    self.save_json(SUMMARY, {**about, "ending": "aborted", "reason": str(error)})
+            raise
+        self.save_json(SUMMARY, {**about, "ending": "completed", "reason": ""})
 
     def _unwritable(self, error: OSError) -> BadFile:
         return BadFile(

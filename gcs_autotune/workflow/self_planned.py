@@ -359,7 +359,8 @@ class SelfPlanner:
                 troubles.append(f"{offer.title} takes longer than the time left (--total-time)")
                 continue
             leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
-            trouble = leg.preview.trouble or _beyond(choice, leg.envelope)
+            guessed = leg.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
+            trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble)
             if not trouble:
                 expected = until.told(choice.relative)
                 return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"

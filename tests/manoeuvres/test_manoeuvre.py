@@ -29,3 +29,12 @@ def test_an_order_is_limited_when_a_tenth_of_it_does_not_come_out(side: float, c
 def test_an_order_too_small_to_matter_is_not_looked_at() -> None:
     assert limited_orders(flown(0.5, 0.09)) == {}
     assert set(limited_orders(flown(0.5, 0.11))) == {"N"}
+
+
+def test_an_order_that_is_over_before_a_slow_link_shows_what_came_of_it_is_not_looked_at() -> None:
+    t = 0.1 * np.arange(200)
+    asked = np.sign(np.sin(2.0 * np.pi * 0.7 * t)) * 0.5
+    late = np.concatenate([np.zeros(4), asked[:-4]])
+    turns = [0, *(np.flatnonzero(np.diff(asked)) + 1)]
+    marks = tuple(Mark(float(t[k]), "level", {"N": float(asked[k])}) for k in turns)
+    assert limited_orders(Trial("run", {"N": Channel("N", "1", t, late)}, marks[:-1])) == {}

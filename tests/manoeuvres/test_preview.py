@@ -104,3 +104,11 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
     assert (_pushed(9.99), tilt[0], float(np.max(np.abs(tilt)))) == (0.0, 0.3, 0.3)
     assert np.min(tilt) < -0.15
     assert abs(tilt[-1]) < 1e-4
+
+
+def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
+    up = PaperCraft(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
+    seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
+    assert seen.refusal == "it comes up to the surface, from 2.0 m: begin deeper, or push less"
+    assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""
+    assert preview(held(Z=0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=0.1).trouble == ""

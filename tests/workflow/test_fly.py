@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,12 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
+    assert json.loads((harness.directory / "summary.json").read_text()) == {
+        "title": "fly zig-zag",
+        "when": WHEN,
+        "ending": "completed",
+        "reason": "",
+    }
     assert "predicted" in page
     assert result.remarks == []
 
@@ -139,6 +146,9 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
     assert harness.mode == harness.found
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     assert list((harness.directory / "trials").glob("*.csv"))
+    summary = json.loads((harness.directory / "summary.json").read_text())
+    assert (summary["title"], summary["ending"]) == ("fly zig-zag", "aborted")
+    assert summary["reason"]
 
 
 @pytest.mark.slow

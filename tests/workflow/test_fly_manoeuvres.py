@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.thrusters import fit_thruster, read_pull_test
 from gcs_autotune.workflow import FlySettings
 
-from .sitl_harness import Ear, SitlHarness
+from .sitl_harness import SLOW_LOOP, Ear, SitlHarness
 from .test_fly import calm, flown
 
 TURN = 2.0 * math.pi
@@ -59,6 +60,29 @@ def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kep
         flown(harness, {"turn": TURN, "steering": 0.02}, "turning-circle")
     harness.assert_neutral()
     assert list((harness.directory / "trials").glob("*turning-circle.csv"))
+
+
+def test_a_boat_that_stops_by_weaker_thrust_astern_is_told_what_its_one_gain_hides(tmp_path: Path) -> None:
+    """A BlueBoat pulls half as much astern (41.77 kg, 110.4 N: alpha_u 0.378 per full thrust)."""
+    result = flown(SitlHarness(tmp_path, "blueboat"), {"astern": 0.6}, "stopping")
+    (doubt,) = [d for d in result.fit.doubts if d.slug == "lopsided-thrust"]
+    share, inertia = re.search(r"thrust astern is (\d+) .* alpha_u is ([\d.]+)", doubt.cause).groups()
+    assert float(share) == pytest.approx(50.0, abs=10.0)
+    assert float(inertia) == pytest.approx(0.378, abs=0.04)
+    assert "--effects asymmetric-thrust@X" in doubt.cure
+    assert doubt.cause.split()[0] in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_an_s_says_what_else_it_moved_and_how_to_read_it(tmp_path: Path) -> None:
+    options = {"duration": 30.0, "steering": 0.4}
+    result = flown(SitlHarness(tmp_path / "a", "videoray-coupled", **SLOW_LOOP), options, "s-manoeuvre")
+    (remark,) = [text for text in result.remarks if "leaves out" in text]
+    assert remark.startswith("s-manoeuvre moved surge and sway too, which the model of yaw leaves out")
+    assert "--dof horizontal" in remark
+    still = flown(SitlHarness(tmp_path / "b", "videoray", **SLOW_LOOP), options, "s-manoeuvre")
+    (remark,) = [text for text in still.remarks if "leaves out" in text]
+    assert remark.startswith("s-manoeuvre moved surge too")
+    assert "--dof surge" in remark
 
 
 def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> None:

@@ -1,0 +1,96 @@
+"""What nobody gave is made smaller until it stays inside the limits; what was given is foreseen whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope
+from gcs_autotune.workflow import FlySettings
+from gcs_autotune.workflow.paper_craft import paper_craft
+
+from .sitl_harness import SLOW_LOOP, SitlHarness
+from .test_fly import flown
+
+BY_THE_CLOCK = sorted(kind.name for kind in MANOEUVRES.values() if kind.shrinks and kind.for_force)
+
+
+def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) -> tuple[SitlHarness, Any]:
+    harness = SitlHarness(tmp_path, vehicle, **SLOW_LOOP)
+    options = more.pop("options", {})
+    return harness, flown(harness, options, name, force="Z", **more)
+
+
+def test_heave_at_usual_sizes_is_made_smaller_so_that_it_stays_inside_the_depth_limit(tmp_path: Path) -> None:
+    harness, result = heaved(tmp_path, "free-decay")
+    said = [text for text in harness.said if "is made" in text]
+    assert said == [
+        "free-decay is made --duration 13, --push 2.1, --steering 0.36, for at its usual size safety limit 'depth "
+        "excursion' tripped: 3.00 m, limit 3.00 m"
+    ]
+    assert result.trial.duration == pytest.approx(13.0, abs=0.5)
+    assert np.ptp(result.trial["z"].values) < Envelope().depth_excursion
+    assert result.fit.dof == "heave"
+    assert any("an assumed 1.5 m/s up or down" in text for text in harness.said)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["bluerov2", "falcon", "videoray"])
+@pytest.mark.parametrize("name", BY_THE_CLOCK)
+def test_every_manoeuvre_by_the_clock_heaves_every_rov_to_its_end_at_its_usual_sizes(
+    name: str, vehicle: str, tmp_path: Path
+) -> None:
+    harness, result = heaved(tmp_path, name, vehicle)
+    assert result.trial.ending == "completed"
+    assert result.fit.dof == "heave"
+    assert result.remarks == []
+    harness.assert_neutral()
+
+
+def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would_end(tmp_path: Path) -> None:
+    given = {"duration": 60.0, "steering": 0.67}
+    harness, result = heaved(tmp_path, "doublets", options=given, only_preview=True)
+    assert not any("is made" in text for text in harness.said)
+    assert any("ends early, but on assumed numbers: safety limit 'depth excursion'" in text for text in harness.said)
+    assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
+    assert result.preview.deep > 5.0
+    assert any("it would take 60 s" in text for text in harness.said)
+
+
+def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
+    common = SitlHarness(tmp_path).settings()
+    usual = FlySettings("doublets", common, {"steering": 0.5}, force="Z")
+    sizes = [one.options for one in usual.smaller()]
+    assert {o["steering"] for o in sizes} == {0.5}
+    durations = [o["duration"] for o in sizes]
+    assert durations == sorted(durations, reverse=True)
+    assert durations[0] == pytest.approx(48.0)
+    assert 5.0 < durations[-1] < 8.0
+    settled = FlySettings("doublets", common, {"steering": 0.5, "duration": 20.0}, force="Z")
+    assert list(settled.smaller()) == []
+    assert list(FlySettings("zig-zag", common, {"steering": 0.5}).smaller()) == []
+
+
+def test_an_rov_is_previewed_as_it_is_flown_ahead_and_astern(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
+    result = flown(harness, {}, "steps", force="X", only_preview=True)
+    X = result.preview.trial["X"].values
+    assert (X.min(), X.max()) == (-0.67, 0.67)
+
+
+def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself(tmp_path: Path) -> None:
+    settings = FlySettings("doublets", SitlHarness(tmp_path).settings(), force="Z")
+    heavy, light = (
+        paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, sinks=sinks).others["Z"] for sinks in (True, False)
+    )
+    assert heavy.delta == -light.delta > 0.0
+    assert heavy.steady_velocity(1.0 - heavy.delta) == pytest.approx(1.5)
+    assert heavy.steady_velocity(0.0) > 0.05
+    ahead = FlySettings("steps", SitlHarness(tmp_path).settings(), force="X")
+    boat = paper_craft(ahead, FIRMWARE["ardurover"], {}, 0.4, 1.5)
+    assert boat.source == "its cruise of 1.5 m/s at 40% throttle"
+    assert boat.others["X"].steady_velocity(0.4) == pytest.approx(1.5)
