@@ -79,6 +79,8 @@ class OpenLoopProgramme(Manoeuvre):
                 self._mark(now.t, "level", {self.force: level})
                 self.phase = f"{self.force} {100.0 * level:+.0f} %"
             if now.t - start >= self._duration:
+                if abs(level) >= self._jump:  # neutral follows, which is no shortfall of the last order
+                    self._mark(now.t, "level", {self.force: 0.0})
                 self._end("completed", f"flown for {self._duration:.0f} s")
             command = hold(Actuate(**shares), self._holds, now)
             if self._heading_hold is not None:
@@ -306,7 +308,7 @@ def _of_any_force(
             make=make,
             options=("steering", "duration", *options),
             room="none: the craft is tied to a bollard" if tied else ROOM[force],
-            turns=force == "N",
+            turns=force == "N" or tied,
             identifies=not tied,
             tied=tied,
             presets=tuple(_preset(title, forces, name, programme) for title, forces, programme in presets),

@@ -215,6 +215,8 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
             signal = DOFS[other].velocity
             if signal in trial and float(np.nanstd(trial[signal].values)) > _MOVED * noise_in(trial, signal):
                 moved.setdefault(other, []).append(planned.name)
+    if "sway" not in moved:  # what slides drags the others along; else only what was driven tells anything
+        moved = {other: runs for other, runs in moved.items() if any(_is_driven(t, other) for _, t in flown)}
     if not moved:
         return []
     names = dict.fromkeys(name for runs in moved.values() for name in runs)
@@ -224,6 +226,12 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
         f"`gcs-autotune identify {shlex.quote(str(directory))} --dof {asked}` fits "
         f"{'them together' if asked == 'horizontal' else 'that'}"
     ]
+
+
+def _is_driven(trial: Trial, dof: str) -> bool:
+    """Whether the force of *dof* took more than one level."""
+    force = DOFS[dof].force
+    return force in trial and float(np.ptp(np.quantile(trial[force].values, (0.1, 0.9)))) > _USED
 
 
 def _limited(trial: Trial) -> list[str]:

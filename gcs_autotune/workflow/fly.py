@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -77,6 +77,8 @@ NO_LIMITS = Envelope(
     heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
 )
 """In which a preview tells what all of a run takes."""
+_BOTTOMLESS = 1e3
+"""Depth [m] from which nothing comes up to the surface meanwhile."""
 _FAR = 10e3
 """Chosen [m]: nobody who flies is so far from the area meant."""
 _POINTS = 400
@@ -249,7 +251,7 @@ class _Flight:
         throttle, speed = settings.cruise(firmware, self._held)
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
         manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
-        depth = self._depth_before(settings, now)
+        depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
         seen = []
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
             paper = paper_craft(settings, firmware, self._held, throttle, speed, sinks=sinks)
@@ -381,6 +383,11 @@ class _Flight:
         self._itinerary = Itinerary(
             [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
         )
+        if not self._to_fly and plan.until is None:
+            self._watcher.say(
+                "every run is flown already: nothing is armed or moved, figures and models are read again"
+            )
+            return
         manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
         in_manual = {leg.run.make(leg.throttle).in_manual for leg in self._to_fly}
         used = [hold] * (False in in_manual or dive or plan.min_depth is not None)
@@ -390,7 +397,7 @@ class _Flight:
         intentions = (
             f"{armed_now}; {TWITCHING}",
             f"{modes}, and go back to {now.mode} at the end",
-            f"move: {''.join(excitation_of(dof).check for dof in dofs)}{self._movements()}",
+            f"move: {_checks(dofs)}{self._movements()}",
             *self._needs(),
             how_long(self._itinerary),
             *self._goes_on(),
@@ -532,6 +539,14 @@ def _sizes(usual: FlySettings, smaller: FlySettings) -> str:
     return ", ".join(
         f"--{name} {smaller.options[name] / limit_of(name, usual.kind.axis).factor:g}" for name in sorted(changed)
     )
+
+
+def _checks(dofs: Sequence[str]) -> str:
+    """Return in words how the actuators of *dofs* are checked, those that are checked alike together."""
+    alike: dict[str, list[str]] = {}
+    for dof in dofs:
+        alike.setdefault(excitation_of(dof).check, []).append(dof)
+    return "".join(f"in {' and '.join(of)} {check}" if len(dofs) > 1 else check for check, of in alike.items())
 
 
 def _checked(kind: ManoeuvreKind) -> str:

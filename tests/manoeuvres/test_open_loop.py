@@ -147,3 +147,20 @@ def test_each_acceleration_takes_a_little_more_than_half_of_its_share_of_the_tim
         *(0.5, 0.5, 0.0, 0.0),
         *(1.0, 1.0, 0.0, 0.0),
     ]
+
+
+def test_the_end_of_a_level_is_marked_so_that_the_neutral_after_it_is_no_shortfall() -> None:
+    kind = MANOEUVRES["prbs"].of("N")
+    assert kind.make is not None
+    manoeuvre = kind.make({**PLAIN, "duration": 20.0, "shortest": 1.0})
+    commands, t = manoeuvre.commands(at_rest()), 0.0
+    next(commands)
+    while manoeuvre.outcome is None:
+        t = round(t + 0.05, 9)
+        commands.send(at_rest(t=t))
+    last = manoeuvre.take_marks()[-1]
+    assert (last.t, last.kind, last.detail) == (pytest.approx(20.0, abs=0.06), "level", {"N": 0.0})
+
+
+def test_a_craft_that_is_tied_up_may_swing_on_its_line() -> None:
+    assert all(MANOEUVRES["bollard-staircase"].of(force).turns for force in "NXYZ")

@@ -14,7 +14,7 @@ from gcs_autotune.errors import BadFile, OperatorStopped, PreconditionFailed, Us
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import PLAN_FILE, FlightPlan, Unattended, fly_plan, load_flight_plan
 
-from .sitl_harness import SLOW_LOOP, WHEN, Ear, Later, Moored, SitlHarness
+from .sitl_harness import SLOW_LOOP, WHEN, Answers, Ear, Later, Moored, SitlHarness
 from .test_fly import Stops
 
 ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
@@ -127,6 +127,31 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     with pytest.raises((WrongVehicle, PreconditionFailed), match=r"another vehicle|other parameters"):
         fly(twin, three, resume=harness.directory)
     assert not twin.vehicle.autopilot.armed
+
+
+def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_read_again(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
+    text = "".join(
+        f"[[run]]\nmanoeuvre = 'doublets'\nforce = '{force}'\nduration = 8\nsteering = 0.3\n" for force in "ZN"
+    )
+    fly(harness, plan(harness, text))
+    checks = "will move: in heave and yaw a small pulse each way to see that it answers rightly, then 2 runs: doublets"
+    assert any(said.startswith(checks) for said in harness.said)
+    said: list[str] = []
+    common = replace(
+        harness.settings(),
+        connection=Moored(peer=Later(harness.server), simulated=False),
+        directory=tmp_path / "again",
+        resume=harness.directory,
+    )
+    nobody = Answers()
+    result = fly_plan(
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(said), WHEN
+    )
+    assert nobody.questions == []
+    assert "every run is flown already: nothing is armed or moved, figures and models are read again" in said
+    assert not any(text.startswith("found: mode") for text in said)
+    assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 
 
 def test_the_conditions_hold_before_each_run(tmp_path: Path) -> None:
