@@ -53,7 +53,7 @@ def run_in_background(
             if not bear(error):
                 worker.abandon()
                 raise
-            _keep_company(craft)
+            _hold(craft)  # whatever mode it shows: what brought it there was not us
         except BaseException:
             worker.abandon()
             raise
@@ -113,6 +113,14 @@ def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: 
 
 
 def _keep_company(craft: MavlinkCraft) -> None:
+    """Hold, unless it does already; sticks neutral."""
+    if craft.mode == craft.firmware.hold_mode:
+        craft.send(Actuate())
+    else:
+        _hold(craft)
+
+
+def _hold(craft: MavlinkCraft) -> None:
     """Let an ROV hold depth and heading by itself (in manual mode it would drift up), sticks neutral."""
     if craft.firmware.holds_itself:
         craft.set_mode(craft.firmware.hold_mode)

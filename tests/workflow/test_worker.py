@@ -31,12 +31,17 @@ class Company:
     """A craft on a link in real time, that counts how often it is looked at."""
 
     def __init__(self, look: Any = lambda: time.sleep(0.001)) -> None:
-        self.clock, self.firmware = WallClock(), FIRMWARE["ardurover"]
+        self.clock, self.firmware, self.mode = WallClock(), FIRMWARE["ardurover"], "MANUAL"
         self.session = SimpleNamespace(pump=self.glance, operator=SimpleNamespace(shielded=nullcontext))
         self.look, self.looked, self.sent = look, 0, 0
+        self.modes: list[str] = []
 
     def send(self, command: object) -> None:
         self.sent += 1
+
+    def set_mode(self, mode: str) -> None:
+        self.mode = mode
+        self.modes.append(mode)
 
     def observe(self) -> None:
         self.looked += 1
@@ -104,6 +109,23 @@ def test_a_silence_that_is_over_does_not_lose_the_work(worker: Worker) -> None:
     troubles.append(LinkLost("silent again"))
     with pytest.raises(LinkLost, match="again"):
         run_in_background(craft, worker, never, time.sleep, 0.01)
+
+
+def test_an_rov_is_put_into_hold_once_and_again_after_a_silence(worker: Worker) -> None:
+    troubles: list[LinkLost] = []
+
+    def look() -> None:
+        if troubles:
+            raise troubles.pop()
+
+    craft: Any = Company(look)
+    craft.firmware = FIRMWARE["ardusub"]
+    for _ in range(3):
+        run_in_background(craft, worker, never, divmod, 7, 2)
+    assert craft.modes == ["ALT_HOLD"] and craft.sent == 3
+    troubles.append(LinkLost("silent for 3.0 s"))
+    run_in_background(craft, worker, lambda error: True, divmod, 7, 2)
+    assert craft.modes == ["ALT_HOLD"] * 2
 
 
 def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
