@@ -123,7 +123,9 @@ EARLIER: Mapping[tuple[str, str], float] = {
 """(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2; an ROV was held for
 3 s before its step then, and for 10 s now."""
 WITHIN, NEAR = 1.3, 0.25
-PRICE = 20.0
+PRICE, FAR_OUT = 20.0, 1e6
+"""What a search pays for a fraction that is missed, and for gains so far out that they are not flown: more than for any
+that are, or it would stop at the border. A slow boat's error over time is some hundred s^2."""
 _NEUTRAL, _STICK = 1500, 95
 _HELD: Mapping[str, float] = {"psi": 10.0, "z": 10.0, "r": 3.0}
 """Signal -> seconds a tune holds it before its step."""
@@ -371,7 +373,7 @@ def search(bench: Bench, evaluations: int) -> tuple[float, dict[str, float]]:
     def cost(x: Array) -> float:
         missed = bench.shortfall(values(x))
         if missed > 0.5:
-            return 100.0 * (1.0 + missed)
+            return FAR_OUT * (1.0 + missed)
         m = bench.fly(values(x))
         over = max(0.0, m.overshoot - 0.15) / MAX_OVERSHOOT
         return m.itae * (1.0 + PRICE * (missed + over))

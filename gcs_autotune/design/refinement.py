@@ -129,7 +129,8 @@ def _refined(
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
     settings = dict(chosen.settings)
     cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
-    best, least = chosen, worth * cost.of(chosen.settings)
+    usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient)
+    best, least = chosen, worth * usual.of(chosen.settings)  # it was chosen under the usual limit of noise
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)

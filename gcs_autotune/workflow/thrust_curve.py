@@ -81,7 +81,7 @@ def fit_thrust_curve(
         return None
     curve = fitted(runs, plain, CURVE)
     if curve is None or not pays(curve, plain, CURVE) or not _SHARES[0] < number(curve, CURVE).value < _SHARES[1]:
-        return None
+        return _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
     if step is None and len(runs) < _SIZES:
         return curve
     together = runs if step is None else [*runs, step]
@@ -94,6 +94,12 @@ def fit_thrust_curve(
     if banded is not None and _likelihood(banded) > _likelihood(found):
         return banded
     return curve if found is bent else found
+
+
+def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
+    """Return the model with a dead zone and no curve, if it pays: a curve alone need not come near that."""
+    dead = fitted(runs, plain, DEAD)
+    return dead if dead is not None and pays(dead, plain, DEAD) else None
 
 
 def _likelihood(fit: Fit) -> float:
@@ -225,15 +231,18 @@ def left(found: Fit | AxisFit) -> float:
 
 def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
     """Return the finding in a sentence. *step*: the one that was looked at too."""
-    share, has = number(found, CURVE), {name.partition("@")[0] for name in found.parameters}
-    at, part = bent_at_half(found)
-    square = f"{part:.0%} of the force goes with the square of the command at {at:.0%} of full"
+    has = {name.partition("@")[0] for name in found.parameters}
+    square, sure = "", False
+    if CURVE in has:
+        share, (at, part) = number(found, CURVE), bent_at_half(found)
+        sure = share.value > _STDS * share.std
+        square = f"{part:.0%} of the force goes with the square of the command at {at:.0%} of full"
     levels = f", and pushes no harder beyond {number(found, LEVEL).value:.0%}" if LEVEL in has else ""
     if DEAD in has:
         speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
         if _lost(found) == 0.0:
             speak += " and acts at once beyond (the neutral band of a speed controller)"
-        if share.value > _STDS * share.std:
+        if sure:
             speak += f", beyond which {square}"
         told_by = "three oscillations" if step is None else "oscillations and the step together"
         return f"the {told_by} speak {speak}{levels}"

@@ -81,6 +81,7 @@ CRAFTS: Mapping[str, tuple[SingleDof, Axis, Spec]] = {
     "slow boat": (boat(2.0, 0.35, 0.015, 0.0), ROVER_HEADING, Spec(speed=1.2, noise_std=0.25 * DEG)),
     "charlie trimmed off": (boat(3.1, 0.22, 0.05, 0.1), ROVER_HEADING, Spec(speed=1.1, noise_std=0.25 * DEG)),
     "charlie slow": (boat(3.1, 0.22, 0.02, 0.0), ROVER_HEADING, Spec(speed=0.9, noise_std=0.25 * DEG)),
+    "blueboat": (boat(0.574, 0.669, 0.0085, 0.0), ROVER_HEADING, Spec(speed=1.5, skid=True, noise_std=0.25 * DEG)),
     "boat 0.5 s": (boat(0.5, 1.0), ROVER_HEADING, Spec(speed=3.0)),
     "boat 2 s": (boat(2.0, 0.3), ROVER_HEADING, Spec(speed=3.0)),
     "boat 8 s": (boat(8.0, 0.3), ROVER_HEADING, Spec(speed=3.0)),

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_autotune.design import Proposal, design, is_better, refinement, told_over
+from gcs_autotune.design.laws import LAWS
 from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
 
@@ -107,10 +108,20 @@ def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm
     calm, noisy = boat(0.002), boat(0.5)
     gains = {change.parameter: change.new for change in calm.changes}
     assert gains["ATC_STR_RAT_D"] > 0.1
-    assert calm.after.metrics.itae < 0.9 * noisy.after.metrics.itae
+    assert calm.after.metrics.itae < refinement.WORTH * noisy.after.metrics.itae
+    assert noisy.after.metrics.itae < 1.1 * calm.after.metrics.itae, "given up for it, the other gains give 20 s^2"
     rough = {change.parameter: change.new for change in noisy.changes}
     assert rough.get("ATC_STR_RAT_D", 0.0) < 0.5 * gains["ATC_STR_RAT_D"]
     assert any("documented ranges hold back ATC_STR_RAT_P (most 2)" in note for note in calm.notes)
+
+
+def test_a_derivative_that_does_not_pay_takes_nothing_from_the_gains_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may move the actuator less than they may; once they were given up for that, and the step was a third worse."""
+    offered = propose("blueboat", step_duration=FLOWN)
+    monkeypatch.setattr(type(LAWS["rover-heading"]), "late", ())
+    without = propose("blueboat", step_duration=FLOWN)
+    assert offered.after.metrics.itae <= 1.01 * without.after.metrics.itae
+    assert offered.new["ATC_STR_RAT_P"] > 1.5
 
 
 def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains_are_chosen_over_all_of_it() -> None:
