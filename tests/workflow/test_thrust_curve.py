@@ -9,10 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify import AxisFit, Parameter, fit_axis
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.workflow import identification
+from gcs_autotune.workflow import identification, thrust_curve
 from gcs_autotune.workflow.identification import Identified, again_with_step
 from gcs_autotune.workflow.third_relay import third_relay
 from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
@@ -93,6 +94,28 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     assert "the oscillations and the step together speak of an actuator that does nothing below 12" in told(
         found, plain, dying_swing(0.0, DEAD_BAND)
     )
+
+
+def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
+    named = {f"{slug.replace('_', '-')}@X.{slug}": value for slug, value in numbers.items()}
+    parameters = {name: Parameter(name, value, "1", 0.01 * value, "fitted") for name, value in named.items()}
+    model = ExtendedModel(
+        None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
+    )
+    return SimpleNamespace(fit_percent=explained, parameters=parameters, model=model)
+
+
+@pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
+def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, step, found, monkeypatch):
+    """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
+    fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
+    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits[slugs])
+    plain = a_fit(90.0)
+    curve = fit_thrust_curve([None] * sizes, plain, step)
+    assert (curve is fits["dead-zone",]) is found
+    if found:
+        said = told(curve, plain)
+        assert said == "the three oscillations speak of an actuator that does nothing below 14.4% of full"
 
 
 @pytest.mark.slow
