@@ -144,6 +144,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.plan is not None:
         return _follow(args, runs, known)
     unseen = read_others(args, args.validate)
+    begin = args.start or _model_beside(args, runs)
     delay: float | Literal["auto"] = "auto" if args.delay is None else float(args.delay)
     settings = StudySettings(
         dof=args.dof,
@@ -155,7 +156,7 @@ def _run(args: argparse.Namespace) -> int:
         options=options,
         known=known,
         effects=tuple(e.strip() for e in args.effects.split(",") if e.strip()),
-        begin=None if args.start is None else load_model(args.start).model,
+        begin=None if begin is None else load_model(begin).model,
         check=not args.no_check,
         choose=args.choose,
         plan_next=args.plan_next,
@@ -164,7 +165,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     with progress_bar(args) as bar:
         found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)
-    said = []
+    said = [] if begin == args.start else [f"Structure, effects and start values: those of {begin}"]
     if args.save is not None:
         replaced = on_replacing(args.save)
         save_model(found.fit, args.save)
@@ -196,6 +197,20 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
     else:
         Console().print(plan_summary(result))
     return 0
+
+
+def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | None:
+    """Return the model file of the one run directory named, when its *runs* were fitted with effects: without these
+    they may not be explained at all. None when anything else is asked for, or the runs tell their thrust curve alone.
+    """
+    from gcs_autotune.identify import load_model
+
+    asked = (args.dof, args.structure, args.known, args.effects, args.option, args.choose, args.start)
+    file = args.runs[0] / "model.json"
+    alone = all(run.meta.get("thrust_curve") is True for run in runs)
+    if alone or len(args.runs) > 1 or any(asked) or args.method != "output-error" or not file.is_file():
+        return None
+    return file if load_model(file).model.effects else None
 
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
