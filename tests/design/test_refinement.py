@@ -133,7 +133,8 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
     there, back = flown.windows
     settles = flown.after.metrics.settling
     assert settles + 5.0 <= there < FLOWN and settles + 5.0 <= back < FLOWN
-    assert 0.8 < flown.after.metrics.itae / whole.after.metrics.itae <= 1.0
+    # The step back begins sooner, with what the integral holds by then: hardly more than of a step read to its end.
+    assert 0.8 < flown.after.metrics.itae / whole.after.metrics.itae <= 1.02
     assert flown.before.metrics.itae <= whole.before.metrics.itae
     known = propose("slow boat", step_duration=FLOWN, windows=(0.5 * there, FLOWN), **ends)
     assert known.windows == (pytest.approx(0.5 * there), pytest.approx(back))
