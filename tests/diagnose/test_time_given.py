@@ -93,7 +93,9 @@ def wandering(seed: int) -> list[Trial]:
     return runs
 
 
-@pytest.mark.parametrize("seconds", [0.0, 100.0, 1e3, 3e3, 1e4])
+@pytest.mark.parametrize(
+    "seconds", [0.0, 100.0, 1e3, pytest.param(3e3, marks=pytest.mark.slow), pytest.param(1e4, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("asked", ["runs", "weather", "model", "simulation"])
 def test_whatever_the_stage_it_ends_near_the_time_given(
     monkeypatch: pytest.MonkeyPatch, asked: str, seconds: float
