@@ -108,16 +108,17 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
         "PSC_ACCZ_I": 3.0,
         "PSC_ACCZ_FF": 0.5,
     },
+    ("videoray", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0228, "ATC_ANG_YAW_P": 2.77},
+    ("automarine", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0237, "ATC_ANG_YAW_P": 0.805},
     ("blueboat", "heading"): {
-        "ATC_STR_RAT_FF": 3.0,
+        "ATC_STR_RAT_FF": 1.84,
         "ATC_STR_RAT_P": 2.0,
-        "ATC_STR_RAT_I": 0.84,
-        "ATC_STR_ANG_P": 2.26,
+        "ATC_STR_RAT_I": 0.372,
+        "ATC_STR_ANG_P": 2.57,
     },
 }
 """(vehicle, axis) -> what ``--search 80 --first-seed 1`` found; of boats ``--search 160``, for they have four gains."""
 EARLIER: Mapping[tuple[str, str], float] = {
-    ("videoray", "heading"): 0.301,
     ("charlie", "heading"): 17.67,
 }
 """(vehicle, axis) -> median ITAE [s^2] flown with the gains kept at commit b6076fe, seeds 1 and 2; an ROV was held for
