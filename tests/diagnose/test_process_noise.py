@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.process_noise import weathered_form
+from gcs_autotune.identify import data_summary_of, plain_form, prepare_form
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -39,6 +42,20 @@ def weathered(seed: int, *, square: float = 0.0, size: float = 0.15, count: int 
         }
         found.append(Trial(f"run{k}", channels))
     return found
+
+
+def test_one_motion_of_runs_that_other_forces_drive_too_knows_its_own_input() -> None:
+    """A diagnosis of positions, driven by X and N, ended in a traceback when it looked for weather in yaw."""
+    run = weathered(1, count=1)[0]
+    psi, N = run["psi"], run["N"]
+    along = {n: Channel(n, "m", psi.t, psi.values) for n in ("x", "y")}
+    run = Trial("run", {"psi": psi, **along, "X": replace(N, name="X", unit="N"), "N": N})
+    segments = prepare_form(run, plain_form([run]), None)
+    alone = weathered_form(plain_form([run]), "yaw")
+    assert alone is not None and segments[0].input_names == ("X", "N")
+    data = data_summary_of(alone, segments)
+    assert data.inputs == {"N": "N m"}
+    assert data.amplitude == {"N": pytest.approx(0.5)}
 
 
 @pytest.mark.slow
