@@ -186,7 +186,9 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
 def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
     """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
     signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
-    given = dict(zip(segments[0].input_names, segments[0].input_units, strict=True))  # of a part of a form some are not its
+    given = dict(
+        zip(segments[0].input_names, segments[0].input_units, strict=True)
+    )  # of a part of a form some are not its
     units = {n: given[n] for n in form.inputs}
     values = {n: np.concatenate([r.signals[n].values for r in segments if n in r.signals]) for n in signals}
     measured: dict[str, list[Array]] = {}
