@@ -122,7 +122,8 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
         "ATC_STR_ANG_P": 2.57,
     },
 }
-"""(vehicle, axis) -> what ``--search 80 --first-seed 1`` found; of boats ``--search 160`` (Charlie 240), for they have four gains."""
+"""(vehicle, axis) -> what ``--search 80 --first-seed 1`` found; of boats, which have four gains, ``--search 160``
+(Charlie 240)."""
 WITHIN, NEAR = 1.3, 0.25
 PRICE, FAR_OUT = 20.0, 1e6
 """What a search pays for a fraction that is missed, and for gains so far out that they are not flown: more than for any
