@@ -36,6 +36,8 @@ STANDING = 0.9
 """An output this large without any command is at its stop."""
 ASTERN = 0.7
 """Way of which this share goes backwards is no leeway, and no current from ahead: a propeller turns the wrong way."""
+CIRCLING = math.radians(5.0)
+"""Chosen [rad/s]: a boat that turns so fast with nothing steered, its speed going up and down, goes not straight."""
 WAY_NOISES = 4.0
 """Way of less than so many standard deviations of the speed measurement is no way to steer by."""
 
@@ -160,7 +162,11 @@ class SignCheck(Manoeuvre):
             noise = math.sqrt(sum((v - speed) ** 2 for v in recent) / len(recent))
             least = max(s.least_speed, WAY_NOISES * noise)
             ahead = sum(self._ahead[-30:]) / len(self._ahead[-30:])
-            if not speed >= least:
+            first, last = self._rest[0], self._rest[-1]
+            rate = (last[1] - first[1]) / (last[0] - first[0])
+            if s.least_speed <= speed < least and s.signal == "psi" and abs(rate) > CIRCLING:
+                self._refuse(messages.turns_by_itself(rate, speed, noise, s.throttle))
+            elif not speed >= least:
                 self._refuse(messages.too_slow(speed, noise, least, s.throttle))
             elif s.throttle > 0.0 and ahead < -ASTERN * speed and not self._reversals:
                 self._refuse(messages.goes_astern(ahead, s.throttle, s.astern))

@@ -18,6 +18,7 @@ __all__ = [
     "not_followed",
     "too_slow",
     "turned_round",
+    "turns_by_itself",
     "turns_on_thrust",
     "unclear",
 ]
@@ -125,6 +126,16 @@ def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
         f"it makes only {speed:.2f} m/s at {throttle:.0%} throttle (measured to {noise:.2f} m/s): a rudder has little "
         f"to bite on, and the autopilot scales the steering by this speed. At least {least:.2f} m/s is needed; give "
         "more --throttle"
+    )
+
+
+def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) -> str:
+    """It is under way, but turns (*rate* [rad/s]) with nothing steered, and its speed goes up and down with that."""
+    return (
+        f"with nothing steered it turns by itself at {abs(math.degrees(rate)):.0f} deg/s to "
+        f"{'starboard' if rate > 0.0 else 'port'} at {throttle:.0%} throttle, and its speed does not stay "
+        f"({speed:.2f} m/s, give or take {noise:.2f}). Trim the rudder and look whether all thrusters push alike; where "
+        "the craft is not stable on its course, less --throttle may help"
     )
 
 

@@ -247,3 +247,27 @@ def test_the_record_says_what_was_seen() -> None:
     assert flown.trial.meta["manoeuvre"] == "sign-check"
     assert flown.trial.meta["signs"] == [1, 1]
     assert flown.trial.meta["moved"][0] > 0.0 > flown.trial.meta["moved"][1]
+
+
+class Circling(PondCraft):
+    """Turns by itself, its speed going up and down with that."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__()
+        self.rate = rate
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        object.__setattr__(seen, "psi", self.rate * seen.t)
+        object.__setattr__(seen, "speed", 0.6 + 0.3 * math.sin(2.0 * seen.t))
+        return seen
+
+
+@pytest.mark.parametrize(("rate", "side"), [(0.3, "starboard"), (-0.3, "port")])
+def test_a_boat_that_turns_by_itself_is_told_so_and_not_that_it_is_slow(rate: float, side: str) -> None:
+    _, flown = check(Circling(rate), throttle=0.5, least_speed=0.25)
+    assert flown.outcome.ending == "aborted"
+    assert f"with nothing steered it turns by itself at 17 deg/s to {side} at 50% throttle" in flown.outcome.reason
+    assert "makes only" not in flown.outcome.reason
+    _, straight = check(Circling(0.0), throttle=0.5, least_speed=0.25)
+    assert "makes only" in straight.outcome.reason
