@@ -134,7 +134,7 @@ def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) ->
     return (
         f"with nothing steered it turns by itself at {abs(math.degrees(rate)):.0f} deg/s to "
         f"{'starboard' if rate > 0.0 else 'port'} at {throttle:.0%} throttle, and its speed does not stay "
-        f"({speed:.2f} m/s, give or take {noise:.2f}). Trim the rudder and look whether all thrusters push alike; where "
+        f"({speed:.2f} m/s, give or take {noise:.2f}). Trim the rudder, see that all thrusters push alike; where "
         "the craft is not stable on its course, less --throttle may help"
     )
 
