@@ -6,6 +6,11 @@ import json
 import sys
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # no POSIX
+    fcntl = None  # type: ignore[assignment]
+
 OUT = Path(next(word for word in sys.argv if word.startswith("--out=")).removeprefix("--out="))
 ROW = [1.0, 0.1, 0.2, 0.3, 0.01, 1.0, 2.0, 0.1]
 PROGRESS = {"stage": "first self-oscillation", "signal": "psi", "step": 3, "steps": 8, "elapsed": 60.0, "left": 120.0}
@@ -21,6 +26,9 @@ def main() -> int:
     OUT.mkdir(parents=True)
     parameters = {"ATC_STR_RAT_P": 0.2}
     (OUT / "parameters_before.json").write_text(json.dumps(parameters))
+    held = (OUT / "parameters_before.json").open("rb")  # for as long as it runs: whoever locks it knows when that ends
+    if fcntl is not None:
+        fcntl.flock(held, fcntl.LOCK_EX)
     tell("intentions", {"texts": ["arm the vehicle, and disarm it at the end"]})
     tell("say", "will arm the vehicle, and disarm it at the end")
     tell("words", {"severity": 4, "text": "<img src=x onerror=alert(1)>\x1b[2J"})

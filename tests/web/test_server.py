@@ -60,10 +60,14 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
 
 @posix
 def test_a_run_whose_server_is_killed_stops_by_itself(tmp_path: Path) -> None:
+    import fcntl  # POSIX alone has it
+
     serving = Serving(tmp_path)
     assert not (serving.run / "parameters_after.json").exists()
     serving.process.kill()
-    serving.ended()  # its output ends when the run, which holds it too, is gone
+    serving.ended()
+    with (serving.run / "parameters_before.json").open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)  # waits for the run, which is no child of this process
     assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
 
 
