@@ -110,7 +110,7 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
 
     A limit bends the larger motion; a dead band, waves and the sensor's noise the smaller one.
     """
-    larger, smaller, whole = explained
+    larger, *_, smaller, whole = explained  # some fly more than two
     cause = f"no linear loop explains more than {100.0 * whole:.0f} % of this motion"
     told = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
     if larger < smaller - DISTINCT:
