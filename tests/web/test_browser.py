@@ -270,6 +270,7 @@ def test_a_reload_changes_nothing_about_the_run_and_shows_it_again(asking: Page)
     asking.page.reload()
     asking.shows("#question-text", "Go ahead?")
     asking.shows("#stage", "Step 3 of 8: first self-oscillation")
+    asking.shows("#stage", "first self-oscillation, flown")  # no tick for a while: it is not under way any more
     asking.page.click("#stop")
     assert "as it was found" in asking.stopped()
 

@@ -123,6 +123,7 @@ function showBar() {
   if (!link.connected && !state.run) stage = "Connecting to the server …";
   else if (running()) {
     stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: setting out`;
+    if (now && performance.now() - link.flown > 2000) stage += ", flown";  // what comes next is told beside it
     if (now && now.elapsed !== null) times = `${duration(now.elapsed)} flown`;
     if (now && now.left !== null) {
       times += `, about ${duration(now.left)} left`;

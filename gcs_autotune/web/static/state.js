@@ -4,7 +4,7 @@ const LISTS = { rows: ROWS, words: WORDS, legs: Infinity };
 
 export const empty = () => ({ run: null, legs: [], rows: [], words: [] });
 
-export const link = { connected: false, since: performance.now(), heard: performance.now() };
+export const link = { connected: false, since: performance.now(), heard: performance.now(), flown: 0 };
 
 export function apply(state, delta) {
   if (delta.whole) state = Object.assign(empty(), delta.whole);
@@ -19,6 +19,7 @@ export function apply(state, delta) {
     } else state[key] = value;
   }
   if (delta.whole || delta.vitals || delta["+rows"] || delta.fresh) link.heard = performance.now();
+  if (delta.now) link.flown = performance.now();
   return state;
 }
 
