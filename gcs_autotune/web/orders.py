@@ -18,7 +18,7 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
-from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind
+from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
 
 __all__ = ["RunOrder", "fields", "make_order"]
@@ -47,7 +47,7 @@ _ONLY: Mapping[str, tuple[str, ...]] = {
 _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
 """Simulated vehicles to fly a manoeuvre, when no link is given."""
 SIDES = ("starboard", "port")
-_LONGEST_URI = 300
+_LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def _field(name: str) -> dict[str, Any]:
 
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
     """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name,
-    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``; a dry run of a manoeuvre is its preview.
+    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``, ``area``; a dry run of a manoeuvre is its preview.
 
     Raises
     ------
@@ -147,7 +147,12 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         what, axis, example, words = kind.name, "", _example(kind), [f"--force={force}"] if force else []
         side = str(chosen.get("first_to") or SIDES[0])
         lookup(dict.fromkeys(SIDES, True), side, "side")
-        words += [f"--first-to={side}", *_numbers(numbers, job, axis, kind.options), *["--preview"] * dry]
+        words += [
+            f"--first-to={side}",
+            *_area(str(chosen.get("area", "")).strip()),
+            *_numbers(numbers, job, axis, kind.options),
+            *["--preview"] * dry,
+        ]
     else:
         what = axis = str(chosen.get("axis", ""))
         example = lookup(AXES, axis, "axis").example
@@ -171,6 +176,19 @@ def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
     if force and force not in _forces(kind):
         raise UsageError(f"{kind.name} drives no force '{force[:10]}'")
     return kind.of(force), force
+
+
+def _area(corners: str) -> list[str]:
+    """Return the option for *corners* as typed on the page: no file of this machine is opened for it."""
+    if not corners:
+        return []
+    if len(corners) > _LONGEST_AREA or not set(corners) <= set("0123456789.,;+- "):
+        raise UsageError("area: write 'lat,lon lat,lon lat,lon' in degrees; only fly --area on a terminal takes a file")
+    try:
+        read_area(corners)
+    except UsageError as error:
+        raise UsageError(str(error).replace("--area", "area", 1)) from None
+    return [f"--area={corners}"]
 
 
 def _fresh(path: Path) -> Path:

@@ -222,6 +222,8 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({"job": "fly", "manoeuvre": "step"}, "flown by tune AXIS"),
         ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "drives no force 'Y'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "first_to": "up"}, "starboard"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "area": "44.4,8.9 44.5,8.9"}, "area"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "area": "/etc/lake.geojson"}, "lat,lon"),
         ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "asks for no number 'duration'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"heading": "900"}}, "heading: 900 is out of range"),
     ],
@@ -244,11 +246,13 @@ def test_what_was_chosen_becomes_a_command_line_that_its_parser_takes(tmp_path: 
         "first_to": "port",
         "numbers": numbers,
         "fetch_log": True,
+        "area": "-33.1,8.9 -33.1,9.0 -33.2,9.0",
     }
     order = make_order(chosen, tmp_path, datetime(2026, 11, 23))
     args = make_parser().parse_args(list(order.arguments))
     assert (args.manoeuvre, args.force, args.first_to, args.fetch_log) == ("chirp", "Z", "port", True)
     assert (args.steering, args.f_stop, args.max_time, args.throttle) == (0.3, 0.4, 300.0, None)
+    assert args.area == chosen["area"]
     assert args.connect == "sitl:bluerov2"  # a craft that has that force
     assert not args.preview
     preview = make_order({**chosen, "dry_run": True}, tmp_path, datetime(2026, 11, 23))

@@ -38,8 +38,8 @@ function chosen() {
   for (const node of document.querySelectorAll("#numbers input")) if (node.value.trim()) numbers[node.name] = node.value.trim();
   return {
     job: $("job").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
-    first_to: $("first-to").value, connect: $("connect").value.trim(), dry_run: $("dry").checked,
-    fetch_log: $("fetch").checked, numbers,
+    first_to: $("first-to").value, area: $("area").value.trim(), connect: $("connect").value.trim(),
+    dry_run: $("dry").checked, fetch_log: $("fetch").checked, numbers,
   };
 }
 
