@@ -37,7 +37,7 @@ def drawn_of(picture: Path = PICTURE) -> str:
 
 
 def main(picture: Path) -> None:
-    """Fly a tune of a simulated boat six times as fast as the clock, and take the page in its second oscillation."""
+    """Fly a tune of a simulated boat six times as fast as the clock, and take the page in its self-oscillation."""
     from playwright.sync_api import sync_playwright
 
     chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
@@ -63,7 +63,7 @@ def main(picture: Path) -> None:
         page.click("#start")
         page.click("#yes", timeout=WAIT)
         page.locator("#stage", has_text="self-oscillation").wait_for(timeout=WAIT)
-        page.locator("#tile-periods", has_text="3 of").wait_for(timeout=WAIT)
+        page.locator("#tile-periods", has_text="1 of").wait_for(timeout=WAIT)
         page.evaluate("scrollTo(0, 0)")
         page.screenshot(path=picture)
         page.click("#stop")
