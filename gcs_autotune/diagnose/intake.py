@@ -43,7 +43,7 @@ SAME = 0.1
 """Relative difference up to which a jump is a full turn."""
 
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
-"""The "input" coherence the "output" at least so well, and leaves less than this share of what the output leaves when
+"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when
 it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
 
 
@@ -133,7 +133,7 @@ def _tears(x: Array) -> list[float]:
 
 
 def check_roles(run: Trial) -> None:
-    """Refuse an input and an output that have changed places: the "input" coherence the "output", which is held.
+    """Refuse an input and an output that have changed places: the "input" follows the "output", which is held.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
     forward = max(coherence(y, u), coherence(y, u, integrated=True) if integrated else 0.0)
     if backward > LEADS and 1.0 - backward < ALONE * (1.0 - forward):
         raise BadFile(
-            f"{name} and {output} of run '{run.name}' look exchanged: {name} is smooth and coherence {output} "
+            f"{name} and {output} of run '{run.name}' look exchanged: {name} is smooth and follows {output} "
             f"({100 * backward:.0f} % of it), while {output} jumps like a command; exchange the heads of the columns"
         )
 

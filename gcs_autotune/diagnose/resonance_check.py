@@ -114,7 +114,7 @@ NUMBERS = 4
 AT, SPEED = "spring's place", "spring's speed"
 """Names of the inputs a spring adds."""
 FEW_NEAR, FEW_DAMPING = (-0.35, 0.0, 0.35, 0.7), (0.04, 0.15)
-"""As NEAR and DAMPING, for fits of the whole: a filter that coherence takes the wave for slower than the spring is."""
+"""As NEAR and DAMPING, for fits of the whole: a filter that follows it takes the wave for slower than the spring is."""
 TRIALS = 20
 ROUNDS = 4
 """Of weighing the signals by what is left of each."""
@@ -124,7 +124,7 @@ def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, fl
     """Yield, for every input of a model with a wave, words and how much likelier the wave is than ringing, at most 1.
 
     (A likelihood ratio, less Schwarz's price for the numbers of the ringing: small where the commands foretell the
-    swinging better than any filter coherence it.)
+    swinging better than any filter that follows it.)
     """
     waves = [e for e in fitted.effects if e.slug == WAVE]
     if not waves:
@@ -141,7 +141,7 @@ def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, fl
                 more = 2 * len(problem.segments) * len(pairs) * math.log(max(fitted.samples, 2))
                 whole = max(_whole_gain(problem, plain, channel, e["frequency"]) for e in waves)
                 ahead = max(ahead, whole - wanted - more)
-            yield f"every change of {channel}, after which it resonance_checks", math.exp(-0.5 * max(ahead, 0.0))
+            yield f"every change of {channel}, after which it rings", math.exp(-0.5 * max(ahead, 0.0))
 
 
 def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:

@@ -46,7 +46,7 @@ def accept_or_revert(
     elif log.metrics_before is not None and _is_hopeless(proposal, log.metrics_before):
         log.end(
             "unchanged",
-            "the present gains do better than any that keep the wanted reserve promise to; nothing was written",
+            "the present gains do better than is predicted of any that keep the wanted margins; nothing was written",
         )
     elif context.settings.dry_run:
         log.end("dry-run", "dry run: nothing was written")

@@ -82,8 +82,8 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
 def how_long(itinerary: Itinerary) -> str:
     """Return how long it takes of the vehicle's time, stage by stage."""
     return (
-        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}: guessed from craft "
-        "of a few metres, and while it goes on from the first of each kind for the next"
+        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}; estimates from craft "
+        "of a few metres, mended as the first stage of each kind is flown"
     )
 
 

@@ -40,7 +40,7 @@ def run_in_background(
     """Return what *work* comes to at the *worker*, keeping the craft company meanwhile; what it raises is raised here.
 
     *bear* tells of trouble with the craft whether it is over; then the work goes on. On a lock-stepped link time stands
-    still while we run_in_background, so there the work is simply done.
+    still while the work is done, so there the work is simply done.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)

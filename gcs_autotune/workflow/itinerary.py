@@ -1,7 +1,7 @@
 """The stages of a tune or an experiment in their order, with how long each takes: told beforehand, kept while it runs.
 
 Times are of the vehicle. What is flown by a clock (a step) is known; how long a self-oscillation takes is the craft's
-affair, so it is guessed from craft of a few metres, and from the first one flown for the next.
+affair, so it is estimated from craft of a few metres, and from the first one flown for the next.
 """
 
 from __future__ import annotations

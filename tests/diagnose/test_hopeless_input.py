@@ -210,7 +210,7 @@ def test_input_and_output_swapped_is_said_with_both_names(good: Trial, output: s
     swapped = with_values(good, N=good[output].values, **{output: good["N"].values})
     for run in (swapped, only(swapped, "N", output)):
         message = refusal(run, kind=BadFile)
-        assert "look exchanged" in message
+        assert "look exchanged" in message and "is smooth and follows" in message
         assert "N" in message
         assert output in message
 
