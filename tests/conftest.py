@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -88,3 +89,32 @@ def published() -> dict[str, Any]:
     if not path.exists():
         pytest.skip("published_tables.json is not beside the repository (../shared/data)")
     return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+WCAG_AA = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]}}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without a window, driven by Playwright; while it is there no other event loop can run in this thread."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[test]'")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium on this machine: apt install chromium")
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="session")
+def barriers() -> Callable[[Any], list[tuple[str, str]]]:
+    """What of a page in the browser keeps to WCAG 2.1 AA not, by axe-core: its rule and where on the page."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: pip install '.[test]'")
+
+    def found(page: Any) -> list[tuple[str, str]]:
+        told = axe.Axe().run(page, options=WCAG_AA).response
+        assert len(told["passes"]) > 10
+        return [(rule["id"], str(node["target"])) for rule in told["violations"] for node in rule["nodes"]]
+
+    return found

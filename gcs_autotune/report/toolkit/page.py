@@ -36,7 +36,7 @@ class Picture:
     svg: Markup
 
 
-PHONE = 46
+PHONE = 42
 """Characters of a table's row that a telephone 390 pixels wide shows."""
 
 LEGIBLE = 14

@@ -1,0 +1,82 @@
+"""Every kind of report as people have it: on a telephone by day and by night, and on paper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import diagnosis_stories
+import pytest
+import report_stories
+
+from gcs_autotune.api import example_run, fit, save_model
+from gcs_autotune.cli import main
+from gcs_autotune.report import render_diagnosis
+from gcs_autotune.report.tune.page import render_report
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+PAPER = {"width": 688, "height": 1017}
+"""A4 less its margins [CSS px]."""
+KINDS = ("tune", "study", "flight", "diagnosis")
+WIDER = """() => [...document.querySelectorAll(".scroll, .paper, pre")]
+  .filter((node) => node.scrollWidth > node.clientWidth + 1).map((node) => node.textContent.trim().slice(0, 60))"""
+FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
+  const box = node.getBoundingClientRect(), svg = node.querySelector("svg"), shown = svg.getBoundingClientRect();
+  const drawn = svg.viewBox.baseVal, scale = Math.min(shown.width / drawn.width, shown.height / drawn.height);
+  const beside = node.parentElement.querySelectorAll(":scope > figure").length;
+  return { top: box.top, high: box.height, letters: 8.8 * scale, beside };
+})"""
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("reports")
+    read, written = {"ATC_STR_RAT_FF": 0.03005, "MOT_VEC_ANGLEMAX": 30.0}, {"ATC_STR_RAT_FF": 0.86242}
+    told = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
+    (folder / "tune.html").write_text(render_report(told))
+    told = diagnosis_stories.dead_zone()
+    (folder / "diagnosis.html").write_text(render_diagnosis(told, "Lake", diagnosis_stories.WHEN, "out"))
+    run = example_run()
+    save_model(fit(run, "linear", dof="yaw"), folder / "model.json")
+    run.to_pandas().to_csv(folder / "run.csv")
+    (study, model) = (str(folder / name) for name in ("study.html", "model.json"))
+    assert main(["identify", str(folder / "run.csv"), "--dof=yaw", f"--page={study}", "--quiet"]) == 0
+    preview = ["fly", "zig-zag", "--preview", f"--model={model}", "--throttle=0.5", "--speed=1", f"--out={folder}"]
+    assert main([*preview, "--quiet"]) == 0
+    (folder / "preview.html").rename(folder / "flight.html")
+    return {kind: folder / f"{kind}.html" for kind in KINDS}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
+    browser: Any, barriers: Any, reports: dict[str, Path], kind: str, scheme: str
+) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme=scheme)
+    page.goto(reports[kind].as_uri())
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate(WIDER) == []
+    assert barriers(page) == []
+    ink, paper = page.evaluate(
+        "() => ['ink', 'paper'].map((n) => getComputedStyle(document.documentElement).getPropertyValue(`--plot-${n}`))"
+    )
+    assert (ink < paper) == (scheme == "light")  # dark pens on light paper, or the other way round
+    page.close()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_paper_pictures_stand_two_abreast_and_can_be_read(browser: Any, reports: dict[str, Path], kind: str) -> None:
+    page = browser.new_page(viewport=PAPER, color_scheme="dark")
+    page.emulate_media(media="print")
+    page.goto(reports[kind].as_uri())
+    figures = page.evaluate(FIGURES)  # kept whole: what is higher leaves pages half empty
+    assert figures
+    assert [f for f in figures if f["high"] > 0.4 * PAPER["height"]] == []
+    assert [f for f in figures if f["letters"] < 6.0] == []  # CSS px, 4.5 points
+    pairs = [(a, b) for a, b in zip(figures[::2], figures[1::2], strict=False) if a["beside"] == b["beside"] == 2]
+    assert [p for p in pairs if p[0]["top"] != p[1]["top"]] == []
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    page.close()
