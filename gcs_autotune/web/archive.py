@@ -54,6 +54,7 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "report": page_of(folder),
             "log": visible(logs[0]) if logs else "",
+            "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder))],
         }
 
     def entry(self, name: str) -> dict[str, Any]:
@@ -115,6 +116,11 @@ class Archive:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         return folder.name
+
+
+def _models(folder: Path) -> list[Path]:
+    """Return the model files that ``tune``, ``experiment``, ``fly``, or the desk's work has left in a run."""
+    return [p for p in (*folder.glob("model*.json"), *folder.glob("diagnosis/model*.json")) if p.is_file()]
 
 
 def _too_large() -> str:

@@ -161,7 +161,7 @@ def _as_to_parameters(directory: Path) -> list[str]:
     if not before:
         return []
     if not after:
-        return ["The parameters could not be read again at the end."]
+        return ["What the parameters were at the end is not on disk."]
     changed = [f"{name} {before[name]:g} -> {after[name]:g}" for name in before if after.get(name) != before[name]]
     if changed:
         return [f"Parameters read again: {', '.join(changed)}; the other {len(before) - len(changed)} as before."]

@@ -20,6 +20,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
 from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
+from gcs_autotune.web.archive import Archive
 
 __all__ = ["RunOrder", "fields", "make_order"]
 
@@ -36,12 +37,14 @@ _ASKED: Mapping[str, tuple[str, ...]] = {
     ),
     "Manoeuvre": ("throttle", "speed", "relay-output", "relay-hysteresis", "relays", "patience"),
     "Proof": ("step", "step-duration", "settling-time"),
+    "Model": ("full-scale",),
     "Link": ("baud", "system-id"),
 }
 """Numbers that the page asks for, by heading; the names of the table of limits."""
 _ONLY: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(_ASKED["Proof"], ("tune",)),
     **dict.fromkeys(("relay-output", "relay-hysteresis", "relays"), ("tune", "experiment")),
+    "full-scale": ("tune", "fly"),
 }
 """Number -> the jobs that take it, where not all do."""
 _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
@@ -132,7 +135,8 @@ def _field(name: str) -> dict[str, Any]:
 
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
     """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name,
-    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``, ``area``; a dry run of a manoeuvre is its preview.
+    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``, ``area``; ``model`` a file in a folder of *runs*, to
+    design from or to preview with; a dry run of a manoeuvre is its preview.
 
     Raises
     ------
@@ -158,6 +162,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         example = lookup(AXES, axis, "axis").example
         words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job == "tune")
     uri = uri or example
+    words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
         raise UsageError("link: that is no connection string")
@@ -189,6 +194,21 @@ def _area(corners: str) -> list[str]:
     except UsageError as error:
         raise UsageError(str(error).replace("--area", "area", 1)) from None
     return [f"--area={corners}"]
+
+
+def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
+    """Return the option for the model chosen, ``RUN/model.json``; an experiment takes none."""
+    name, _, inner = str(chosen.get("model") or "").partition("/")
+    if not name or job == "experiment":
+        if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and job != "experiment":
+            raise UsageError("full-scale: it is the model's own; choose a model as well")
+        return []
+    if not inner.endswith(".json"):
+        raise UsageError("model: that is no model file of a run")
+    try:
+        return [f"--model={Archive(runs).path(name, inner)}"]
+    except UsageError as error:
+        raise UsageError(f"model: {error}") from None
 
 
 def _fresh(path: Path) -> Path:

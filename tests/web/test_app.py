@@ -15,6 +15,7 @@ from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
 from gcs_autotune.cli import make_parser
+from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
@@ -29,8 +30,8 @@ OURS = {TOKEN_HEADER: "none"}
 HEADING = {"job": "tune", "axis": "heading", "connect": "udpin:127.0.0.1:14550"}
 
 
-def client_of(runs: Path, access: Access | None = None) -> TestClient:
-    return TestClient(make_app(runs, access or Access(), PROGRAM), base_url="http://127.0.0.1:8090")
+def client_of(runs: Path, access: Access | None = None, program: CommandLine = PROGRAM) -> TestClient:
+    return TestClient(make_app(runs, access or Access(), program), base_url="http://127.0.0.1:8090")
 
 
 @pytest.fixture
@@ -139,6 +140,25 @@ def test_the_server_s_end_stops_the_run_and_waits_for_it(tmp_path: Path) -> None
     assert (tmp_path / name / "parameters_after.json").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
+def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tmp_path: Path) -> None:
+    program = CommandLine((sys.executable, str(Path(__file__).with_name("full_disk.py"))))
+    with (
+        client_of(tmp_path, program=program) as client,
+        client.websocket_connect("ws://127.0.0.1:8090/live") as socket,
+    ):
+        name = client.post("/start", json={**HEADING, "connect": ""}, headers=OURS).json()["name"]
+        end = Viewer(socket).until("end")["end"]
+        assert client.get("/runs").status_code == 200
+    assert f"the run directory {tmp_path / name} cannot be written" in end["reason"]
+    assert "free some disk space" in end["reason"]
+    assert end["put_back"] == [
+        "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found.",
+        "What the parameters were at the end is not on disk.",
+    ]
+
+
 def test_the_same_is_told_by_server_sent_events(tmp_path: Path) -> None:
     async def scene() -> list[bytes]:
         """Ask as a browser would, and go after the first event: the test client waits for an end there is none of."""
@@ -217,6 +237,7 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({**HEADING, "numbers": {"--out": "/etc"}}, "asks for no number '--out'"),
         ({**HEADING, "numbers": {"step": "30; rm"}}, "is no number"),
         ({**HEADING, "numbers": ["step"]}, "no object"),
+        ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale: it is the model's own"),
         ({**HEADING, "connect": "udpin:\n--yes"}, "no connection string"),
         ({"job": "fly", "manoeuvre": "zigzag"}, "zig-zag"),
         ({"job": "fly", "manoeuvre": "step"}, "flown by tune AXIS"),
@@ -268,6 +289,23 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
     for force in offered["forces"] or [""]:
         order = make_order({"job": "fly", "manoeuvre": kind.name, "force": force}, tmp_path, datetime(2026, 11, 23))
         assert make_parser().parse_args(list(order.arguments)).force == force
+
+
+def test_a_model_of_an_earlier_run_is_designed_from_or_previewed_with_and_no_other_file_is(tmp_path: Path) -> None:
+    model = tmp_path / "20261123-lake" / "diagnosis" / "model.json"
+    model.parent.mkdir(parents=True)
+    model.write_text("{}")
+    (model.parent / "else.json").symlink_to("/etc/hostname")
+    with client_of(tmp_path) as one:
+        (entry,) = one.get("/runs").json()["entries"]
+    assert entry["models"] == ["diagnosis/model.json"]
+    chosen = f"{entry['name']}/{entry['models'][0]}"
+    for what in ({**HEADING, "numbers": {"full-scale": "40"}}, {"job": "fly", "manoeuvre": "zig-zag"}):
+        order = make_order({**what, "model": chosen}, tmp_path, datetime(2026, 11, 23))
+        assert make_parser().parse_args(list(order.arguments)).model == model
+    for wrong in ("20261123-lake/../../etc/x.json", "20261123-lake/diagnosis/else.json", "20261123-lake", "a/b.csv"):
+        with pytest.raises(UsageError, match="model: "):
+            make_order({**HEADING, "model": wrong}, tmp_path, datetime(2026, 11, 23))
 
 
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b"x" * 100_000, b"null"])

@@ -1,7 +1,7 @@
 // The page: what is known is shown, as text and never as HTML; STOP; questions.
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
-import { make } from "./start.js";
+import { make, models } from "./start.js";
 import * as runs from "./runs.js";
 
 const $ = (id) => document.getElementById(id);
@@ -250,6 +250,7 @@ function take(delta) {
 
 function look(at) {
   if (view !== at && at === "runs") runs.list();
+  if (view !== at && at === "start") models();
   if (at !== "runs") runs.close();
   view = at;
   fresh = true;

@@ -20,6 +20,7 @@ export function make(fields, started) {
   $("job").onchange = $("axis").onchange = $("force").onchange = offer;
   $("manoeuvre").onchange = () => { forces(); offer(); };
   forces();
+  models();
   $("connect").value ||= fields.link || "";
   offer();
   $("form").onsubmit = async (event) => {
@@ -33,12 +34,21 @@ export function make(fields, started) {
   };
 }
 
+// The models that runs and the desk have left; none chosen: the run finds its own.
+export async function models() {
+  const { entries } = await fetch("runs").then((answer) => answer.json()).catch(() => ({ entries: [] }));
+  const found = entries.flatMap((each) => (each.models || []).map((file) => `${each.name}/${file}`));
+  const before = $("model").value;
+  $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path)));
+  $("model").value = found.includes(before) ? before : "";
+}
+
 function chosen() {
   const numbers = {};
   for (const node of document.querySelectorAll("#numbers input")) if (node.value.trim()) numbers[node.name] = node.value.trim();
   return {
     job: $("job").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
-    first_to: $("first-to").value, area: $("area").value.trim(), connect: $("connect").value.trim(),
+    first_to: $("first-to").value, area: $("area").value.trim(), model: $("model").value, connect: $("connect").value.trim(),
     dry_run: $("dry").checked, fetch_log: $("fetch").checked, numbers,
   };
 }
@@ -59,7 +69,9 @@ function offer() {
   $("axis-row").hidden = flies;
   $("fly-rows").hidden = !flies;
   $("manoeuvre-help").textContent = `${kind.help}. Room: ${kind.room}.`;
-  $("dry-row").hidden = job === "experiment";
+  $("dry-row").hidden = $("model-row").hidden = job === "experiment";
+  $("model-help").textContent = flies ? "to preview with; none: the vehicle's own figures"
+    : "to design from, without swings; none: what this run identifies";
   $("dry-label").textContent = flies ? "Preview only: time, room and track; nothing moves"
     : "Dry run: fly, identify and design, but write nothing";
   const kept = chosen().numbers;
