@@ -232,6 +232,28 @@ def test_home_and_origin_may_be_at_different_depths(told: Told) -> None:
     assert telemetry.depth_offset == pytest.approx(0.03), "messages of different moments say nothing about it"
 
 
+def depths(ms: int, below_origin: float, below_home: float) -> tuple[Any, Any]:
+    """Return what a vehicle tells of its depth [m] in one moment: below its estimator's origin, and below home."""
+    local = mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, below_origin, 0.0, 0.0, 0.0)
+    return local, mavlink.MAVLink_global_position_int_message(ms, 0, 0, 0, round(-1e3 * below_home), 100, 0, 0, 0)
+
+
+def test_the_depth_of_home_is_found_in_the_order_in_which_ardupilot_sends(told: Told) -> None:
+    """Home is set anew at arming: at 200 s ArduSub 4.5 told -0.46 m below home, then -0.05 m, 0.19 m below origin."""
+    order = [m for k in range(5) for m in reversed(depths(1000 + 100 * k, 0.19 + 0.1 * k, 0.46 + 0.1 * k))]
+    telemetry = told.tell(attitude(1000), *order)
+    assert telemetry.depth_offset == pytest.approx(-0.27, abs=1e-3)
+    again = [m for k in range(5) for m in reversed(depths(1500 + 100 * k, 0.19, 0.01))]
+    assert told.tell(attitude(1500), *again).depth_offset == pytest.approx(0.18, abs=1e-3)
+
+
+def test_the_depth_of_home_is_found_while_the_messages_come_at_different_moments(told: Told) -> None:
+    staggered = []
+    for k in range(5):
+        staggered += [depths(1000 + 100 * k, 0.5 + 0.1 * k, 0.0)[0], depths(1060 + 100 * k, 0.0, 0.31 + 0.1 * k)[1]]
+    assert told.tell(attitude(1000), *staggered).depth_offset == pytest.approx(0.25, abs=2e-3)
+
+
 def global_position(ms: int, north: float) -> Any:
     lat = round(54e7 + math.degrees(north / 6378137.0) * 1e7)
     return mavlink.MAVLink_global_position_int_message(ms, lat, 100000000, 0, 0, 150, 0, 0, 0)

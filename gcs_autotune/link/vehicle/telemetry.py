@@ -83,6 +83,8 @@ class Recorder:
 
 _SAME_MOMENT = 0.005
 """Chosen: seconds between two messages that tell of one estimate."""
+_BETWEEN = 1.0
+"""Chosen: seconds over which a depth is interpolated."""
 _PREFER_LOCAL = 2.0
 """Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
 _UNKNOWN_VOLTAGE = 65535
@@ -130,7 +132,7 @@ class Telemetry:
         self.fix: tuple[float, float] | None = None
         self.depth_offset = 0.0
         """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
-        self._local_z = (math.nan, math.nan)
+        self._local_z = self._global_z = (math.nan, math.nan)
         self.output_ticks = 0
         self.distance_t = math.nan
         self.t = math.nan
@@ -210,7 +212,8 @@ class Telemetry:
 
     def _local_position(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
-        self._local_z = (t, m.z)
+        earlier, self._local_z = self._local_z, (t, m.z)
+        self._compare_depths(earlier, self._local_z)
         if self._position_source in ("", "local"):
             self._position_source = "local"
             self._take(t, {"x": m.x, "y": m.y, **self._velocity(t, m.vx, m.vy)})
@@ -221,8 +224,8 @@ class Telemetry:
     def _global_position(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
         self._depth_source = "global"
-        if abs(t - self._local_z[0]) <= _SAME_MOMENT:
-            self.depth_offset = self._local_z[1] + m.relative_alt * 1e-3
+        self._global_z = (t, -m.relative_alt * 1e-3)
+        self._compare_depths(self._local_z, self._local_z)
         self._take(t, {"z": -m.relative_alt * 1e-3, "w": m.vz * 1e-2})
         has_fix = m.lat != 0 or m.lon != 0
         if has_fix:
@@ -230,6 +233,16 @@ class Telemetry:
         if self.fix is not None and has_fix and self._use_global(t):
             x, y = self._flat(*self.fix)
             self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
+
+    def _compare_depths(self, earlier: tuple[float, float], later: tuple[float, float]) -> None:
+        """Take the depth below home and, between two of them (time, z), the one below the estimator's origin then.
+
+        ArduPilot sends the global message before the local one of the same moment; a router may stagger them.
+        """
+        t, below_home = self._global_z
+        if earlier[0] - _SAME_MOMENT <= t <= later[0] + _SAME_MOMENT and later[0] - earlier[0] <= _BETWEEN:
+            below_origin = float(np.interp(t, (earlier[0], later[0]), (earlier[1], later[1])))
+            self.depth_offset = below_origin - below_home
 
     def _use_global(self, t: float) -> bool:
         if self._position_source == "" and math.isnan(self._global_since):
