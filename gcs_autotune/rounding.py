@@ -53,10 +53,15 @@ def rounded_to(value: float, std: float) -> str:
     return format_value(value, std).partition(" ±")[0].lstrip("(")
 
 
+_POWERS = 1e6
+"""Chosen: from here on people read a power of ten more easily than zeros; below, "1e+02°" is no angle."""
+
+
 def format_number(value: float, digits: int = 4) -> str:
     """Return *value* with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
     if math.isnan(value):
         return UNKNOWN
     if math.isinf(value):
         return "unlimited" if value > 0 else "-unlimited"
-    return f"{value + 0.0:.{digits}g}"
+    text = f"{value + 0.0:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _POWERS else text

@@ -26,7 +26,7 @@ from gcs_autotune.link.session import Session
 from gcs_autotune.link.transports import BACKENDS, TRANSPORTS, open_link
 from gcs_autotune.link.transports.memory import MemoryLink, Peer
 from gcs_autotune.link.transports.transport import Transport
-from gcs_autotune.link.vehicle.actuation_check import read_outputs
+from gcs_autotune.link.vehicle.actuation_check import TWITCH, read_outputs
 from gcs_autotune.link.vehicle.commands import Commands
 from gcs_autotune.link.vehicle.fence import FENCE_PARAMETERS, FenceItem, read_fence
 from gcs_autotune.link.vehicle.handshake import NEEDED_RATES, WANTED_RATES, difference, fingerprint_of, open_craft
@@ -40,6 +40,7 @@ __all__ = [
     "FENCE_PARAMETERS",
     "NEEDED_RATES",
     "TRANSPORTS",
+    "TWITCH",
     "WANTED_RATES",
     "Commands",
     "FenceItem",

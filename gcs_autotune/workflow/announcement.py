@@ -9,7 +9,7 @@ from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.workflow.connection import TWITCHING
+from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
@@ -35,8 +35,7 @@ def announce(context: TuneContext) -> None:
     itinerary = context.log.itinerary = Itinerary(_legs(context, now))
     context.log.announce(
         (
-            ("leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end")
-            + f"; {TWITCHING}",
+            arming(context.craft, now),
             f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
             f"move: {_movements(context, now)}",
             room(context.axis.dof, context.speed, context.settings, now),

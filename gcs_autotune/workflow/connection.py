@@ -7,19 +7,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from gcs_autotune.axes import axis_kind
+from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft
+from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
 from gcs_autotune.watch import Vitals, Watcher, Words
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["TWITCHING", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
-
-TWITCHING = "twitch the steering by 5 %, without thrust, to see that it obeys and how late"
-"""What arming brings with it, for announcements."""
+__all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 SERVO_RATE = 40.0
 """Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
@@ -30,6 +28,15 @@ SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
 """Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
 half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+
+
+def arming(craft: MavlinkCraft, now: Observation) -> str:
+    """Return what arming brings with it, for announcements: thrusters that steer push while they are twitched."""
+    armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
+    steers_by_thrust = craft.skid or not craft.firmware.needs_way
+    twitched = "thrusters that turn it" if steers_by_thrust else "steering"
+    without = "" if steers_by_thrust else ", without thrust,"
+    return f"{armed}; twitch the {twitched} by {100.0 * TWITCH:.0f} %{without} to see that it obeys and how late"
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:

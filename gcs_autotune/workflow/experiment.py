@@ -15,7 +15,7 @@ from gcs_autotune.report import render_study
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long, room
 from gcs_autotune.workflow.background import agreed
-from gcs_autotune.workflow.connection import TWITCHING, connect_craft
+from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
 from gcs_autotune.workflow.experiments import dive_for, speed_for
 from gcs_autotune.workflow.identification import identify
@@ -108,7 +108,6 @@ def _announce(context: TuneContext, now: Observation) -> None:
     dive = dive_for(dof, firmware, now)
     legs = legs_of_experiment(dof, under_way=firmware.needs_way, dives=dive is not None)
     itinerary = context.log.itinerary = Itinerary(legs)
-    armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
     modes, down = f"mode {firmware.manual_mode}", ""
     if dive is not None:
         modes = f"modes {firmware.hold_mode} and {firmware.manual_mode}"
@@ -119,7 +118,7 @@ def _announce(context: TuneContext, now: Observation) -> None:
     maybe = "" if by_throttle or settings.most_relays < 3 else more
     context.log.announce(
         (
-            f"{armed_now}; {TWITCHING}",
+            arming(craft, now),
             f"use the {modes}, and go back to {now.mode} at the end",
             f"move: {kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}",
             room(dof, context.speed, settings, now),

@@ -35,7 +35,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
-from gcs_autotune.workflow.connection import TWITCHING, connect_craft
+from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import armed
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
@@ -393,9 +393,8 @@ class _Flight:
         used = [hold] * (False in in_manual or dive or plan.min_depth is not None)
         used += [manual] * (True in in_manual or bool(dofs))
         modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
-        armed_now = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
         intentions = (
-            f"{armed_now}; {TWITCHING}",
+            arming(craft, now),
             f"{modes}, and go back to {now.mode} at the end",
             f"move: {_checks(dofs)}{self._movements()}",
             *self._needs(),

@@ -96,6 +96,11 @@ def test_a_time_that_was_never_reached_is_called_never():
     assert format_seconds(math.nan, "never") == "never"
 
 
+def test_a_number_of_more_places_than_digits_asked_for_is_no_power_of_ten():
+    assert format_quantity(math.radians(103.0), "rad", 2) == "100°"
+    assert [format_number(v, 2) for v in (-123456.0, 0.000123, 2.5e7)] == ["-120000", "0.00012", "2.5e+07"]
+
+
 def test_angles_are_shown_in_degrees_and_lengths_in_metres():
     assert format_quantity(0.5, "rad") == "28.6°"
     assert format_quantity(0.5, "rad/s") == "28.6°/s"

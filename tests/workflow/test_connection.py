@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from gcs_autotune.errors import LinkLost, NotAsFound
+from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import connection
+from sitl import open_vehicle
 
 
 @pytest.fixture
@@ -43,3 +45,19 @@ def test_a_link_lost_on_leaving_does_not_hide_that_restore_has_work_to_do() -> N
 def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
     with pytest.raises(LinkLost), come():
         pass
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "twitched"),
+    [
+        ("charlie", "the steering by 5 %, without thrust,"),
+        ("blueboat", "the thrusters that turn it by 5 % to see"),
+        ("bluerov2", "the thrusters that turn it by 5 % to see"),
+    ],
+)
+def test_a_craft_that_steers_by_thrust_is_not_promised_to_be_twitched_without(vehicle: str, twitched: str) -> None:
+    with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
+        craft = open_craft(session)
+        said = connection.arming(craft, craft.observe())
+    assert said.startswith("arm the vehicle, and disarm it at the end; twitch ")
+    assert twitched in said

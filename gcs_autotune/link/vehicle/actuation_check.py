@@ -87,7 +87,7 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Chosen: fraction of full output by which the steering is moved, without thrust, to see that it obeys."""
+"""Chosen: fraction of full output by which the steering is moved, without thrust ahead, to see that it obeys."""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 
