@@ -240,8 +240,9 @@ class ThrusterFrame(Actuators):
         loads.Z = self.full_Z * Z + self.bias_Z
 
 
+_PAIR = ((-0.5, 0.5, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0))
 FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
-    "simple-rov-3": ((-0.5, 0.5, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)),
+    "simple-rov-3": (*_PAIR, (0.0, 0.0, 1.0, 0.0)),
     "vectored": (
         (0.25, -0.25, 0.0, 0.25),
         (-0.25, -0.25, 0.0, -0.25),
@@ -257,5 +258,8 @@ FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
         (0.25, 0.25, 0.0, -0.25),
         *(4 * ((0.0, 0.0, 0.25, 0.0),)),
     ),
+    "bluerov1": (*_PAIR, *(3 * ((0.0, 0.0, -1.0 / 1.9, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
+    "simple-rov-5": (*_PAIR, *(2 * ((0.0, 0.0, 0.5, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
 }
-"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y)."""
+"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y). ArduSub drives BlueROV1's front two of
+three lifting thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""

@@ -55,9 +55,12 @@ _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "twin-thruster": {**_BOAT, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
     "vectored": {**_ROV, "FRAME_CONFIG": 1},
     "vectored-6dof": {**_ROV, "FRAME_CONFIG": 2},
-    "simple-rov-3": {**_ROV, "FRAME_CONFIG": 4},
+    "simple-rov-3": {**_ROV, "FRAME_CONFIG": 4, "BATT_MONITOR": 0},
+    "simple-rov-5": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
+    "bluerov1": {**_ROV, "FRAME_CONFIG": 0},
 }
-"""The vehicle file's ``actuators`` -> parameters."""
+"""The vehicle file's ``actuators`` -> parameters. ArduPilot's simulated battery feeds six thrusters, whichever frame it
+is: an output without a pulse takes 45 A, so that a frame of fewer has an empty one within minutes. It gets none."""
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:

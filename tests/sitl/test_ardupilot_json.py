@@ -295,6 +295,17 @@ def test_every_vehicle_says_how_ardupilot_is_started(name):
     assert "--sim-port-out 9005 " in start_commands(data, 9005, "x.parm")
 
 
+def test_a_frame_of_fewer_than_six_thrusters_has_no_simulated_battery():
+    """ArduPilot's takes 45 A for each of the first six outputs that has no pulse."""
+    watched = {}
+    for name in VEHICLES:
+        data = load_vehicle(name)
+        if not data.is_boat:
+            watched[name] = (len(data.make_actuators().motors) >= 6, needed_parameters(data)["BATT_MONITOR"] > 0)
+    assert len(set(watched.values())) == 2, "both kinds are there"
+    assert all(thrusters == battery for thrusters, battery in watched.values())
+
+
 def test_the_parameters_are_written_for_defaults(tmp_path):
     path = tmp_path / "blueboat.parm"
     assert main(["blueboat", "--ardupilot-params", str(path)]) == 0

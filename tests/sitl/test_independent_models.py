@@ -55,10 +55,15 @@ def test_both_settle_at_the_same_velocity(name, dof):
     assert axis.acceleration(model.steady_velocity(force), force) == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("frame", "config"), [("vectored", 1), ("simple-rov-3", 4)])
+FRAME_CONFIGS = {"bluerov1": 0, "vectored": 1, "vectored-6dof": 2, "simple-rov-3": 4, "simple-rov-5": 5}
+
+
+@pytest.mark.parametrize(("frame", "config"), FRAME_CONFIGS.items(), ids=FRAME_CONFIGS)
 def test_each_force_is_wired_the_same_way_in_firmware_frame_and_tuner(frame, config):
     parameters = ParameterStore(SUB_PARAMETERS)
     parameters.preset("FRAME_CONFIG", config)
+    for n in range(1, 9):
+        parameters.preset(f"SERVO{n}_FUNCTION", 32 + n)
     motors, rail = SubMotors(parameters, DT), ServoRail(parameters)
     hull = load_vehicle("falcon").make_body()
     physics = ThrusterFrame(FRAMES[frame], 1.0, 1.0, 1.0, 0.0, 0.0)
