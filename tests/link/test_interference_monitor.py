@@ -102,6 +102,23 @@ def test_a_failsafe_without_a_pause_is_not_said_to_be_ours(boat: ScriptedVehicle
     assert "nobody else is heard on this link" in trip(craft, "mode")
 
 
+def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: ScriptedVehicle) -> None:
+    """As ArduRover 4.5 said when its stock boat span at full rudder."""
+    craft = lone(boat)
+    boat.say("EKF variance")
+    boat.say("EKF failsafe")
+    boat.mode = 4
+    said = trip(craft, "mode")
+    assert '(it says: "EKF variance"; "EKF failsafe"): it was a failsafe of its own. Look after what it names' in said
+    assert "nobody else" not in said
+
+
+def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
+    router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
+    router.vehicle.say("EKF failsafe")  # type: ignore[attr-defined]
+    assert "sent MAV_CMD_DO_SET_MODE" in trip(flying, "mode")
+
+
 def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     pause(craft, 0.7)

@@ -24,6 +24,8 @@ __all__ = ["InterferenceMonitor", "RateKeeper"]
 
 _LOOK_BACK = 5.0
 """Chosen [s]: an order this old may be the cause of what is seen now; heartbeats show a mode a second late."""
+_OWN_DOING = "failsafe"
+"""ArduPilot names every one of its own accord so: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
 _AHEAD = 1.5
 """A simulation whose time goes faster than the clock by this is said to run ahead."""
 _FELT = 0.4
@@ -144,7 +146,11 @@ class InterferenceMonitor:
         moved = self._rc_monitor.moved_by_hand
         if moved is not None and not name:
             return f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us just now, a switch on the transmitter"
-        return self._other_stations.culprit(kinds, self._session.clock.now() - _LOOK_BACK, name)
+        since = self._session.clock.now() - _LOOK_BACK
+        own_doing = any(_OWN_DOING in text.casefold() for text in self._session.texts.recent(since))
+        if own_doing and not name and not self._other_stations.has_ordered(kinds, since):
+            return "it was a failsafe of its own. Look after what it names, and start again"
+        return self._other_stations.culprit(kinds, since, name)
 
     def _last_words(self) -> str:
         texts = self._session.texts.recent(self._session.clock.now() - _LOOK_BACK)
