@@ -19,6 +19,8 @@ KINDS = ("rover", "sub", "rover-4.6", "sub-4.6")
 GAIN = {"rover": "ATC_STR_RAT_P", "sub": "ATC_RAT_YAW_P"}
 TRUTH = {"rover": lambda speed: 1.0 / (1.174 * speed), "sub": lambda _: 1.0 / 2.696}
 """Steering per turn rate [s/rad] of the stock models (SIM_Sailboat, SIM_Submarine; see docs/ardupilot.md)."""
+HOME_BELOW_ORIGIN = {"sub": -0.049, "sub-4.6": -0.059}
+"""Metres, by LOCAL_POSITION_NED.z + GLOBAL_POSITION_INT.relative_alt of one moment."""
 
 recording = cache(Recording)
 
@@ -154,3 +156,13 @@ def test_the_recorded_relays_give_the_steady_turn_rate_of_the_simulated_craft(ki
 @pytest.mark.parametrize("kind", ["rover", "rover-4.6"])
 def test_a_boat_without_yaw_inertia_is_doubted_and_not_believed(kind):
     assert "inertia-unresolved" in {doubt.slug for doubt in fitted(kind).doubts}
+
+
+@pytest.mark.parametrize("kind", ["sub", "sub-4.6"])
+def test_the_depth_of_home_below_the_estimators_origin_is_found_in_what_ardupilot_sends(session, kind):
+    """It tells the depth below home before the one below the origin, of the same moment."""
+    craft = open_craft(session, system_id=1)
+    until = craft.observe().t + 3.0
+    while craft.observe().t < until:
+        pass
+    assert craft.telemetry.depth_offset == pytest.approx(HOME_BELOW_ORIGIN[kind], abs=0.005)
