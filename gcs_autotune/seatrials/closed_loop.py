@@ -46,8 +46,9 @@ FOLLOWED = 0.9
 """Chosen: share of the motion that a loop of this form explains where nothing limits it."""
 DISTINCT = 0.05
 """Chosen: by how much the shares of two relays differ before the difference is given a cause."""
-SETTLED = 0.5
-"""Chosen [s]: before the first relay, over which is read where the loop stands."""
+SPAN = 1e3
+"""Chosen: how far from the pace of the relay, to the power that goes with it, a coefficient may be; a pole that is so
+quick shows in nothing."""
 SATURATED, OFTEN = 0.98, 0.05
 """An output that counts as full, and the share of the time that makes the loop another one."""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
@@ -158,22 +159,22 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
     seen = run[signal]
     answer = np.interp(t, seen.t, seen.values) - middle
-    before = seen.values[(seen.t > at[0] - SETTLED) & (seen.t <= at[0])]
-    stood = float(np.mean(before)) - middle if len(before) else 0.0  # as it was held, which may be off its course
     edges = np.append(at, run.end)
-    area = np.concatenate([[0.0], np.cumsum((ref - middle - stood) * np.diff(edges))])
+    area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
 
     def left(theta: Array) -> Array:
         """Return what is left over; what is asked for counts by its mean over each step, late by the delay."""
         late = t - theta[4]
         asked = np.diff(np.interp(np.append(late, late[-1] + STEP), edges, area)) / STEP
-        return np.asarray(_flown(np.exp(theta[:3]), theta[3], asked) + stood - answer)
+        return _left_of(np.exp(theta[:3]), theta[3], asked, answer)
 
-    low, high = [-np.inf] * 4 + [0.0], [np.inf] * 4 + [MOST_DELAY]
+    pace = -np.log(w) * np.array([1.0, 2.0, 3.0])
+    low = np.array([*(pace - math.log(SPAN)), -np.inf, 0.0])
+    high = np.array([*(pace + math.log(SPAN)), np.inf, MOST_DELAY])
     fits = []
     for begin in starts:
         if np.all(begin[:3] > 0.0):
-            x = np.array([*np.log(begin[:3]), begin[3], 0.1])
+            x = np.clip([*np.log(begin[:3]), begin[3], 0.1], low + NUDGE, high - NUDGE)
             fits.append(least_squares(left, x, bounds=(low, high), x_scale="jac", max_nfev=40))
     noise = float(run.meta.get("noise_std", 0.0)) ** 2  # of the sensor: no loop has to explain it
     best = min(fits, key=lambda fit: float(fit.cost))
@@ -188,14 +189,19 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
         inside = (t >= part.start) & (t <= part.end)
         missed, moved = float(np.var(best.fun[inside])), float(np.var(answer[inside]))
         explained.append(1.0 - math.sqrt(max(missed - noise, 0.0) / max(moved - noise, 1e-12)))
-    return loop, explained, _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun)
+    told = np.flatnonzero(best.active_mask == 0)
+    return loop, explained, _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun, told)
 
 
-def _errors(theta: Array, J: Array, left: Array) -> Array:
-    """Return the standard errors of :func:`_told`; what is left over may hang together."""
+def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Array:
+    """Return the standard errors of :func:`_told`; what is left over may hang together.
+
+    *told*: the numbers that the record tells; one at its bound (a pole too quick to show) counts as known.
+    """
     again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
     variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
-    covariance = variance * np.linalg.pinv(J.T @ J)
+    covariance = np.zeros((len(theta), len(theta)))
+    covariance[np.ix_(told, told)] = variance * np.linalg.pinv(J[:, told].T @ J[:, told])
     here = _told(_of(theta))
     slopes = np.zeros((len(here), len(theta)))
     for i in range(4):  # the delay moves none of them
@@ -216,8 +222,11 @@ def _of(theta: Array) -> TransferFunction:
     return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4]))
 
 
-def _flown(a: Array, b_1: float, asked: Array) -> Array:
-    """Return the answer (n,) of a loop at rest that is *asked* for values (n,), each held for a step."""
+def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
+    """Return what a loop that is *asked* for values (n,), each held for a step, leaves of its *answer* (n,).
+
+    It begins as fits best: what it was asked for before, and how far a slow integral had come by then, nobody knows.
+    """
     A = np.zeros((4, 4))
     A[0, 1] = A[1, 2] = 1.0
     A[2] = np.array([-1.0, -a[0], -a[1], 1.0]) / a[2]
@@ -225,9 +234,18 @@ def _flown(a: Array, b_1: float, asked: Array) -> Array:
     signal = scipy_signal()
     if not np.all(np.isfinite(stepped)):
         return np.full(len(asked), LOST)
-    top, bottom = signal.ss2tf(stepped[:3, :3], stepped[:3, 3:], np.array([[1.0, b_1, 0.0]]), np.zeros((1, 1)))
-    answer: Array = np.clip(np.nan_to_num(signal.lfilter(top[0], bottom, asked), nan=LOST), -LOST, LOST)
-    return answer
+    C = np.array([[1.0, b_1, 0.0]])
+    top, bottom = signal.ss2tf(stepped[:3, :3], stepped[:3, 3:], C, np.zeros((1, 1)))
+    kick = np.zeros(len(asked))
+    kick[0] = 1.0
+    first = np.array([(C @ np.linalg.matrix_power(stepped[:3, :3], k))[0] for k in range(3)])
+    swings = [signal.lfilter(np.convolve(bottom, column)[:3], bottom, kick) for column in first.T]
+    both = np.column_stack([signal.lfilter(top[0], bottom, asked), *swings])
+    flown, *free = np.clip(np.nan_to_num(both, nan=LOST), -LOST, LOST).T
+    begins = np.column_stack(free) / np.linalg.norm(free, axis=1)
+    left = flown - answer
+    left -= begins @ np.linalg.lstsq(begins, left, rcond=1e-8)[0]
+    return np.asarray(left)
 
 
 def _verdict(damping: tuple[float, float], overshoot: tuple[float, float], axis: str) -> str:

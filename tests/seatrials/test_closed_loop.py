@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
+from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials import ship_figures
-from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict
-from gcs_autotune.trial import Trial
+from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict, oscillation_of
+from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.watch import SilentWatcher
 from tests.manoeuvres.pond import PondCraft, answered, at_rest
 
@@ -110,6 +112,48 @@ def test_a_loop_that_stands_beside_its_course_is_read_from_where_it_stands() -> 
     (sheet,) = ship_figures(replace(run, channels={**run.channels, "psi": beside}))
     assert sheet["natural-frequency"].reading.value == pytest.approx(math.sqrt(2.0), rel=0.03)
     assert sheet.doubts == ()
+
+
+def swung(b_1: float, a: tuple[float, float, float], noise: float) -> Trial:
+    """Return two relays (20, 5), (15, 5) degrees on the set-point of (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1), which
+    had swung for 40 s before the record begins, at 10 Hz, with *noise* [rad] on psi.
+    """
+    A = np.zeros((4, 4))
+    A[0, 1] = A[1, 2] = 1.0
+    A[2] = np.array([-1.0, -a[0], -a[1], 1.0]) / a[2]
+    step, x, rng = expm(0.1 * A), np.zeros(3), np.random.default_rng(1)
+    t, psi, marks, ref = 0.1 * np.arange(1600), [], [], 0.0
+    for now in t:
+        C = math.radians(20.0 if now < 100.0 else 15.0)
+        psi.append(x[0] + b_1 * x[1] + noise * rng.normal())
+        if any(abs(now - begun) < 0.05 for begun in (40.0, 100.0)):
+            marks.append(Mark(now, "relay", {"x_a": math.radians(5.0)}))
+            ref = 0.0
+        if abs(ref) < C or psi[-1] * ref > math.radians(5.0) * abs(ref):
+            ref = -C if psi[-1] > 0.0 else C
+            marks.append(Mark(now, "switch", {"psi_ref": ref}))
+        x = step[:3, :3] @ x + step[:3, 3] * ref
+    channels = {"psi": Channel("psi", "rad", t, np.array(psi)), "N": Channel("N", "1", t, np.zeros(len(t)))}
+    meta = {"manoeuvre": "set-point-relay", "dof": "yaw", "noise_std": noise}
+    return Trial("r", channels, tuple(marks), meta=meta).between(40.0, 160.0)
+
+
+def test_a_loop_with_a_slow_integral_that_is_under_way_when_the_record_begins_is_read_as_it_is() -> None:
+    a = (22.0, 141.9, 392.5)  # Charlie's under gains that keep her rudder off its stops
+    truth = oscillation_of(TransferFunction((1.0, 20.0), (1.0, *a)))
+    (sheet,) = ship_figures(swung(20.0, a, math.radians(0.25)))
+    for slug, true in zip(("natural-frequency", "damping"), truth, strict=True):
+        told = sheet[slug].reading
+        assert told.std < 0.15 * true
+        assert abs(told.value - true) < 3.0 * told.std
+
+
+def test_a_third_pole_too_quick_to_show_takes_nothing_from_what_is_known_of_the_others() -> None:
+    (sheet,) = ship_figures(swung(0.0, (1.0, 1.0, 1e-6), math.radians(0.25)))
+    assert sheet["natural-frequency"].reading.value == pytest.approx(1.0, rel=0.03)
+    assert sheet["natural-frequency"].reading.std < 0.05
+    assert sheet["overshoot"].reading.value == pytest.approx(0.163, abs=0.03)
+    assert sheet["overshoot"].reading.std < 0.1
 
 
 def test_where_the_smaller_relay_is_explained_worse_a_larger_one_is_advised() -> None:

@@ -11,7 +11,9 @@ import pytest
 
 from gcs_autotune.errors import NotAchieved, NotInformative, UsageError
 from gcs_autotune.logs import load_runs
+from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.seatrials.closed_loop import oscillation_of
 from gcs_autotune.thrusters import fit_thruster, read_pull_test
 from gcs_autotune.workflow import FlySettings
 
@@ -123,6 +125,28 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
     assert read(load_runs(harness.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
     harness.assert_neutral()
     assert harness.mode == harness.found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("relays", [(20.0, 5.0, 15.0, 5.0), (10.0, 5.0, 30.0, 10.0)])
+def test_charlies_closed_loop_is_read_off_the_two_relays_of_the_published_cases(
+    relays: tuple[float, float, float, float], tmp_path: Path
+) -> None:
+    """Miskovic2010, table 7.13, both cases (C, x_a, C, x_a in degrees), under gains that spare the rudder its stops."""
+    k_A, k_FF, k_P, k_I = 0.5, 0.8, 1.2, 0.1
+    gains = {"ATC_STR_ANG_P": k_A, "ATC_STR_RAT_FF": k_FF, "ATC_STR_RAT_P": k_P, "ATC_STR_RAT_I": k_I}
+    harness = SitlHarness(tmp_path, parameters=gains)
+    names = ("set-point", "hysteresis", "second-set-point", "second-hysteresis")
+    result = flown(harness, dict(zip(names, map(math.radians, relays), strict=True)), "set-point-relay")
+    (sheet,) = result.sheets
+    # her yaw at 80 % (n^2 = 41, table 7.12), full rudder 30 degrees, of which ArduRover takes 1/1.2 at 1.2 m/s
+    alpha, beta = (1.2 * x / math.radians(30.0) for x in (8.564, 2.572))
+    loop = TransferFunction((k_A * k_I, k_A * (k_FF + k_P)), (k_A * k_I, k_I + k_A * (k_FF + k_P), beta + k_P, alpha))
+    omega_n, zeta = oscillation_of(loop)
+    assert sheet["natural-frequency"].reading.value == pytest.approx(omega_n, rel=0.1)
+    assert sheet["damping"].reading.value == pytest.approx(zeta, rel=0.1)
+    assert sheet["explained"].reading.value > 0.95
+    assert sheet.doubts == ()
 
 
 def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_map(tmp_path: Path) -> None:
