@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import AxisFit, Doubt, Fit, Validation, fit_axis, save_model, validate
+from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
@@ -22,10 +21,10 @@ from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.lopsided_thrust import with_doubt_of_thrust
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.thrust_curve import fitted, left, number
 
 __all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
 
@@ -160,49 +159,13 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )
-    fit = _with_doubt_of_thrust(fit, used, common.directory)
+    fit = with_doubt_of_thrust(fit, used, common.directory)
     unseen: Validation | None = validate(fit.model, held) if held else None
     return FlightModel(fit, tuple(t.name for t in held), unseen)
 
 
-_LOPSIDED = "asymmetric-thrust"
 _USED = 0.1
 """Share of full beyond which a force was used that way."""
-_STDS, _EVIDENCE = 5.0, 10.0
-"""Chosen: standard errors from equal thrust, and BIC in favour, by which thrust is told to differ with the way."""
-_WAYS: Mapping[str, tuple[str, str]] = {
-    "X": ("ahead", "astern"),
-    "Y": ("to starboard", "to port"),
-    "Z": ("down", "up"),
-    "N": ("to starboard", "to port"),
-}
-
-
-def _with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -> AxisFit:
-    """Return *fit* with a doubt where thrust one way is clearly weaker than the other way: it has one gain for both."""
-    force = fit.model.axis.force
-    shares = np.concatenate([run[force].values for run in used])
-    if not (shares.min() < -_USED and shares.max() > _USED):
-        return fit
-    other = fitted(used, fit, _LOPSIDED)
-    if other is None:
-        return fit
-    ratio, size = number(other, _LOPSIDED), len(shares)
-    evidence = -2.0 * size * math.log(max(left(other), 1e-9) / left(fit)) - math.log(size)
-    if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
-        return fit
-    one, way = _WAYS[force]
-    name, inertia = fit.model.axis.parameter_names()[0], other.parameters[f"{force}_{fit.model.axis.velocity}dot"]
-    doubt = Doubt(
-        "lopsided-thrust",
-        f"thrust {way} is {100.0 * ratio.value:.0f} ± {100.0 * ratio.std:.0f} % of that {one}, and this model has one "
-        f"gain for both: with two, {name} is {abs(inertia.value):.3g} ± {inertia.std:.2g}",
-        f"Fit it so: gcs-autotune identify {shlex.quote(str(directory))} --dof {fit.model.dof} "
-        f"--effects {_LOPSIDED}@{force}.",
-    )
-    return replace(fit, doubts=(*fit.doubts, doubt))
-
-
 _MOVED = 3.0
 """Chosen: a velocity whose standard deviation is so many times its noise's has moved."""
 

@@ -1,4 +1,4 @@
-"""``fly``: manoeuvres of the table on a vehicle, one or a plan of them; previews before, figures and models after."""
+"""``fly``: manoeuvres of the table on a vehicle, one or a plan of them, from the announcement to the records."""
 
 from __future__ import annotations
 
@@ -15,21 +15,13 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import AxisFit
-from gcs_autotune.limits import limit_of
-from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
-    DEEP,
-    DOF_OF,
     Area,
     CalmCheck,
     ComeBack,
     Dive,
     DiveSettings,
-    Envelope,
-    ManoeuvreKind,
-    Preview,
-    Zone,
-    preview,
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
@@ -37,17 +29,20 @@ from gcs_autotune.workflow.announcement import after_a_silence, battery, how_lon
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import armed
-from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
+from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.flight_area import area_of_flight
+from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
+from gcs_autotune.workflow.foresight import DEEPER, Foresight
 from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.paper_craft import paper_craft
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.preflight import (
+    CHECKED,
     STAGE,
+    checked_dof,
     see_depth_is_told,
     see_it_suits,
     see_it_tells,
@@ -61,58 +56,14 @@ from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, s
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["PLAN_FILE", "fly", "fly_plan", "preview_of_model"]
+__all__ = ["PLAN_FILE", "fly", "fly_plan"]
 
 PLAN_FILE = "plan.toml"
 """A flown plan's name in its run directory."""
-_DOF = {"N": "yaw", "X": "surge", "Z": "heave"}
-"""Force -> degree of freedom whose actuator is checked before it is driven."""
-_BELOW = 0.5
-"""Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
-_LEFT = 0.7
-"""Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
 BACK, LOOKING = 45.0, 6.0
 """Seconds of coming back between two runs, and of looking whether it is calm; guesses, told beforehand."""
-NO_LIMITS = Envelope(
-    heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
-)
-"""In which a preview tells what all of a run takes."""
-_BOTTOMLESS = 1e3
-"""Depth [m] from which nothing comes up to the surface meanwhile."""
-_FAR = 10e3
-"""Chosen [m]: nobody who flies is so far from the area meant."""
 _POINTS = 400
 """Chosen: of a predicted track that are told; more no screen shows."""
-
-
-def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> FlightResult:
-    """Preview a plan with the model given, no vehicle at hand, and draw it where the settings say.
-
-    Raises
-    ------
-    UsageError
-        The model is not about what moves, or there is no speed for a throttle.
-    """
-    if plan.area is not None:
-        raise UsageError("whether it stays in the area takes the vehicle's position: preview it with --connect")
-    runs = []
-    for run in plan.runs:
-        settings, s = run.settings, run.settings.common
-        assert settings.model is not None  # asked by the command
-        throttle = s.throttle or 0.0
-        if throttle and s.speed is None:
-            raise UsageError("say with --speed how fast the craft goes at that throttle")
-        paper = paper_craft(settings, None, {}, throttle, s.speed or 0.0)
-        if paper.assumed:
-            wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
-            have = ", ".join(settings.model.model.base.form.dofs)
-            raise UsageError(f"model '{settings.model.name}' is about {have}; {run.name} moves {wanted}")
-        runs.append(
-            FlownRun(
-                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
-            )
-        )
-    return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
 
 
 def fly(
@@ -205,11 +156,12 @@ class _Flight:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
         if self._plan.until is not None:
             see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
-        self._area = self._water()
+        self._area = area_of_flight(craft, self._plan.area, self._watcher)
+        self._foresight = sees = Foresight(craft, present, self._area, self._plan.min_depth, self._watcher)
         for run in self._plan.runs:
             see_it_suits(run.settings, craft)
             see_it_tells(run.settings.kind, craft)
-            leg = self._made_to_fit(self._leg_of(run))
+            leg = sees.made_to_fit(sees.leg_of(run))
             if self._plan.until is not None:
                 leg = self._planned_from(leg, self._plan.until)
             seen, assumed = leg.preview, leg.preview.craft.assumed
@@ -235,58 +187,6 @@ class _Flight:
         track = tuple(map(float, ahead[some])), tuple(map(float, abeam[some]))
         self._watcher.note(PredictedTrack(leg.run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
 
-    def _leg_of(self, run: PlannedRun) -> FlightLeg:
-        """Return *run* with its preview from where the craft is now."""
-        firmware, settings = self._craft.firmware, run.settings
-        throttle, speed = settings.cruise(firmware, self._held)
-        envelope = replace(settings.envelope(speed), area=self._area)
-        now = self._craft.observe()
-        here = None if self._area is None else self._area.seen_from(now.x, now.y, now.psi)
-        seen = self._foreseen(settings, replace(envelope, area=here), now)
-        return FlightLeg(run, throttle, speed, envelope, seen)
-
-    def _foreseen(self, settings: FlySettings, envelope: Envelope, now: Observation) -> Preview:
-        """Return the preview from *now*; where it is of assumed numbers, of the craft of which it comes out worse."""
-        firmware = self._craft.firmware
-        throttle, speed = settings.cruise(firmware, self._held)
-        way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
-        manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
-        depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
-        seen = []
-        for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
-            paper = paper_craft(settings, firmware, self._held, throttle, speed, sinks=sinks)
-            seen.append(preview(manoeuvre(), paper, envelope, floats=firmware.needs_way, way=way, depth=depth))
-        return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
-
-    def _depth_before(self, settings: FlySettings, now: Observation) -> float:
-        """Return how deep [m] the craft is when it begins: where it is *now*, or where it dives to before."""
-        least, dof = self._plan.min_depth, _checked(settings.kind)
-        if least is not None and not now.z >= least:
-            return least + _BELOW
-        if dof and dive_for(dof, self._craft.firmware, now) is not None:
-            return WORKING_DEPTH
-        return now.z if math.isfinite(now.z) else DEEP
-
-    def _made_to_fit(self, leg: FlightLeg) -> FlightLeg:
-        """Return a run that stays inside the limits: smaller and shorter than usual in what nobody gave, if need be.
-
-        One that does not fit whatever is tried is returned as it is, with what all of it takes.
-        """
-        settings, troubled = leg.run.settings, leg.preview
-        if not troubled.refusal:
-            return leg
-        for smaller in settings.smaller():
-            fits = self._leg_of(replace(leg.run, settings=smaller))
-            if not fits.preview.trouble:
-                self._watcher.say(
-                    f"{leg.run.name} is made {_sizes(settings, smaller)}, for at its usual size {troubled.refusal}"
-                )
-                return fits
-        if not troubled.craft.assumed:
-            return leg
-        whole = self._foreseen(settings, NO_LIMITS, self._craft.observe())
-        return replace(leg, preview=replace(whole, refusal=troubled.refusal))
-
     def _planned_from(self, first: FlightLeg, until: Precision) -> FlightLeg:
         """Set up what chooses the runs, and return the first: the usual one, or what helps after those known.
 
@@ -304,50 +204,10 @@ class _Flight:
         if not known:
             return first
         think = partial(run_in_background, craft, self._worker, lambda error: False)
-        leg = planner.next_leg(known, think, self._leg_of)
+        leg = planner.next_leg(known, think, self._foresight.leg_of)
         if leg is None:
             raise UsageError(f"nothing was flown: after the {len(known)} runs given, {planner.steps[-1].ended}")
         return leg
-
-    def _water(self) -> Area | None:
-        """Return where the craft may be: in the area given, and in the vehicle's own fence.
-
-        Raises
-        ------
-        PreconditionFailed
-            An area is given, and nobody knows where the craft is, or it is outside.
-        """
-        craft, given = self._craft, self._plan.area
-        values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
-        items = read_fence(craft.session, values)
-        if items is None:
-            self._watcher.say("the vehicle has a fence and does not tell it (FENCE_ENABLE is on): keep it in mind")
-        if not items and given is None:
-            return None
-        now, fix = craft.observe(), craft.telemetry.fix
-        if fix is None or not math.isfinite(now.x + now.y):
-            if given is not None:
-                raise PreconditionFailed(
-                    f"the vehicle tells no position to see by that it stays in {given.source}; nothing was armed"
-                )
-            self._watcher.say("the vehicle tells no position: its fence cannot be watched")
-            return None
-        fence = Area(tuple(Zone(i.corners, i.radius, i.inside) for i in items), "its own fence") if items else None
-        both = (given.and_(fence) if given is not None else fence) if fence is not None else given
-        assert both is not None
-        area = both.around(*fix, now.x, now.y)
-        beyond = area.beyond(now.x, now.y)
-        if beyond > 0.0:
-            away = f"{beyond:.0f} m" if beyond < _FAR else f"{beyond / 1000.0:.0f} km"
-            swapped = ". See whether its latitudes and longitudes are in the right order" * (beyond >= _FAR)
-            where = f"{fix[0]:.5f} {fix[1]:.5f}"
-            raise PreconditionFailed(
-                f"the vehicle, at {where}, is {away} outside {area.source}; nothing was armed{swapped}"
-            )
-        self._watcher.say(
-            f"stays in {area.source}: {-max(z.beyond(now.x, now.y) for z in area.zones):.0f} m to its edge"
-        )
-        return area
 
     @property
     def _to_fly(self) -> list[FlightLeg]:
@@ -358,8 +218,8 @@ class _Flight:
         """The degrees of freedom whose actuators are checked before."""
         until = self._plan.until
         wanted = driven(until, self._craft.firmware) if until is not None else ()
-        flown = [_checked(leg.run.settings.kind) for leg in self._to_fly]
-        return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in _DOF.values()]
+        flown = [checked_dof(leg.run.settings.kind) for leg in self._to_fly]
+        return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
 
     @property
     def _held_dofs(self) -> list[str]:
@@ -443,7 +303,7 @@ class _Flight:
         room = max((leg.preview.room for leg in self._to_fly), default=0.0)
         needs = [f"need {room:.0f} m of free water, by {self.legs[0].preview.craft.source}"] if room >= 1.0 else []
         least = self._plan.min_depth
-        return needs + ([f"dive to {least + _BELOW:g} m before each run"] if least is not None else [])
+        return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def fly(self) -> None:
         """Fly what is left of the plan, from the sign check on, and put everything back."""
@@ -496,7 +356,7 @@ class _Flight:
         think = partial(run_in_background, self._craft, self._worker, runner.bear)
         while True:
             runs = [*self._plan.known, *(self.flown[leg.run.name] for leg in self.legs)]
-            leg = planner.next_leg(runs, think, self._leg_of)
+            leg = planner.next_leg(runs, think, self._foresight.leg_of)
             if leg is None:
                 return
             self.legs.append(leg)
@@ -514,7 +374,7 @@ class _Flight:
     def _make_conditions(self, runner: ManoeuvreRunner) -> None:
         least = self._plan.min_depth
         if least is not None and not self._craft.observe().z >= least:
-            runner.fly(Dive(DiveSettings(least + _BELOW, enough=least)), "diving")
+            runner.fly(Dive(DiveSettings(least + DEEPER, enough=least)), "diving")
         if self._plan.calm:
             runner.fly(CalmCheck(), LOOKING_OUT)
 
@@ -532,26 +392,9 @@ COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
 """Stages between two runs."""
 
 
-def _sizes(usual: FlySettings, smaller: FlySettings) -> str:
-    """Return in words what was made smaller."""
-    changed = [name for name in smaller.options if name not in usual.options]
-    return ", ".join(
-        f"--{name} {smaller.options[name] / limit_of(name, usual.kind.axis).factor:g}" for name in sorted(changed)
-    )
-
-
 def _checks(dofs: Sequence[str]) -> str:
     """Return in words how the actuators of *dofs* are checked, those that are checked alike together."""
     alike: dict[str, list[str]] = {}
     for dof in dofs:
         alike.setdefault(excitation_of(dof).check, []).append(dof)
     return "".join(f"in {' and '.join(of)} {check}" if len(dofs) > 1 else check for check, of in alike.items())
-
-
-def _checked(kind: ManoeuvreKind) -> str:
-    """Return the degree of freedom whose actuator is checked before.
-
-    None of a craft that is tied up, or before a wall: the relay there tells itself when it is driven the wrong way.
-    """
-    unchecked = kind.tied or kind.needs
-    return "" if unchecked else next((_DOF[force] for force in sorted(kind.drives) if force in _DOF), "")

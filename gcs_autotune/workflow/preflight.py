@@ -31,7 +31,9 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 
 __all__ = [
+    "CHECKED",
     "STAGE",
+    "checked_dof",
     "make_ready",
     "remarks_on",
     "see_depth_is_told",
@@ -42,6 +44,8 @@ __all__ = [
     "sign_check_for",
 ]
 
+CHECKED = {"N": "yaw", "X": "surge", "Z": "heave"}
+"""Force -> degree of freedom whose actuator is checked before it is driven."""
 STAGE = "sign check"
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
@@ -56,6 +60,15 @@ _MANUAL_SCALES = 1
 _CAP = "MOT_THR_MAX"
 _ROUNDING = 0.005
 """A throttle of so little more than the cap is the cap [fraction of full]."""
+
+
+def checked_dof(kind: ManoeuvreKind) -> str:
+    """Return the degree of freedom whose actuator is checked before a manoeuvre of the *kind*; empty for none.
+
+    None of a craft that is tied up, or before a wall: the relay there tells itself when it is driven the wrong way.
+    """
+    unchecked = kind.tied or kind.needs
+    return "" if unchecked else next((CHECKED[force] for force in sorted(kind.drives) if force in CHECKED), "")
 
 
 def sign_check_for(

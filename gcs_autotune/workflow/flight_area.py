@@ -1,0 +1,53 @@
+"""Where a flight may go: the area that was given, and the vehicle's own fence."""
+
+from __future__ import annotations
+
+import math
+
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
+from gcs_autotune.manoeuvres import Area, Zone
+from gcs_autotune.watch import Watcher
+
+__all__ = ["area_of_flight"]
+
+_FAR = 10e3
+"""Chosen [m]: nobody who flies is so far from the area meant."""
+
+
+def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) -> Area | None:
+    """Return where *craft* may be, in metres about it: in the area *given*, and in its own fence; None: anywhere.
+
+    Raises
+    ------
+    PreconditionFailed
+        An area is given, and nobody knows where the craft is, or it is outside.
+    """
+    values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
+    items = read_fence(craft.session, values)
+    if items is None:
+        watcher.say("the vehicle has a fence and does not tell it (FENCE_ENABLE is on): keep it in mind")
+    if not items and given is None:
+        return None
+    now, fix = craft.observe(), craft.telemetry.fix
+    if fix is None or not math.isfinite(now.x + now.y):
+        if given is not None:
+            raise PreconditionFailed(
+                f"the vehicle tells no position to see by that it stays in {given.source}; nothing was armed"
+            )
+        watcher.say("the vehicle tells no position: its fence cannot be watched")
+        return None
+    fence = Area(tuple(Zone(i.corners, i.radius, i.inside) for i in items), "its own fence") if items else None
+    both = (given.and_(fence) if given is not None else fence) if fence is not None else given
+    assert both is not None
+    area = both.around(*fix, now.x, now.y)
+    beyond = area.beyond(now.x, now.y)
+    if beyond > 0.0:
+        away = f"{beyond:.0f} m" if beyond < _FAR else f"{beyond / 1000.0:.0f} km"
+        swapped = ". See whether its latitudes and longitudes are in the right order" * (beyond >= _FAR)
+        where = f"{fix[0]:.5f} {fix[1]:.5f}"
+        raise PreconditionFailed(
+            f"the vehicle, at {where}, is {away} outside {area.source}; nothing was armed{swapped}"
+        )
+    watcher.say(f"stays in {area.source}: {-max(z.beyond(now.x, now.y) for z in area.zones):.0f} m to its edge")
+    return area
