@@ -43,6 +43,8 @@ from gcs_autotune.workflow.settings import TuneSettings
 __all__ = ["FlightLeg", "FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
+UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
+"""As ArduRover sets them: the cruise of no boat in particular."""
 SCALES = tuple(0.8**k for k in range(1, 11))
 """Chosen: how much smaller a manoeuvre is tried, one after the other; beyond a tenth it tells next to nothing."""
 
@@ -102,6 +104,14 @@ class FlySettings:
             return s.throttle or 0.0, s.speed or 0.0
         throttle = present.get("CRUISE_THROTTLE", 50.0) / 100.0 if s.throttle is None else s.throttle
         return throttle, present.get("CRUISE_SPEED", 1.0) if s.speed is None else s.speed
+
+    def knows_its_cruise(self, present: Mapping[str, float]) -> bool:
+        """Whether throttle and speed go together: both typed, or both its own and not as ArduRover sets them."""
+        s = self.common
+        if s.throttle is not None or s.speed is not None:
+            return bool(s.throttle and s.speed)
+        own = {name: present[name] for name in UNTRIED if present.get(name, 0.0) > 0.0}
+        return len(own) == len(UNTRIED) and own != UNTRIED
 
     def envelope(self, speed: float) -> Envelope:
         """Return the safety limits at *speed* [m/s]; a manoeuvre that turns right round has none of heading."""

@@ -62,7 +62,10 @@ def paper_craft(
     *,
     sinks: bool = True,
 ) -> PaperCraft:
-    """Return the craft on paper: from the model given, from its feed-forward gain, else an assumed one of its size.
+    """Return the craft on paper: from the model given, from its own figures, else an assumed one of its size.
+
+    Its cruise tells how far it goes straight ahead. Its feed-forward gain tells its turning only so so: the rate loop
+    works with far less than the rudder that a turn takes, and tunes keep it within ArduRover's range. So it is assumed.
 
     One whose heave is driven and assumed *sinks* by itself, or comes up.
     """
@@ -100,6 +103,8 @@ def paper_craft(
                 yaw, others = (motion, others) if force == "N" else (yaw, {**others, force: motion})
                 known.add(force)
         words = f"model '{settings.model.name}'"
+    elif along == ["X"] and settings.knows_its_cruise(present):
+        known.add("X")  # a straight run that takes more room than there is need not be tried
     missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)
     if known and missing:
         words += f" with an assumed {' and '.join(missing)}"

@@ -25,10 +25,11 @@ def square(half: float, north: float = 0.0) -> tuple[tuple[float, float], ...]:
     return tuple((at + a * d, HOME[1] + b * d * 1.41) for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1)))
 
 
-def fly(harness: SitlHarness, corners: tuple[tuple[float, float], ...] | None) -> Any:
+def fly(harness: SitlHarness, corners: tuple[tuple[float, float], ...] | None, name: str = "zig-zag") -> Any:
     common = harness.settings()
     area = None if corners is None else Area((Zone(corners),), "the pond")
-    plan = replace(FlightPlan.of(FlySettings("steps", common, STEPS, force="X")), area=area)
+    settings = FlySettings("steps", common, STEPS, force="X") if name == "steps" else FlySettings(name, common)
+    plan = replace(FlightPlan.of(settings), area=area)
     return fly_plan(plan, common, Unattended(), Ear(harness.said), WHEN)
 
 
@@ -41,6 +42,19 @@ def test_a_craft_that_leaves_the_area_is_stopped_and_left_as_found_with_its_reco
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found
     assert list((harness.directory / "trials").glob("*.csv"))
+
+
+def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refused_before_anything_is_armed(
+    tmp_path: Path,
+) -> None:
+    harness = SitlHarness(tmp_path / "own")
+    with pytest.raises(PreconditionFailed, match=r"preview ends early: .* outside the pond.*; nothing was armed$"):
+        fly(harness, square(6.0), "steps")
+    assert harness.found == ""
+    assert any("its cruise of 1.2 m/s at 80% throttle" in text for text in harness.said)
+    untried = SitlHarness(tmp_path / "untried", parameters={"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0})
+    with pytest.raises(GuardTripped, match="m outside the pond"):
+        fly(untried, square(6.0), "steps")
 
 
 def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
@@ -67,7 +81,7 @@ def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> 
         return [] if message.get_type() == "MISSION_COUNT" else [message]
 
     harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
-    fly(harness, square(400.0))
+    fly(harness, square(400.0), "steps")
     said = " ".join(harness.said)
     assert "has a fence and does not tell it" in said
     assert "stays in the pond: 400 m to its edge" in said

@@ -1,0 +1,50 @@
+"""What goes wrong at sea: a sentence that says so, everything put back, the record kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import AutotuneError, GuardTripped, NotAchieved
+from gcs_autotune.logs import load_runs
+from gcs_autotune.manoeuvres import Envelope
+from sitl import make_effect
+
+from .sitl_harness import SLOW_LOOP, SitlHarness
+from .test_fly import PAIR, flown
+
+
+def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: str, *args: Any, **more: Any) -> None:
+    """Fly *name*; it ends by *error* with *words*, the vehicle is as found, the record is there and says aborted."""
+    with pytest.raises(error, match=words) as caught:
+        flown(harness, *args, name=name, **more)
+    assert "\n" not in str(caught.value)
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert harness.mode == harness.found
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    (last,) = [run for run in load_runs(harness.directory) if run.name == name]
+    assert last.ending == "aborted"
+
+
+def test_a_spiral_without_the_room_it_needs_is_ended_at_the_limit(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat")
+    narrow = Envelope(distance=20.0)
+    ended(harness, GuardTripped, "'distance from start' tripped", "spiral", {"steering": 0.3}, envelope=narrow)
+    assert any("preview ends early, but on assumed numbers: " in text for text in harness.said)
+
+
+def test_a_rudder_that_stalls_never_brings_the_heading_there_and_less_of_it_is_advised(tmp_path: Path) -> None:
+    stalls = make_effect("rudder-stall", "yaw", {"angle": 0.25, "drop": 1.0})
+    harness = SitlHarness(tmp_path, effects=[stalls])
+    ended(harness, NotAchieved, r"20 deg are wanted: .*\(.*less where it stalls\)", "zig-zag", {**PAIR, "rudder": 0.5})
+
+
+def test_a_rangefinder_that_is_lost_under_way_ends_the_relay_before_the_wall(tmp_path: Path) -> None:
+    def blind(t: float, message: Any) -> list[Any]:
+        return [] if message.get_type() == "DISTANCE_SENSOR" and t > 40.0 else [message]
+
+    harness = SitlHarness(tmp_path, "videoray-wall", meddling=blind, **SLOW_LOOP)
+    ended(harness, NotAchieved, "tells no distance ahead any more", "wall-relay", {"wall-hysteresis": 0.1})
