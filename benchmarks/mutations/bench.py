@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,10 @@ UNSTARTED = "the tests cannot even be started"
 BROKEN = 99
 """Exit code of a fork that pytest itself left by an exception: before its tests, or while clearing up after them, when
 what a test left behind raises."""
+WAITING = 20.0
+"""Times the budget that a fault's tests may take by the wall while nobody else wants the processor: some sleep."""
+NEAREST = 3
+"""Test files that are collected first; three times as many next, and so on: most faults are noticed by the nearest."""
 HANGING = 0.5
 """Share of the budget that one test alone may use up before it counts as hanging; it is tried without the fault then,
 so that slowness is no notice."""
@@ -88,7 +92,10 @@ def import_heavy() -> None:
 
 
 class Slot:
-    """One scratch tree; one fault at a time is tried for *budget* processor seconds (20 times that by the wall)."""
+    """One scratch tree; one fault at a time is tried for *budget* processor seconds.
+
+    By the wall for :data:`WAITING` times that, which is longer where the fork has to wait for a processor itself.
+    """
 
     def __init__(self, tree: Path, budget: float) -> None:
         self.tree, self.budget = tree, budget
@@ -114,7 +121,8 @@ class Slot:
         if self.mutant is None:
             return None
         pid, status = os.waitpid(self._pid, os.WNOHANG)
-        in_time = processor_time(self._pid) < self.budget and time.monotonic() - self._began < 20.0 * self.budget
+        patience = WAITING * self.budget * crowding(self._pid)
+        in_time = processor_time(self._pid) < self.budget and time.monotonic() - self._began < patience
         if not pid and in_time and not (self._again == UNSTARTED and self._told()):
             return None
         if not pid:
@@ -199,14 +207,23 @@ def processor_time(pid: int) -> float:
     return sum(int(fields[i]) for i in (11, 12, 13, 14)) / os.sysconf("SC_CLK_TCK")
 
 
-class _Telling:
-    """A pytest plugin: slow tests last, and one line for every test that has run."""
+def crowding(pid: int) -> float:
+    """Return how many times longer a process takes because others want the processor, too; 1 where nobody tells."""
+    try:
+        running, waiting = map(int, Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()[:2])
+    except (OSError, ValueError):
+        return 1.0
+    return 1.0 + waiting / running if running else 1.0
 
-    def __init__(self, log: Path) -> None:
-        self._log = log
+
+class _Telling:
+    """A pytest plugin: only the tests that are *slow* or only those that are not, and a line for every one that ran."""
+
+    def __init__(self, log: Path, slow: bool) -> None:
+        self._log, self._slow = log, slow
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+        items[:] = [item for item in items if (item.get_closest_marker("slow") is not None) is self._slow]
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._tell(nodeid, "begun")
@@ -226,7 +243,7 @@ def has_compiled(path: Path) -> bool:
 
 
 def _run(tree: Path, tests: Sequence[str], log: Path, compiled: bool, to_first: bool) -> int:
-    """Run *tests* in *tree*, *to_first* that fails or all; this process is a fork and ends with it."""
+    """Run *tests* in *tree*, slow ones last, *to_first* that fails or all; this process is a fork and ends with it."""
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(quiet, stream)
@@ -242,4 +259,20 @@ def _run(tree: Path, tests: Sequence[str], log: Path, compiled: bool, to_first: 
     import pytest
 
     options = [*(["-x"] if to_first else []), "-q", "-p", "no:cacheprovider", "-o", "timeout=0", "--rootdir", str(tree)]
-    return int(pytest.main([*options, "-c", str(tree / "pyproject.toml"), *tests], plugins=[_Telling(log)]))
+    options += ["-c", str(tree / "pyproject.toml")]
+    found = 0
+    for slow in (False, True):
+        for some in nearest_first(tests):
+            code = int(pytest.main([*options, *some], plugins=[_Telling(log, slow)]))
+            found = found if code in (0, 5) else code
+            if found and to_first:
+                return found
+    return found
+
+
+def nearest_first(tests: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Yield the tests, the first :data:`NEAREST`, then three times as many, and so on."""
+    begin, count = 0, NEAREST
+    while begin < len(tests):
+        yield tests[begin : begin + count]
+        begin, count = begin + count, 3 * count

@@ -160,6 +160,54 @@ def test_tests_that_a_fault_keeps_from_starting_have_noticed_and_those_that_neve
         never.poll()
 
 
+@pytest.mark.parametrize(
+    ("processor", "waited", "elapsed", "ended"),
+    [
+        (21.0, 0.0, 30.0, True),
+        (19.0, 0.0, 399.0, False),
+        (19.0, 0.0, 401.0, True),
+        (19.0, 9.0, 3999.0, False),  # it waited nine times as long for a processor as it had one
+        (19.0, 9.0, 4001.0, True),
+    ],
+)
+def test_a_busy_machine_takes_no_time_from_the_tests_of_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processor: float, waited: float, elapsed: float, ended: bool
+) -> None:
+    slot = Ended(monkeypatch, tmp_path, 0, FAILED.replace("failed", "passed")).slot
+    killed: list[int] = []
+    monkeypatch.setattr(bench.os, "waitpid", lambda pid, options: (0, 0))
+    monkeypatch.setattr(bench.os, "killpg", lambda pid, signal: killed.append(pid))
+    monkeypatch.setattr(bench, "processor_time", lambda pid: processor)
+    monkeypatch.setattr(bench, "crowding", lambda pid: 1.0 + waited)
+    now = slot._began + elapsed
+    monkeypatch.setattr(bench.time, "monotonic", lambda: now)
+    verdict = slot.poll()
+    assert (verdict is not None, bool(killed)) == (ended, ended)
+    if verdict is not None:
+        assert not (verdict.noticed_by or verdict.complete)
+
+
+def test_how_crowded_it_is_is_read_where_the_system_tells_it_and_not_guessed_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "schedstat").write_text("2000 6000 17\n", encoding="ascii")
+    monkeypatch.setattr(bench, "Path", lambda text: tmp_path / Path(text).name)
+    assert bench.crowding(1) == 4.0
+    for text in ("0 0 0\n", "", "no\n"):
+        (tmp_path / "schedstat").write_text(text, encoding="ascii")
+        assert bench.crowding(1) == 1.0
+    (tmp_path / "schedstat").unlink()
+    assert bench.crowding(1) == 1.0
+
+
+def test_the_nearest_tests_are_collected_first_and_every_one_once() -> None:
+    tests = [f"test_{k}" for k in range(50)]
+    parts = list(bench.nearest_first(tests))
+    assert [len(part) for part in parts] == [3, 9, 27, 11]
+    assert [test for part in parts for test in part] == tests
+    assert list(bench.nearest_first([])) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "first"),
@@ -185,11 +233,13 @@ def test_what_is_no_fault_counts_for_neither_side_and_every_one_names_a_file() -
         Verdict(change_of_nothing, "", 1.0, 3, complete=True),
         Verdict(real, "tests/test_sname.py::test_it", 1.0, 1, complete=True),
         Verdict(real, "", 1.0, 5, complete=False),
+        Verdict(real, "", 1.0, 7, complete=True),
     ]
     lines = table(verdicts).splitlines()
     total = next(line for line in lines if line.startswith("all"))
-    assert total.split() == ["all", "3", "1", "1", "1", "50%"]
-    assert any(line.startswith("NOT NOTICED line 1, sign (5 tests, out of time)") for line in lines)
+    assert total.split() == ["all", "4", "1", "1", "1", "1", "33%"]
+    assert any(line.startswith("OUT OF TIME line 1, sign (5 tests)") for line in lines)
+    assert any(line.startswith("NOT NOTICED line 1, sign (7 tests)") for line in lines)
     assert lines[-1] == f"none: {none}: {EQUIVALENT[none]}"
     there = {m.key for path in {key.partition("::")[0] for key in EQUIVALENT} for m in mutants_of(ROOT / path, ROOT)}
     assert sorted(set(EQUIVALENT) - there) == [], "these faults cannot be put in any more: take them out"

@@ -1,0 +1,102 @@
+"""Let go by hand: the rest it lay at, the push that begins the decay, when the decay is over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.hand_released import KIND, HandReleased
+
+from .pond import answered, at_rest
+
+LIST = 0.08
+"""It lies with a list, which is the mean of the samples of its first three seconds."""
+WAYS = [("K", "phi", "roll"), ("M", "theta", "pitch")]
+
+
+def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) -> tuple[HandReleased, list]:
+    """Fly one that swings by ``swing(t)`` [rad] about its list."""
+    signal = {"K": "phi", "M": "theta"}[force]
+
+    def seen(t: float, command: object) -> Observation:
+        noise = 0.0 if t >= 3.0 else 0.02 * (-1.0) ** round(2.0 * t)
+        return at_rest(t=100.0 + t, **{signal: LIST + noise + swing(t)})
+
+    manoeuvre = HandReleased(force, duration)
+    return manoeuvre, answered(manoeuvre, seen)
+
+
+@pytest.mark.parametrize(("force", "signal", "dof"), WAYS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_decay_counts_from_the_rest_before_it_and_ends_once_it_has_died_away(
+    force: str, signal: str, dof: str, side: float
+) -> None:
+    sizes = {10.0: 0.2, 11.0: 0.3, 12.0: 0.032, 14.5: 0.028}
+    manoeuvre, rows = tilted(force, lambda t: side * next((v for k, v in reversed(sizes.items()) if t >= k), 0.0))
+    assert rows[-1][0].t == 114.0 + 3.0
+    assert manoeuvre.outcome is not None
+    assert (manoeuvre.outcome.ending, manoeuvre.outcome.reason) == ("completed", "swung from 17 deg for 7 s")
+    assert {command for _, command in rows} == {Actuate()}
+    (mark,) = manoeuvre.take_marks()
+    assert (mark.t, mark.kind, mark.detail) == (110.0, "push", {signal: pytest.approx(side * 0.2)})
+    assert manoeuvre.asked == {
+        "dof": dof, "force": force, "signal": signal, "rest": pytest.approx(LIST), "duration": 60.0,
+    }  # fmt: skip
+    assert manoeuvre.target == pytest.approx(LIST)
+    assert manoeuvre.phase == "swinging"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("degrees", "ending"), [(4.9, "aborted"), (5.1, "completed")])
+def test_a_push_is_larger_than_what_handling_does_and_is_waited_for_so_long(
+    side: float, degrees: float, ending: str
+) -> None:
+    manoeuvre, rows = tilted("K", lambda t: side * math.radians(degrees) * (t >= 10.0), duration=8.0)
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == ending
+    assert rows[-1][0].t == (223.5 if ending == "aborted" else 118.0)
+    assert len(manoeuvre.take_marks()) == (ending == "completed")
+    assert ("nobody pushed it within 120 s; its phi stayed at rest" in manoeuvre.outcome.reason) is (degrees < 5.0)
+
+
+def test_where_it_stands_is_told_to_who_pushes() -> None:
+    manoeuvre, phases = HandReleased("K", 8.0), {}
+
+    def seen(t: float, command: object) -> Observation:
+        phases[t - 0.5] = manoeuvre.phase
+        return at_rest(t=t, phi=0.3 * (t >= 10.0))
+
+    answered(manoeuvre, seen)
+    assert (phases[0.0], phases[3.0], phases[10.0]) == (
+        *("at rest: leave it alone", "push it down and let go", "swinging"),
+    )
+
+
+def test_an_angle_that_nobody_tells_is_no_push() -> None:
+    manoeuvre = HandReleased("K", 8.0)
+    answered(manoeuvre, lambda t, command: at_rest(t=t, phi=0.0 if t < 5.0 else math.nan))
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == "aborted"
+
+
+@pytest.mark.parametrize(("force", "signal", "dof"), WAYS)
+def test_its_row_is_of_roll_or_pitch_which_nothing_drives(force: str, signal: str, dof: str) -> None:
+    row = KIND.of(force)
+    assert (row.excites, row.drives, row.options) == ({dof}, frozenset(), ("duration",))
+    assert row.turns and not row.identifies
+    assert row.make is not None
+    made = row.make({"duration": 20.0})
+    assert (made.force, made.asked["duration"], made.by_hand, made.purpose) == (force, 20.0, True, "check")
+    assert row.of("").drives == row.drives
+    for other in "XYZN":
+        with pytest.raises(UsageError, match=f"{other} is driven: fly free-decay"):
+            row.of(other)
+
+
+def test_without_a_force_it_is_of_roll() -> None:
+    assert KIND.excites == {"roll"}
+    assert KIND.of("") is KIND

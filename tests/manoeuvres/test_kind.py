@@ -1,0 +1,73 @@
+"""A row of the table: the force it is asked for, the craft it suits, what a preset is called."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from gcs_autotune.errors import UsageError
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.manoeuvres import ManoeuvreKind
+from gcs_autotune.manoeuvres.kind import Preset
+from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
+
+ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
+
+
+def row(force: str = "N", **changes: object) -> ManoeuvreKind:
+    kind = ManoeuvreKind("waltz", "round and round", frozenset({"yaw"}), frozenset({force}))
+    return replace(kind, **changes)  # type: ignore[arg-type]
+
+
+def test_a_row_is_itself_for_its_own_force_or_none_and_another_for_one_that_it_can_make() -> None:
+    kind = row(for_force=row)
+    assert kind.of("") is kind
+    assert kind.of("N") is kind
+    assert kind.of("Z").drives == {"Z"}
+    both = row(drives=frozenset({"N", "X"}))
+    assert both.of("") is both
+    for force in ("N", "X", "Z"):
+        with pytest.raises(UsageError, match=f"waltz drives N and X; it takes no --force {force}"):
+            both.of(force)
+
+
+@pytest.mark.parametrize(
+    ("kind", "boat", "rov"),
+    [
+        (row(), True, True),
+        (row("Z"), False, True),
+        (row(drives=frozenset({"N", "Z"})), False, True),
+        (row(drives=frozenset()), True, True),
+        (row(needs_way=True), True, False),
+        (row(stays=True), False, True),
+        (row(axis="heading"), True, True),
+        (row(axis="depth"), False, True),
+        (row(axis="speed"), True, False),
+        (row("Z", needs_way=True), False, False),
+    ],
+)
+def test_it_suits_a_craft_that_has_what_it_drives_and_goes_ahead_or_stays_as_it_must(
+    kind: ManoeuvreKind, boat: bool, rov: bool
+) -> None:
+    assert (kind.suits(ROVER), kind.suits(SUB)) == (boat, rov)
+
+
+def test_a_row_says_nothing_of_what_it_was_not_given() -> None:
+    kind = row()
+    assert kind.identifies
+    assert not (kind.turns or kind.needs_way or kind.stays or kind.tied)
+    assert (kind.make, kind.needs, kind.axis, kind.command, kind.presets, kind.shrinks) == (None, "", "", "fly", (), {})
+
+
+def test_a_preset_is_called_by_its_title_without_signs_and_drives_each_of_its_forces() -> None:
+    def about(seconds: float) -> TurnAbout:
+        return TurnAbout(TurnAboutSettings(0.5))
+
+    preset = Preset("zig-zag 20/20, at 60 % throttle %", "X N", about)
+    assert preset.name == "zig-zag-20-20-at-60-throttle"
+    assert preset.drives == {"X", "N"}
+    assert not preset.closed
+    assert Preset("ahead", "X", about).drives == {"X"}
+    assert math.isnan(preset.make(1.0).target)
