@@ -117,6 +117,23 @@ EQUIVALENT: dict[str, str] = {
     "lambda: True if craft.telemetry.ticks > seen else None, 2.0 / rate)": "waited for is anything but None",
     "gcs_autotune/identify/least_squares.py::descend: 1e-6 -> 2e-06 in damping, worse = max(1e-6, damping * worse), "
     "2.0 * worse": "where damping begins again: doubled, and it is four times more at the next step anyway",
+    "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: False -> True in self.truncated = False": (
+        "set at the end of every iteration; documented as complete only then"
+    ),
+    "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: 0 -> 1 in self._position = 0": (
+        "nothing is buffered yet: the first look takes all there is and begins at 0"
+    ),
+    "gcs_autotune/link/parameters/parameter_transaction.py::ParameterTransaction._release: "
+    "self._left.clear() -> pass": "what was left is read for written names only, and every write says it anew",
+    "gcs_autotune/effects/kernels.py::following: m < pieces -> m <= pieces": (
+        "at the last of a whole number of pieces the logarithm is infinite, and the end of the interval is less"
+    ),
+    **{
+        f"gcs_autotune/effects/kernels.py::{name}: 0 -> 1 in stamps, values = np.empty(0), np.empty(0)": (
+            "room that is made anew before anything is written"
+        )
+        for name in ("following", "limited", "fading")
+    },
     **{
         f"{_WATCHDOG}{line} -> pass": "set by the first message, before anything reads it"
         for line in (

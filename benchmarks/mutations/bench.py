@@ -64,23 +64,23 @@ class Verdict:
 
 
 def copy_tree(root: Path, target: Path) -> Path:
-    """Copy the work tree with its compiled caches and all time stamps; data beside it is linked."""
+    """Copy the work tree with its compiled caches and all time stamps; data beside it is linked.
+
+    Asserts are rewritten once per tree: by the first fork that needs a file of tests, which leaves it in the cache.
+    """
     tree = target / "tree"
     skipped = shutil.ignore_patterns(".git", ".mypy_cache", ".ruff_cache", ".pytest_cache", "*.egg-info", "build")
     shutil.copytree(root, tree, ignore=skipped, symlinks=True)
     beside = root.parent / "shared"
     if beside.is_dir():
         (target / "shared").symlink_to(beside)
-    compiling = ["-m", "compileall", "-q", "gcs_autotune", "sitl", "tests", "benchmarks"]
-    collecting = ["-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]  # asserts are rewritten but once
-    for command in (compiling, collecting):
-        subprocess.run(
-            [sys.executable, *command],
-            cwd=tree,
-            env={**os.environ, "PYTHONDONTWRITEBYTECODE": ""},
-            check=False,
-            stdout=subprocess.DEVNULL,
-        )
+    subprocess.run(
+        [sys.executable, "-m", "compileall", "-q", "gcs_autotune", "sitl", "benchmarks"],
+        cwd=tree,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": ""},
+        check=False,
+        stdout=subprocess.DEVNULL,
+    )
     return tree
 
 

@@ -15,8 +15,8 @@ from gcs_autotune.effects.actuator import play
 from gcs_autotune.effects.kernels import SETTLED, earlier, fading, following, limited
 from gcs_autotune.effects.narrow_band import Oscillator, whitened
 
-T = np.array([0.5, 1.5, 1.9, 4.0])
-U = np.array([0.3, -1.0, 0.8, 0.8])
+T = np.array([0.5, 1.5, 1.9, 3.0, 4.0])
+U = np.array([0.3, -1.0, 0.8, 0.8, 0.2])
 FINE, COARSE = 1e-3, 1e3
 
 

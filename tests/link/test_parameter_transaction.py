@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +18,7 @@ from scripted_vehicle import ScriptedVehicle
 from gcs_autotune.errors import (
     BadFile,
     LinkLost,
+    NoReply,
     NotAsFound,
     OperatorStopped,
     ParameterMissing,
@@ -267,6 +268,10 @@ class Counted:
         self.writes: list[str] = []
         self.looks = self.waited = 0
         self.lost: set[str] = set()
+        self.fails: dict[str, list[Exception]] = {}
+        self.undone: list[dict[str, float]] = []
+        self.asked: list[list[str]] = []
+        self.watched: list[str] = []
 
     def outlast(self, patience: float) -> bool:
         self.waited += 1
@@ -274,17 +279,24 @@ class Counted:
 
     def read_confirmed(self, names: Iterable[str]) -> dict[str, float]:
         self.looks += 1
-        return {n: self.held[n] for n in names}
+        self.asked.append(list(names))
+        if self.undone:
+            self.held.update(self.undone.pop(0))
+        return {n: self.held[n] for n in self.asked[-1]}
 
     def write(self, name: str, value: float) -> None:
         self.writes.append(name)
         if name in self.lost:
             raise LinkLost("silence")
+        if self.fails.get(name):
+            raise self.fails[name].pop(0)
         self.held[name] = value
 
-    def watch(self, names: Iterable[str]) -> None: ...
+    def watch(self, values: Mapping[str, float]) -> None:
+        self.watched += values
 
-    def unwatch(self, names: Iterable[str]) -> None: ...
+    def unwatch(self, names: Iterable[str]) -> None:
+        self.watched = [name for name in self.watched if name not in set(names)]
 
 
 def counted(path: Path) -> tuple[ParameterTransaction, Counted]:
@@ -292,8 +304,80 @@ def counted(path: Path) -> tuple[ParameterTransaction, Counted]:
     transaction = ParameterTransaction(cast(Parameters, parameters), Journal(path, stamp=lambda: "now"))
     transaction.set(NEW)
     parameters.writes.clear()
+    parameters.asked.clear()
     parameters.looks = 0
     return transaction, parameters
+
+
+def test_what_is_lent_is_watched_until_it_is_given_back(path: Path) -> None:
+    transaction, parameters = counted(path)
+    assert parameters.watched == [P, INT, FF]
+    transaction.set({P: 0.6})
+    assert parameters.watched == [P, INT, FF], "what was lent is not read again"
+    transaction.give_back()
+    assert parameters.watched == []
+
+
+def test_what_is_written_twice_goes_back_once_in_the_order_of_the_last_writes(path: Path) -> None:
+    transaction, parameters = counted(path)
+    transaction.set({P: 0.6})
+    assert transaction.written == [INT, FF, P]
+    parameters.writes.clear()
+    transaction.give_back()
+    assert parameters.writes == [P, FF, INT]
+    assert parameters.held == OLD
+
+
+def test_a_write_that_got_no_answer_is_repeated_and_the_others_are_only_looked_at(path: Path) -> None:
+    transaction, parameters = counted(path)
+    parameters.fails = {INT: [NoReply("no answer")]}
+    transaction.give_back()
+    assert parameters.writes == [FF, INT, P, INT]
+    assert parameters.asked == [[P, FF], [P, INT, FF]]
+    assert parameters.held == OLD
+
+
+def test_what_a_late_write_of_ours_undoes_is_put_back_again_a_few_times(path: Path) -> None:
+    transaction, parameters = counted(path)
+    parameters.undone = [{INT: 0.4}]
+    transaction.give_back()
+    assert parameters.writes == [FF, INT, P, INT]
+    assert parameters.held == OLD
+    transaction, parameters = counted(path.with_name("again.jsonl"))
+    parameters.undone = [{INT: 0.4}] * 9
+    with pytest.raises(NotAsFound, match="could not put back ATC_STR_RAT_I") as caught:
+        transaction.give_back()
+    assert parameters.writes == [FF, INT, P, INT, INT]
+    assert "it holds 0.4 again after it was put back" in caught.value.differences[INT]
+
+
+def test_what_nobody_could_look_at_again_is_owed_though_it_was_written(path: Path) -> None:
+    transaction, parameters = counted(path)
+    parameters.read_confirmed = lambda names: (_ for _ in ()).throw(LinkLost("silence"))  # type: ignore[method-assign]
+    with pytest.raises(NotAsFound) as caught:
+        transaction.give_back()
+    assert set(caught.value.differences) == {P, INT, FF}
+    assert transaction.written == [P, INT, FF]
+    assert Journal.open_debts(path) == OLD
+
+
+def test_leaving_without_a_write_neither_writes_nor_looks(path: Path) -> None:
+    transaction, parameters = counted(path)
+    transaction.give_back()
+    parameters.writes.clear()
+    parameters.looks = 0
+    with transaction:
+        pass
+    assert (parameters.writes, parameters.looks) == ([], 0)
+
+
+def test_a_value_that_is_refused_is_not_written_again_and_again(path: Path) -> None:
+    transaction, parameters = counted(path)
+    parameters.fails = {INT: [ParameterNotAccepted("refused", name=INT, wanted=0.1, found=0.4)] * 9}
+    with pytest.raises(NotAsFound):
+        transaction.give_back()
+    assert parameters.writes == [FF, INT, P]
+    assert parameters.asked == [[P, FF]]
 
 
 def test_giving_back_writes_each_once_last_first_and_looks_once(path: Path) -> None:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
+import pytest
 from pytest import approx
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres import ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.hold_controller import HeadingHold
+from gcs_autotune.trial import Mark
+
+from .pond import answered, at_rest
 
 
 class Boat:
@@ -121,3 +126,94 @@ def test_where_the_steady_approach_tells_enough_no_level_is_flown() -> None:
     assert marks[0].detail["u"] == approx(1.2, abs=0.05)
     fly(Boat(), whole)
     assert [m.kind for m in whole.take_marks()].count("level") == 4
+
+
+def told(u: Callable[[float, float], float], **changes: object) -> tuple[ThrottleSteps, list, list[Mark]]:
+    """Fly levels of a boat whose speed is ``u(time [s], throttle)``; the record begins at 100 s."""
+    manoeuvre = ThrottleSteps(ThrottleStepsSettings(**{"throttle": 0.5, "levels": (0.4, 3.0, 0.0, 1.0), **changes}))  # type: ignore[arg-type]
+
+    def seen(t: float, command: Actuate) -> Observation:
+        speed = u(t, command.X)
+        return at_rest(t=100.0 + t, u=speed, speed=abs(speed), psi=0.3, output={"X": command.X})
+
+    return manoeuvre, answered(manoeuvre, seen), list(manoeuvre.take_marks())
+
+
+def test_a_speed_that_stands_is_noted_before_each_step_which_comes_after_four_seconds() -> None:
+    manoeuvre, rows, marks = told(lambda t, X: 1.0)
+    assert [(m.t - 100.0, m.kind) for m in marks] == [
+        (3.0 + 4.0 * k, kind) for k in range(5) for kind in ("steady", "level")
+    ][:-1]
+    assert [m.detail["X"] for m in marks if m.kind == "level"] == [0.2, 1.0, 0.0, 0.5]
+    steady = [m.detail for m in marks if m.kind == "steady"]
+    assert [d["level"] for d in steady] == [0.5, 0.2, 1.0, 0.0, 0.5]
+    assert [d["X"] for d in steady[1:]] == [0.2, 1.0, 0.0, 0.5]
+    assert {d["u"] for d in steady} == {1.0}
+    assert rows[-1][0].t == 119.0
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.reason == "4 throttle levels flown"
+    asked = manoeuvre.asked
+    assert (asked["from_t"], asked["levels"], asked["throttle"]) == (101.0, [0.2, 1.0, 0.0, 0.5], 0.5)
+    assert (asked["speed"], asked["reference"], asked["noise_std"]) == (1.0, 1.0, 0.0)
+    assert manoeuvre.phase == "throttle 50 %"
+    assert told(lambda t, X: 1.0, most=0.8)[0].asked["levels"] == [0.2, 0.8, 0.0, 0.5]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("slope", "seconds"), [(0.0113, 4.0), (0.0116, 12.0)])
+def test_a_level_lasts_until_the_speed_changes_by_two_percent_of_the_working_speed_only(
+    side: float, slope: float, seconds: float
+) -> None:
+    """Over the window the mean of its later half is 1.75 s times the slope away from that of the earlier."""
+    _, _, marks = told(lambda t, X: 1.0 + side * slope * max(t - 3.0, 0.0))
+    first, second = [m.t for m in marks if m.kind == "level"][:2]
+    assert second - first == seconds
+    noted = [m for m in marks if m.kind == "steady"][1:2]
+    assert bool(noted and noted[0].t == second) is (seconds == 4.0)
+    if seconds == 4.0:  # the mean over the later half of the window
+        assert noted[0].detail["u"] == approx(1.0 + side * slope * (4.0 - 0.75))
+
+
+@pytest.mark.parametrize(("slope", "seconds"), [(0.021, 4.0), (0.022, 12.0)])
+def test_what_the_noise_of_the_speed_can_make_is_no_change(slope: float, seconds: float) -> None:
+    """The approach alternates by 0.02 m/s: 0.0327 of noise, of which three samples a half let 0.0377 show."""
+    _, _, marks = told(lambda t, X: 1.0 + (0.02 * (-1.0) ** round(2.0 * t) if t <= 3.0 else slope * (t - 3.0)))
+    first, second = [m.t for m in marks if m.kind == "level"][:2]
+    assert second - first == seconds
+
+
+@pytest.mark.parametrize(("share", "seconds"), [(0.351, 4.0), (0.35, 0.5)])
+def test_coasting_ends_at_a_third_of_the_working_speed_and_is_no_steady_speed(share: float, seconds: float) -> None:
+    _, _, marks = told(lambda t, X: 2.0 * (share if X == 0.0 else 1.0), levels=(0.0, 1.0))
+    first, second = [m.t for m in marks if m.kind == "level"]
+    assert second - first == seconds
+    assert sum(m.kind == "steady" for m in marks) == (3 if seconds == 4.0 else 2)
+    slow = told(lambda t, X: 2.0 if X == 0.5 else 0.1, levels=(0.4, 1.0))[2]
+    assert [m.t for m in slow if m.kind == "level"] == [103.5, 107.5], "only what coasts has coasted"
+
+
+@pytest.mark.parametrize(("speed", "ending"), [(0.201, "completed"), (0.199, "aborted"), (-1.0, "aborted")])
+def test_a_boat_that_makes_no_way_to_tell_anything_from_is_given_up(speed: float, ending: str) -> None:
+    manoeuvre, rows, marks = told(lambda t, X: speed)
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == ending
+    assert bool(marks) is (ending == "completed")
+    if ending == "aborted":
+        assert rows[-1][0].t == (103.0 if speed > 0.0 else 130.0)
+
+
+def test_a_speed_that_nobody_tells_is_waited_for_twelve_seconds() -> None:
+    manoeuvre, rows, _ = told(lambda t, X: math.nan)
+    assert manoeuvre.outcome is not None
+    assert "does not tell its speed" in manoeuvre.outcome.reason
+    assert rows[-1][0].t == 112.5
+    late, _, marks = told(lambda t, X: math.nan if t < 11.0 else 1.0)
+    assert late.outcome is not None
+    assert late.outcome.ending == "completed"
+    assert marks[0].t == 114.0
+
+
+def test_a_speed_that_is_lost_for_a_moment_is_left_out() -> None:
+    _, rows, marks = told(lambda t, X: math.nan if 5.0 <= t < 6.0 else 1.0)
+    assert [m.t for m in marks if m.kind == "level"][:2] == [103.0, 107.0]
+    assert all(command.N == 0.0 for _, command in rows)

@@ -35,6 +35,16 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path, name: str) -> None:
     assert load_params(tmp_path / name) == pytest.approx(VALUES, rel=1e-8)
 
 
+def test_json_says_which_schema_it_follows_what_it_is_and_the_defaults_where_they_are_known(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    save_params(path, {"A": 0.25}, comment="before tuning")
+    assert json.loads(path.read_text()) == {"schema": 1, "comment": "before tuning", "parameters": {"A": 0.25}}
+    save_params(path, {"A": 0.25}, defaults={"A": 1.0})
+    assert json.loads(path.read_text()) == {
+        "schema": 1, "comment": "", "parameters": {"A": 0.25}, "defaults": {"A": 1.0},
+    }  # fmt: skip
+
+
 def test_qgroundcontrols_file_has_its_five_columns_under_a_head(tmp_path: Path) -> None:
     path = tmp_path / "a.params"
     save_qgc_params(path, {"A": 0.25, "B": 3.0}, {"B": 4}, (7, 2), comment="before tuning\nboat 7")
@@ -71,6 +81,13 @@ def test_the_line_is_named(tmp_path: Path) -> None:
     path = tmp_path / "boat.param"
     path.write_text("WP_SPEED,2\nCRUISE_SPEED\n")
     with pytest.raises(BadFile, match="line 2"):
+        load_params(path)
+    path.write_text("WP_SPEED,2\nCRUISE_SPEED,fast\n")
+    with pytest.raises(BadFile, match=r"boat\.param, line 2: 'CRUISE_SPEED' = 'fast' is not"):
+        load_params(path)
+    path = path.with_suffix(".json")
+    path.write_text('{"WP_SPEED": "fast"}')
+    with pytest.raises(BadFile, match=r"boat\.json, 'WP_SPEED': 'WP_SPEED' = 'fast' is not"):
         load_params(path)
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pymavlink import mavutil
@@ -81,6 +82,27 @@ def test_missing_and_empty_logs_are_bad_files(tmp_path: Path) -> None:
 def test_a_log_that_cannot_be_opened_says_where(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="cannot be written"):
         TlogWriter(tmp_path / "no" / "a.tlog", lambda: 0.0)
+
+
+def test_what_was_flushed_is_in_the_file_before_it_is_closed(tmp_path: Path) -> None:
+    log = TlogWriter(tmp_path / "a.tlog", lambda: 1.0)
+    log.write(b"frame")
+    log.flush()
+    assert (tmp_path / "a.tlog").read_bytes().endswith(b"frame")
+    log.close()
+
+
+@pytest.mark.parametrize("act", ["write", "flush", "close"])
+def test_a_disk_that_is_full_is_said_with_the_logs_name_whenever_it_shows(tmp_path: Path, act: str) -> None:
+    log = TlogWriter(tmp_path / "a.tlog", lambda: 1.0)
+    log._stream.close()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    log._stream = SimpleNamespace(write=fail, flush=fail, close=fail)  # type: ignore[assignment]
+    with pytest.raises(BadFile, match=r"a\.tlog cannot be written: No space left on device; check the disk"):
+        getattr(log, act)(*([b"frame"] if act == "write" else []))
 
 
 @pytest.mark.slow
