@@ -135,6 +135,19 @@ EQUIVALENT: dict[str, str] = {
         for name in ("following", "limited", "fading")
     },
     **{
+        f"gcs_autotune/identify/stamp_correction.py::_moves: {change}": "rounds that find nothing more change nothing"
+        for change in ("not open_.any() -> False", "break -> continue", "np.isnan(nearest).all() -> False")
+    },
+    "gcs_autotune/link/vehicle/watchdog.py::BootClock.from_ms: self.now >= t -> self.now > t": "the same time is set",
+    **{
+        f"gcs_autotune/link/vehicle/watchdog.py::BootClock.from_us: {change} in "
+        "return self._near((time_usec % 2**32) * 1e-6, _WRAP_US)": "more turns are left, which are taken off next"
+        for change in ("2 -> 3", "32 -> 33")
+    },
+    "gcs_autotune/link/vehicle/latency.py::Latency.round_trip: math.isnan(self._middle) -> True": (
+        "it is reckoned anew, and is the same"
+    ),
+    **{
         f"{_WATCHDOG}{line} -> pass": "set by the first message, before anything reads it"
         for line in (
             "self._since = math.nan",

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs_autotune.identify import stamp_correction
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import WITHIN_LOOP
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.identify.stamp_correction import MOST, _nearest, _posterior, corrected, switches_of
+from gcs_autotune.identify.stamp_correction import MOST, Switches, _nearest, _posterior, corrected, switches_of
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 
@@ -142,14 +143,20 @@ def test_a_shift_points_to_a_loop_when_it_is_three_standard_errors_likelier_than
     assert places == pytest.approx([0.0, 0.02])
     only = _nearest(np.array([0.0]), np.array([1e-6]), np.array([0.004]), np.array([0.02]))
     assert np.isnan(only).all(), "a single place is no choice"
+    # loops at -10 and 5 ms: half-way between them nothing is clear
+    halfway = _nearest(np.array([-0.0025, 0.005]), np.full(2, 0.001), np.full(2, 0.01), np.full(2, 0.015))
+    assert halfway == pytest.approx([np.nan, 0.005], nan_ok=True)
+    just = _nearest(np.array([-1.5, -1.5]), np.array([1.0, 0.99]), np.full(2, 1.5), np.full(2, 3.0))
+    assert just == pytest.approx([np.nan, -1.5], nan_ok=True), "three standard errors and a little"
 
 
+@pytest.mark.parametrize("rows", [4, 60])
 @pytest.mark.parametrize("shift_std", [0.0, 1e-3])
 def test_the_shifts_are_found_with_everything_fitted_left_free_and_the_common_shift_as_well_known_as_it_is(
-    shift_std: float,
+    shift_std: float, rows: int
 ) -> None:
     rng = np.random.default_rng(3)
-    J, S, score = rng.normal(size=(60, 3)), rng.normal(size=(60, 2)), rng.normal(size=60)
+    J, S, score = rng.normal(size=(rows, 3)), rng.normal(size=(rows, 2)), rng.normal(size=rows)
     wide = np.array([0.5, 2.0])
     solution: Any = SimpleNamespace(shift_std=shift_std)
     mean, std = _posterior(J, S, score, wide, solution)
@@ -157,6 +164,173 @@ def test_the_shifts_are_found_with_everything_fitted_left_free_and_the_common_sh
     information = table.T @ table + np.diag([0.0, 0.0, shift_std**-2 if shift_std else 0.0, *wide**-2.0])
     x = np.linalg.solve(information, table.T @ score)
     rest = score - table @ x
-    expected = np.sqrt(rest @ rest / 57.0 * np.diag(np.linalg.inv(information)))
+    expected = np.sqrt(rest @ rest / (rows - 3) * np.diag(np.linalg.inv(information)))
     assert mean == pytest.approx(x[3:])
     assert std == pytest.approx(expected[3:])
+
+
+class Summing:
+    """A simulator whose signals are the sum of all times of change, ten times that, and what it was asked for."""
+
+    def __init__(self, lost: tuple[int, ...] = ()) -> None:
+        self.lost, self.asked = lost, 0
+
+    def __call__(self, form: Any, *rest: Any, dated: bool, **options: Any) -> Summing:
+        assert not dated
+        return self
+
+    def predict(
+        self, theta: Any, effects: Any, initial: Any, own: Segment, shift: float, *, sensitivities: bool
+    ) -> Any:
+        assert not sensitivities
+        self.asked += 1
+        if self.asked - 1 in self.lost:
+            return None
+        total = float(np.sum(own.t_in))
+        return {n: (k * total * np.ones(len(s.t)), None) for k, (n, s) in enumerate(own.signals.items(), start=1)}
+
+
+BARE: Any = SimpleNamespace(parameters=("a", "b"))
+
+
+def stamped(*t_in: float, first: float = 1.0, last: float = 3.0) -> Segment:
+    """A run from *first* to *last* s, of two signals, with changes at *t_in* that are all doubtful."""
+    t = np.arange(first, last + 0.25, 0.5)
+    signals = {n: Signal(n, t, np.zeros(len(t)), 0.0) for n in ("psi", "r")}
+    times = np.array(t_in)
+    return Segment(
+        "run", "run", times, np.ones((len(times), 1)), ("N",), ("N m",), signals, slack=np.full(len(times), 0.01),
+        loop=LOOP,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("shift", "which"), [(0.0, [2, 3, 4]), (0.25, [1, 2, 3]), (-0.25, [3, 4, 5])])
+def test_a_change_is_tried_when_it_acts_after_the_first_stamp_and_before_the_last(
+    monkeypatch: pytest.MonkeyPatch, shift: float, which: list[int]
+) -> None:
+    monkeypatch.setattr(stamp_correction, "simulator_of", Summing())
+    own = stamped(0.5, 1.0, 1.25, 2.0, 2.75, 3.0, 3.5)
+    found = switches_of(BARE, own, np.zeros(2), np.zeros(2), shift)
+    assert found.which.tolist() == which
+    assert found.finite
+    assert found.by["psi"] == pytest.approx(np.ones((5, 3)), abs=1e-9)
+    assert found.by["r"] == pytest.approx(2.0 * np.ones((5, 3)), abs=1e-9)
+
+
+def test_as_many_changes_as_a_relay_may_make_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    for count, tried in ((MOST, MOST), (MOST + 1, 0)):
+        monkeypatch.setattr(stamp_correction, "simulator_of", Summing())
+        own = stamped(*np.linspace(1.1, 2.9, count))
+        assert len(switches_of(BARE, own, np.zeros(2), np.zeros(2)).which) == tried
+
+
+@pytest.mark.parametrize(("lost", "asked", "columns"), [((0,), 2, 0), ((2,), 3, 1), ((1, 2), 2, 0)])
+def test_after_a_simulation_that_runs_away_no_other_is_tried(
+    monkeypatch: pytest.MonkeyPatch, lost: tuple[int, ...], asked: int, columns: int
+) -> None:
+    simulator = Summing(lost)
+    monkeypatch.setattr(stamp_correction, "simulator_of", simulator)
+    found = switches_of(BARE, stamped(1.5, 2.0, 2.5), np.zeros(2), np.zeros(2))
+    assert simulator.asked == asked
+    assert np.isfinite(found.by["r"]).all(axis=0).tolist() == [k < columns for k in range(3)]
+    assert not found.finite
+
+
+def test_one_number_that_is_none_in_any_signal_is_a_run_away() -> None:
+    good = np.ones((2, 2))
+    for name in ("psi", "r"):
+        spoilt = good.copy()
+        spoilt[1, 0] = np.nan
+        assert not Switches({"psi": good, "r": good, name: spoilt}, np.arange(2)).finite
+    assert Switches({"psi": good, "r": good}, np.arange(2)).finite
+
+
+@pytest.mark.parametrize(
+    ("moves", "finite", "moved"),
+    [
+        ((0.01, np.nan, -0.01), (True, True), [[0.01, 0.0], [-0.01]]),
+        ((np.nan, np.nan, np.nan), (True, True), None),
+        ((0.01, 0.01, 0.01), (True, False), None),
+        ((0.01, 0.01, 0.01), (False, True), None),
+    ],
+)
+def test_each_run_gets_its_own_moves_and_one_that_runs_away_spoils_them_all(
+    monkeypatch: pytest.MonkeyPatch,
+    moves: tuple[float, ...],
+    finite: tuple[bool, bool],
+    moved: list[list[float]] | None,
+) -> None:
+    runs = [stamped(1.5, 2.0), stamped(2.5)]
+    tables = [
+        Switches({"psi": np.full((5, len(run.t_in)), 1.0 if good else np.nan)}, np.arange(len(run.t_in)))
+        for run, good in zip(runs, finite, strict=True)
+    ]
+    waiting = iter(tables)
+    monkeypatch.setattr(stamp_correction, "switches_of", lambda *given: next(waiting))
+    monkeypatch.setattr(stamp_correction, "_moves", lambda *given: np.array(moves))
+    solution: Any = SimpleNamespace(form=None, theta=None, shift=0.0, initial=[None, None])
+    found = corrected(runs, runs, solution)
+    if moved is None:
+        assert found is None
+        return
+    assert found is not None
+    for after, before, by in zip(found, runs, moved, strict=True):
+        assert (after.t_in - before.t_in).tolist() == pytest.approx(by)
+        assert (after.slack > 0.0).tolist() == [move == 0.0 for move in by]
+
+
+def test_one_run_with_doubtful_stamps_among_sure_ones_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    sure = replace(stamped(1.5), slack=np.zeros(1))
+    solution: Any = SimpleNamespace(form=None, theta=None, shift=0.0, initial=[None, None])
+    looked: list[Segment] = []
+
+    def look(form: Any, own: Segment, *rest: Any) -> Switches:
+        looked.append(own)
+        return Switches({}, np.zeros(0, dtype=np.int64))
+
+    monkeypatch.setattr(stamp_correction, "switches_of", look)
+    for runs, count in (([sure, stamped(2.5)], 2), ([sure, sure], 0)):
+        looked.clear()
+        assert corrected(runs, runs, solution) is None
+        assert len(looked) == count
+
+
+def test_what_has_become_clear_helps_to_clear_the_rest_round_by_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three changes in two runs; each round one is clear, and what it did is taken off the scores of the next."""
+    runs = [stamped(1.5, 2.0), stamped(2.5)]
+    runs[1] = replace(runs[1], slack=np.array([0.04]), loop=0.03)
+    rng = np.random.default_rng(5)
+    tables = [Switches({"psi": rng.normal(size=(5, n))}, np.arange(n)) for n in (2, 1)]
+    known = np.array([True, True, False, True, True])
+    residuals = [SimpleNamespace(segment=k, signal="psi", known=known) for k in (0, 1)]
+    scores = [rng.normal(size=4), rng.normal(size=4)]
+    solution: Any = SimpleNamespace(
+        residuals=residuals, rows=[np.ones((4, 1)), np.ones((4, 1))], scores=scores,
+        models={"psi": SimpleNamespace(std=2.0)},
+    )  # fmt: skip
+    S = np.zeros((8, 3))
+    S[:4, :2], S[4:, 2:] = tables[0].by["psi"][known] / 2.0, tables[1].by["psi"][known] / 2.0
+    asked: list[tuple[Any, ...]] = []
+    rounds = iter([[np.nan, 0.01, np.nan], [np.nan, -0.04], [0.01]])
+
+    def posterior(J: Any, own: Any, left: Any, wide: Any, _: Any) -> tuple[Any, Any]:
+        asked.append((own, left, wide))
+        return np.zeros(own.shape[1]), np.ones(own.shape[1])
+
+    limits: list[tuple[list[float], list[float]]] = []
+
+    def nearest(mean: Any, std: Any, slack: Any, loop: Any) -> Any:
+        limits.append((slack.tolist(), loop.tolist()))
+        return np.array(next(rounds))
+
+    monkeypatch.setattr(stamp_correction, "_posterior", posterior)
+    monkeypatch.setattr(stamp_correction, "_nearest", nearest)
+    assert stamp_correction._moves(runs, solution, tables).tolist() == [0.01, 0.01, -0.04]
+    score = np.concatenate(scores)
+    for (own, left, wide), columns, gone in zip(
+        asked, ([0, 1, 2], [0, 2], [0]), (0.0, 0.01 * S[:, 1], 0.01 * S[:, 1] - 0.04 * S[:, 2]), strict=True
+    ):
+        assert own == pytest.approx(S[:, columns])
+        assert left == pytest.approx(score - gone)
+        assert wide == pytest.approx(2.0 * np.array([0.01, 0.01, 0.04])[columns])
+    assert limits[1] == ([0.01, 0.04], [LOOP, 0.03])

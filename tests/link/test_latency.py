@@ -71,6 +71,57 @@ def test_a_clock_that_runs_at_another_speed_is_followed_and_one_that_drifts_a_li
     assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + told * 10.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("trips", [(0.25, 0.125), (0.125, 0.25)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "followed"), [(0.06, False), (0.08, True)])
+def test_how_long_answers_took_is_no_other_pace(
+    link: Listening, latency: Latency, trips: tuple[float, float], side: float, off: float, followed: bool
+) -> None:
+    """Over ten seconds the longer of both trips, twice, makes 5 % beside the 2 % that clocks may drift."""
+    middles = (50.0 + 0.5 * trips[0], 60.0 + 0.5 * trips[1])
+    told = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
+    sync(link, latency, trips[0], 7.0, after=10.0)
+    sync(link, latency, trips[1], told)
+    counted = (told, middles[1]) if trips[1] < trips[0] else (7.0, middles[0])
+    pace = 1.0 + side * off * followed
+    assert latency.vehicle_time(70.0) == pytest.approx(counted[0] + pace * (70.0 - counted[1]), abs=1e-6)
+
+
+def test_a_request_carries_our_clock_in_nanoseconds_and_never_nothing(link: Listening, latency: Latency) -> None:
+    latency.ask()
+    link.clock.advance(0.25)
+    latency.ask()
+    assert [m.ts1 for m in link.sent] == [50_000_000_001, 50_250_000_001]
+    assert {m.tc1 for m in link.sent} == {0}
+    link.clock = ManualClock(0.0)
+    latency.ask()
+    assert link.sent[-1].ts1 == 1
+
+
+def test_medians_are_of_all_answers_so_far(link: Listening, latency: Latency) -> None:
+    for k, trip in enumerate((0.1, 0.6, 0.2)):
+        sync(link, latency, trip, 12.0 + k)
+        assert latency.round_trip == pytest.approx((0.1, 0.35, 0.2)[k])
+    assert (latency.times().round_trip, latency.times().round_trip_90) == (pytest.approx(0.2), pytest.approx(0.52))
+    sent = latency.vehicle_time(link.clock.now())
+    for k, late in enumerate((0.1, 0.6, 0.2)):
+        command(latency, 0.3 * (-1.0) ** k, -0.3 * (-1.0) ** k, sent - 0.1)
+        latency.moved(sent + late, {"N": 0.3 * (-1.0) ** k})
+    command(latency, -0.3, 0.3, sent - 0.1)
+    latency.moved(sent + 0.2, {"N": -0.3})
+    times = latency.times()
+    assert (times.samples, latency.loop, times.loop, times.loop_90) == (
+        3, pytest.approx(0.3), pytest.approx(0.3), pytest.approx(0.62),
+    )  # fmt: skip
+    assert (times.command_to_servo, times.command_to_servo_90) == (pytest.approx(0.2), pytest.approx(0.52))
+
+
+def test_exactly_half_a_second_of_answers_tells_a_clocks_speed(link: Listening, latency: Latency) -> None:
+    sync(link, latency, 0.0, 7.0, after=0.5)
+    sync(link, latency, 0.0, 8.0, after=0.5)
+    assert latency.vehicle_time(51.0) == pytest.approx(9.0, abs=1e-6)
+
+
 def test_half_a_second_of_answers_is_too_little_to_tell_a_clocks_speed(link: Listening, latency: Latency) -> None:
     sync(link, latency, 0.0, 7.0, after=0.4)
     sync(link, latency, 0.0, 7.8, after=0.4)
@@ -154,10 +205,34 @@ def test_the_first_command_one_without_effect_and_one_forgotten_are_not_timed(la
     assert str(latency.times()) == "not measured"
 
 
+def test_a_command_that_is_taken_back_to_where_the_output_is_is_not_timed(latency: Latency) -> None:
+    command(latency, 0.0, 0.0, 1.0)
+    command(latency, 0.5, 0.0, 2.0)
+    command(latency, 0.0, 0.01, 2.1)
+    latency.moved(2.2, {"N": 0.5})
+    assert latency.times().samples == 0
+
+
+def test_after_what_was_commanded_is_forgotten_the_next_command_is_the_first(latency: Latency) -> None:
+    command(latency, 0.0, 0.0, 1.0)
+    latency.forget()
+    command(latency, 0.5, 0.0, 2.0)
+    latency.moved(2.1, {"N": 0.5})
+    assert latency.times().samples == 0
+
+
+def test_one_force_that_stays_where_it_was_hides_none_that_changes(latency: Latency) -> None:
+    for k, value in enumerate((0.0, 0.04)):
+        latency.commanded({"X": 0.3, "N": value}, {"X": 0.3, "N": 0.0}, 1.0 + k)
+    latency.moved(2.3, {"X": 0.3, "N": 0.04})
+    assert latency.times().samples == 1
+
+
 def test_an_effect_within_two_seconds_is_still_one(latency: Latency) -> None:
     command(latency, 0.5, 0.5, 1.0)
     command(latency, -0.5, 0.5, 2.0)
     latency.moved(3.9, {})
+    latency.moved(4.0, {})
     latency.moved(3.95, {"N": -0.5})
     assert latency.loop == pytest.approx(1.95)
     assert str(latency.times()) == "whole loop 1950 ms (9 of 10 within 1950)"

@@ -36,9 +36,15 @@ def test_a_clock_may_go_on_by_five_seconds_and_one_and_a_half_of_the_silence(
 @pytest.mark.parametrize(("gone_on", "has_jumped"), [(34.9, False), (35.1, True)])
 def test_a_simulation_that_runs_ahead_may_go_on_by_its_own_pace(gone_on: float, has_jumped: bool) -> None:
     """Four of its seconds in one of ours, seen over five of ours: five more of ours may be thirty of its and five."""
-    ahead = [(0.25 * k, 70.0 + 1.0 * k) for k in range(21)]
-    _, words = seen(*ahead, (10.0, 90.0 + gone_on))
-    assert ("jumped" in words) is has_jumped
+    for since in (0.0, 100.0):
+        ahead = [(since + 0.25 * k, 70.0 + 1.0 * k) for k in range(21)]
+        _, words = seen(*ahead, (since + 10.0, 90.0 + gone_on))
+        assert ("jumped" in words) is has_jumped
+
+
+def test_a_pace_is_told_from_more_than_two_seconds() -> None:
+    assert "jumped" in seen((0.0, 100.0), (2.0, 108.0), (3.0, 114.6))[1]
+    assert "jumped" not in seen((0.0, 100.0), (2.25, 108.0), (3.25, 114.6))[1]
 
 
 def test_one_that_runs_behind_keeps_our_pace() -> None:
@@ -51,8 +57,10 @@ def test_one_that_runs_behind_keeps_our_pace() -> None:
     ("its", "used", "words"),
     [
         (99.1, False, ""),
+        (99.0, False, ""),
         (98.9, True, "its clock ran back: time stamps went from 100.0 s to 98.9 s"),
         (60.5, True, "its clock ran back"),
+        (60.0, True, "its clock ran back"),
         (59.5, True, "it has rebooted"),
     ],
 )
@@ -69,7 +77,8 @@ def test_after_a_restart_its_new_clock_counts_and_the_first_fault_stays() -> Non
 
 
 def test_a_clock_that_stands_for_two_seconds_of_ours_is_a_fault() -> None:
-    assert seen((0.0, 5.0), (1.0, 5.0), (2.0, 5.0)) == ([True, False, False], "")
+    for since in (0.0, 100.0):
+        assert seen((since, 5.0), (since + 1.0, 5.0), (since + 2.0, 5.0)) == ([True, False, False], "")
     used, words = seen((0.0, 5.0), (1.0, 5.1), (2.9, 5.1), (3.1, 5.1))
     assert used == [True, True, False, False]
     assert "stands at 5.10 s" in words
@@ -92,6 +101,8 @@ def test_an_attitude_is_frozen_only_while_something_works(force: str, limit: flo
         watchdog.see_attitude(0.0, (0.1, 0.2))
         watchdog.see_outputs(0.0, {force: size})
         watchdog.see_outputs(1.0, {force: size})  # it goes on: counted from its beginning
+        watchdog.see_attitude(limit, (0.1, 0.2))
+        assert watchdog.fault is None
         watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
         assert (watchdog.fault is not None) is is_fault
     watchdog = Watchdog(ManualClock())
@@ -104,6 +115,15 @@ def test_an_attitude_is_frozen_only_while_something_works(force: str, limit: flo
     watchdog.see_attitude(2.0 * limit - 0.1, (0.1, 0.21))
     watchdog.see_attitude(3.0 * limit - 0.2, (0.1, 0.21))
     assert watchdog.fault is None, "it has moved meanwhile"
+
+
+def test_one_actuator_that_works_among_others_at_rest_is_enough() -> None:
+    for forces in ({"X": 0.5, "Z": 0.0}, {"Z": 0.0, "X": 0.5}):
+        watchdog = Watchdog(ManualClock())
+        watchdog.see_attitude(0.0, (0.1, 0.2))
+        watchdog.see_outputs(0.0, forces)
+        watchdog.see_attitude(10.1, (0.1, 0.2))
+        assert watchdog.fault is not None
 
 
 def test_the_counters_of_boot_are_unwrapped_to_the_turn_nearest_to_the_last_stamp() -> None:
@@ -131,4 +151,5 @@ def test_an_angle_goes_on_by_the_shorter_way_over_several_turns() -> None:
 
 def test_a_gyro_filter_is_late_by_its_cutoff() -> None:
     assert gyro_lag(20.0) == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * 20.0))
+    assert gyro_lag(0.5) == pytest.approx(math.sqrt(2.0) / math.pi)
     assert gyro_lag(0.0) == gyro_lag(-1.0) == 0.0
