@@ -138,6 +138,28 @@ EQUIVALENT: dict[str, str] = {
         f"gcs_autotune/identify/stamp_correction.py::_moves: {change}": "rounds that find nothing more change nothing"
         for change in ("not open_.any() -> False", "break -> continue", "np.isnan(nearest).all() -> False")
     },
+    **{
+        f"gcs_autotune/logs/sample_store.py::SampleStore.take_all: {change} -> False": "of nothing, nothing is added"
+        for change in ("not len(t)", "not np.any(in_order)")
+    },
+    "gcs_autotune/logs/sample_store.py::Census.rate: 0.0 -> 1.0 in count, first, last = "
+    "self.seen.get(kind, [0, 0.0, 0.0])": "the last is not after the first then either",
+    "gcs_autotune/logs/dataflash.py::strays_of: np.abs(np.diff(t)) <= STRAY -> np.abs(np.diff(t)) < STRAY": (
+        "only looked at more closely, and none is found"
+    ),
+    "gcs_autotune/logs/dataflash.py::strays_of: not np.any(~(np.abs(np.diff(t)) <= STRAY)) -> False": "the same",
+    "gcs_autotune/logs/dataflash.py::_Decoder._believable: 0 < len(unstamped) < len(kinds) -> "
+    "0 <= len(unstamped) < len(kinds)": "of none, none takes the stamp of another",
+    "gcs_autotune/logs/dataflash.py::_Decoder._believable: 1 -> 2 in last = np.maximum.accumulate(np.where(blank, -1, "
+    "np.arange(len(place))))": "either is before the first",
+    "gcs_autotune/logs/dataflash.py::_Decoder._believable: 0 -> 1 in last[last < 0] = int(np.argmax(~blank))": (
+        "where the first is not blank, the first that is not is the first"
+    ),
+    "gcs_autotune/logs/dataflash.py::strays_of: 1 -> 2 in before, after = middle[: len(t)], "
+    "middle[NEIGHBOURS + 1 : NEIGHBOURS + 1 + len(t)]": "an end beyond the end",
+    "gcs_autotune/logs/dataflash.py::record_dataflash: 4096 -> 4097 in start = stream.read(4096)": (
+        "a little more of it"
+    ),
     "gcs_autotune/link/vehicle/watchdog.py::BootClock.from_ms: self.now >= t -> self.now > t": "the same time is set",
     **{
         f"gcs_autotune/link/vehicle/watchdog.py::BootClock.from_us: {change} in "

@@ -200,7 +200,7 @@ def stamped(*t_in: float, first: float = 1.0, last: float = 3.0) -> Segment:
     times = np.array(t_in)
     return Segment(
         "run", "run", times, np.ones((len(times), 1)), ("N",), ("N m",), signals, slack=np.full(len(times), 0.01),
-        loop=LOOP,
+        loop=LOOP, dating=0.5,
     )  # fmt: skip
 
 
@@ -277,6 +277,7 @@ def test_each_run_gets_its_own_moves_and_one_that_runs_away_spoils_them_all(
     for after, before, by in zip(found, runs, moved, strict=True):
         assert (after.t_in - before.t_in).tolist() == pytest.approx(by)
         assert (after.slack > 0.0).tolist() == [move == 0.0 for move in by]
+        assert after.dating == (0.5 if 0.0 in by else WITHIN_LOOP * LOOP)
 
 
 def test_one_run_with_doubtful_stamps_among_sure_ones_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,6 +127,7 @@ def test_the_firmware_is_known_by_what_it_says_of_itself(kind: str, m: dict[str,
     if name is not None:
         assert store.vehicle == next(iter(m.values()))
         _event(store, "VER", 4.0, {"FWS": "ArduPlane V9"})
+        _event(store, "VER", 4.0, {"FWS": "ArduSub V9"})
         assert store.vehicle == next(iter(m.values())), "the first counts"
 
 

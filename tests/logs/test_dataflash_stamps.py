@@ -27,6 +27,23 @@ def test_stamps_within_two_seconds_of_either_neighbourhood_are_none(off: float) 
     assert not strays_of(t).any()
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "is_stray"), [(2.375, False), (2.5, True)])
+def test_exactly_two_seconds_beyond_the_nearer_neighbourhood_is_none(side: float, off: float, is_stray: bool) -> None:
+    """The middle one of the five before, and after, is three eighths of a second away."""
+    t = 0.125 * np.arange(40)
+    t[20] += side * off
+    assert strays_of(t).any() == is_stray
+
+
+@pytest.mark.parametrize(("off", "is_stray"), [(2.0, False), (2.125, True), (-2.0, False), (-2.125, True)])
+def test_a_stamp_among_equal_ones_is_one_beyond_two_seconds(off: float, is_stray: bool) -> None:
+    t = np.full(40, 50.0)
+    t[20] += off
+    t[30:] = 60.0
+    assert np.flatnonzero(strays_of(t)).tolist() == [20] * is_stray
+
+
 @pytest.mark.parametrize("gap", [50.0, -50.0])
 def test_a_log_that_stopped_and_went_on_or_began_anew_has_none(gap: float) -> None:
     """Every stamp fits its neighbours on one side."""

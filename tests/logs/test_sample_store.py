@@ -132,5 +132,7 @@ def test_columns_of_one_message_share_their_stamps_which_grow_with_them() -> Non
     times = group.times()
     assert times.tolist() == [1.0, 2.0]
     assert group.times() is times, "they cost memory only once"
+    assert store.series("a.psi")[0] is store.series("a.r")[0]
+    assert group.columns[1].values is None, "nor does a value that stands cost more than one"
     store.take(3.0, {"a.psi": 0.3, "a.r": 0.2})
     assert group.times().tolist() == [1.0, 2.0, 3.0]
