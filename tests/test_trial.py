@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
-from gcs_autotune.trial import Channel, Mark, Trial, load_trial, save_trial
+from gcs_autotune.trial import SCHEMA, Channel, Mark, Trial, load_trial, save_trial, trial_of_columns
 
 
 def channel(*values: float, name: str = "N", start: float = 1.0) -> Channel:
@@ -136,3 +137,124 @@ def test_a_spoilt_side_file_is_refused(path: Path) -> None:
     path.with_suffix(".json").write_text('{"marks": [{"t": 1.0}]}', encoding="utf-8")
     with pytest.raises(BadFile, match="beside the run cannot be read"):
         load_trial(path)
+
+
+@pytest.mark.parametrize(
+    ("meta", "purpose"),
+    [
+        ({}, ""),
+        ({"purpose": "proof"}, "proof"),
+        ({"purpose": "proof", "manoeuvre": "relay"}, "proof"),
+        ({"manoeuvre": "relay"}, "identification"),
+        ({"manoeuvre": "step"}, "proof"),
+        ({"manoeuvre": "sign-check"}, "check"),
+        ({"manoeuvre": "turn-about"}, "transit"),
+        ({"manoeuvre": "dive"}, "transit"),
+    ],
+)
+def test_a_run_is_for_what_it_says_or_for_what_such_manoeuvres_were_flown(meta: dict[str, str], purpose: str) -> None:
+    assert trial(**meta).purpose == purpose
+
+
+@pytest.mark.parametrize(
+    ("meta", "marks", "by_relay"),
+    [
+        ({"manoeuvre": "relay"}, (), True),
+        ({"manoeuvre": "steps"}, (Mark(1.0, "level"), Mark(2.0, "switch")), True),
+        ({"manoeuvre": "steps"}, (Mark(1.0, "level"),), False),
+        ({}, (), False),
+    ],
+)
+def test_a_relay_is_known_by_its_switches_or_its_name(
+    meta: dict[str, str], marks: tuple[Mark, ...], by_relay: bool
+) -> None:
+    assert Trial("run", {}, marks, meta=meta).by_relay is by_relay
+
+
+def test_a_stamp_that_was_rounded_when_it_was_written_still_belongs_to_the_manoeuvre_proper() -> None:
+    for early, count in ((4e-7, 2), (6e-7, 1)):
+        at = Channel("N", "1", np.array([0.0, 2.0 - early, 3.0]), np.ones(3))
+        assert len(Trial("run", {"N": at}, meta={"from_t": 2.0}).proper["N"]) == count
+
+
+def test_shares_of_full_output_become_forces_and_moments() -> None:
+    shares = {n: Channel(n, "1", np.arange(2.0), np.array([0.5, -1.0])) for n in "XYZKMN"}
+    run = Trial("run", {**shares, "r": channel(1.0, name="r")})
+    full = run.with_full_scale({"X": 40.0, "Z": 20.0, "K": 3.0, "N": 2.0})
+    assert [full[n].unit for n in "XZKN"] == ["N", "N", "N m", "N m"]
+    assert full["X"].values.tolist() == [20.0, -40.0]
+    assert full["N"].values.tolist() == [1.0, -2.0]
+    assert (full["Y"].unit, full["r"].unit, run["X"].unit) == ("1", "N m", "1")
+    with pytest.raises(UsageError, match="X of run 'run' is in N already"):
+        full.with_full_scale({"X": 2.0})
+    with pytest.raises(MissingChannel):
+        run.with_full_scale({"Q": 2.0})
+
+
+COLUMNS = {"t[ms]": [0.0, 500.0, math.nan], "psi[deg]": [0.0, math.nan, 90.0], "N": [1.0, 2.0, 3.0]}
+
+
+def test_arrays_by_heads_are_a_run_too() -> None:
+    run = trial_of_columns(COLUMNS, "mine")
+    assert (run.name, run.meta) == ("mine", {"source": "mine", "empty_cells": 2})
+    assert (run["psi"].t.tolist(), run["psi"].values.tolist(), run["psi"].unit) == ([0.0], [0.0], "rad")
+    assert (run["N"].t.tolist(), run["N"].values.tolist()) == ([0.0, 0.5], [1.0, 2.0])
+    renamed = trial_of_columns(COLUMNS, "mine", {"N": "Z[N]"})
+    assert renamed["Z"].unit == "N" and "N" not in renamed
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"t[s]": [0.0, 1.0], "N": [1.0]}, "mine: columns must be numbers, all of one length"),
+        ({"t[s]": [0.0], "N": ["much"]}, "must be numbers"),
+        ({"t[s]": [], "N": []}, "mine holds no samples"),
+        ({"N": [1.0]}, "no time column"),
+    ],
+)
+def test_arrays_that_are_no_run_are_refused_with_what_is_wrong(table: dict[str, list], words: str) -> None:
+    with pytest.raises(BadFile, match=words):
+        trial_of_columns(table, "mine")
+
+
+def test_remarks_blank_lines_and_a_byte_order_mark_are_no_samples(path: Path) -> None:
+    path.write_text("# a log\n\n  # more\nt[s],N[N m]\n0, 1\n\n# here\n1,2\n", encoding="utf-8-sig")
+    assert load_trial(path)["N"].values.tolist() == [1.0, 2.0]
+    assert load_trial(path).meta["empty_cells"] == 0
+    with pytest.raises(BadFile, match="cannot be read as a CSV run"):
+        load_trial(path.with_name("none.csv"))
+    path.write_bytes(b"t[s],N\n0,\xff\xff\n")
+    with pytest.raises(BadFile, match="cannot be read as a CSV run"):
+        load_trial(path)
+
+
+def test_what_is_written_is_rounded_to_a_microsecond_and_nine_digits(path: Path) -> None:
+    fine = Channel("psi", "rad", np.array([0.0, 0.12345678]), np.array([1.0 / 3.0, 1e-12]))
+    coarse = Channel("N", "1", np.array([0.1234567, 1.0]), np.array([0.5, 0.25]))
+    save_trial(Trial("run", {"psi": fine, "N": coarse}), path)
+    assert path.read_text().splitlines() == [
+        "t[s],psi[rad],N[1]", "0.000000,0.333333333,", "0.123457,1e-12,0.5", "1.000000,,0.25",
+    ]  # fmt: skip
+    side = json.loads(path.with_suffix(".json").read_text())
+    assert side["schema"] == SCHEMA
+    assert (side["name"], side["ending"], side["reason"], side["meta"], side["marks"]) == (
+        "run",
+        "imported",
+        "",
+        {},
+        [],
+    )
+    save_trial(Trial("empty", {}), path)
+    assert path.read_text().splitlines() == ["t[s]"]
+
+
+def test_a_table_has_a_row_per_stamp_and_the_last_of_two_samples_at_one() -> None:
+    pytest.importorskip("pandas")
+    twice = Channel("psi", "rad", np.array([2.0, 1.0, 1.0]), np.array([3.0, 1.0, 2.0]))
+    table = Trial("run", {"psi": twice, "N": channel(10.0, name="N", start=3.0)}).to_pandas()
+    assert table.index.name == "t[s]"
+    assert table.index.tolist() == [1.0, 2.0, 3.0]
+    assert table["psi[rad]"].tolist()[:2] == [2.0, 3.0]
+    assert table["N[N m]"].tolist()[2] == 10.0
+    assert table["N[N m]"].isna().tolist() == [True, True, False]
+    assert len(Trial("run", {}).to_pandas()) == 0

@@ -1,0 +1,130 @@
+"""Who speaks, by number: both protocols, two that interleave, strangers told of once, a vehicle that moved."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.link.liveness import HeldSender, Liveness
+from gcs_autotune.mavlink import Frame, VehicleIdentity
+
+HOME, ELSEWHERE = "10.0.0.1:14550", "10.0.0.66:14550"
+
+
+def numbered(sequence: int, v1: bool = False, origin: str = "") -> Frame:
+    """A frame of the protocol's first or second version, whose other bytes are no sequence numbers."""
+    raw = bytes([0xFE, 9, sequence, 77, 88, 99]) if v1 else bytes([0xFD, 9, 77, 88, sequence, 99])
+    return Frame(raw, None, "HEARTBEAT", 1, 1, origin)
+
+
+def told(sequences: list[int], v1: bool = False) -> int:
+    notes: list[str] = []
+    sender = HeldSender(notes)
+    for sequence in sequences:
+        sender.hear(numbered(sequence % 256, v1))
+    assert all("interleave" in note for note in notes)
+    return len(notes)
+
+
+def interleaved(turns: int, begin: int = 0, apart: int = 100) -> list[int]:
+    """Two senders, one frame of each in turn; the first has begun to speak *turns* times at the end."""
+    return [n for k in range(turns) for n in (begin + k, begin + apart + k)][:-1]
+
+
+@pytest.mark.parametrize("v1", [True, False])
+@pytest.mark.parametrize("begin", [0, 253])
+def test_two_senders_are_told_of_once_when_each_has_gone_on_five_times(v1: bool, begin: int) -> None:
+    assert told(interleaved(5, begin), v1) == 0
+    assert told(interleaved(6, begin), v1) == 1
+    assert told(interleaved(40, begin), v1) == 1
+    assert told(list(range(begin, begin + 600)), v1) == 0
+
+
+def test_sixteen_runs_are_followed_at_once_and_no_more() -> None:
+    """Of so many that speak in turn each begins again where it is followed still."""
+    in_turn = [[n for k in range(8) for n in range(0, 10 * count, 10)] for count in (16, 17)]
+    every = [[(n + k // count) % 256 for k, n in enumerate(row)] for count, row in zip((16, 17), in_turn, strict=True)]
+    assert [told(row) for row in every] == [1, 0]
+
+
+def test_without_a_word_about_where_it_comes_from_the_sender_is_the_one_held_to() -> None:
+    sender = HeldSender([])
+    assert sender.is_held(numbered(1))
+    assert not sender.is_held(numbered(1, origin=ELSEWHERE))
+    sender.hold(HOME)
+    assert sender.is_held(numbered(1, origin=HOME))
+
+
+def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_them() -> None:
+    notes: list[str] = []
+    sender = HeldSender(notes)
+    sender.hold(HOME)
+    sender.hear(numbered(1, origin=HOME))
+    for _ in range(2):
+        for k in range(2):
+            sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
+        assert len(notes) in (0, 2), "who is silent since may be him, at another port"
+        sender.hear(numbered(2, origin=HOME))
+        assert len(notes) == 2
+    assert f"somebody else, at {ELSEWHERE}0, says that he is the vehicle (system 3, component 9)" in notes[0]
+    assert f"which is at {HOME}: he is not believed" in notes[0]
+    for k in range(40):
+        sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
+        sender.hear(numbered(3 + k, origin=HOME))
+    assert len(notes) == 20
+
+
+def test_one_who_turns_out_to_be_the_vehicle_is_no_stranger() -> None:
+    notes: list[str] = []
+    sender = HeldSender(notes)
+    sender.hold(HOME)
+    sender.note_stranger(Frame(b"", None, "HEARTBEAT", 1, 1, ELSEWHERE))
+    sender.hold(ELSEWHERE, VehicleIdentity(1, 1, 3, 11, uid="ab"))
+    sender.hear(numbered(1, origin=ELSEWHERE))
+    assert notes == [
+        f"the vehicle now sends from {ELSEWHERE}, not {HOME} (restarted?): its board's id is the same",
+    ]
+    sender.hold(HOME, VehicleIdentity(1, 1, 3, 11))
+    assert notes[1].endswith("its board tells no id, its firmware is the same")
+
+
+def introduced(uid: int = 0, word: int = 0x04060000 + 255, name: str = "AUTOPILOT_VERSION") -> Frame:
+    message: Any = SimpleNamespace(uid=uid, uid2=bytes(18), flight_sw_version=word)
+    return Frame(b"", message, name, 1, 1, ELSEWHERE)
+
+
+@pytest.mark.parametrize(
+    ("frame", "uid", "known"),
+    [
+        (introduced(0xAB), "ab", True),
+        (introduced(0xAC), "ab", False),
+        (introduced(0), "ab", False),
+        (introduced(0), "", True),
+        (introduced(0xAB), "", False),
+        (introduced(0, 0x04070000 + 255), "", False),
+        (introduced(0xAB, name="HEARTBEAT"), "ab", False),
+    ],
+)
+def test_a_vehicle_is_known_again_by_its_board_or_without_an_id_by_its_firmware(
+    frame: Frame, uid: str, known: bool
+) -> None:
+    assert HeldSender([]).may_be(frame, VehicleIdentity(1, 1, 3, 11, version="4.6.0", uid=uid)) is known
+
+
+def listened(liveness: Liveness, seconds: float) -> None:
+    for _ in range(round(4.0 * seconds)):
+        liveness.count(liveness._last_pump + 0.25)
+
+
+def test_the_longest_of_several_silences_counts_while_its_end_is_in_the_span() -> None:
+    liveness = Liveness(0.0)
+    for seconds in (1.0, 4.0, 2.0):
+        listened(liveness, seconds)
+        liveness.heard()
+    assert [liveness.longest(span) for span in (0.0, 1.75, 2.0, 9.0)] == [2.0, 2.0, 4.0, 4.0]
+    for _ in range(60):
+        listened(liveness, 1.0)
+        liveness.heard()
+    assert liveness.longest(1e9) == 1.0, "fifty are kept"

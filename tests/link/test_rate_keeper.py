@@ -1,0 +1,217 @@
+"""Who took a hand, and messages that thin out: by number, on as little of a session as that needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.errors import GuardTripped
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link.vehicle.interference_monitor import InterferenceMonitor, RateKeeper
+
+VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
+
+
+class Kept:
+    """A rate keeper and what it does; the vehicle's time and ours are the same from *begun* [s] on."""
+
+    def __init__(self, begun: float = 100.0, granted: dict[str, float] | None = None) -> None:
+        self.clock = ManualClock(begun)
+        self.notes: list[str] = []
+        self.sent: list[Any] = []
+        self.told: dict[str, Any] = {}
+        self.blamed: list[tuple[frozenset[str], float]] = []
+        self.look: Callable[[], None] = lambda: None
+        session: Any = SimpleNamespace(
+            clock=self.clock, notes=self.notes, send=self.sent.append, listen=self.told.__setitem__, every=self.every,
+            vehicle=SimpleNamespace(system=7, component=2),
+        )  # fmt: skip
+        self.session = session
+        usual = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 5.0, "RC_CHANNELS": 5.0} if granted is None else granted
+        rates: Any = SimpleNamespace(
+            granted={n: SimpleNamespace(granted=2.0 * f) for n, f in usual.items()},
+            measured={n: f for n, f in usual.items() if f},
+        )
+        others: Any = SimpleNamespace(culprit=lambda kinds, since: self.blamed.append((kinds, since)) or "nobody")
+        self.keeper = RateKeeper(session, rates, others)
+        self.keeper.start()
+
+    def every(self, period: float, look: Callable[[], None]) -> None:
+        assert period == 1.0
+        self.look = look
+
+    def pass_by(self, seconds: float, **rates: float) -> list[str]:
+        """Let seconds go by with so many messages a second; return what was asked for again."""
+        before = len(self.sent)
+        begun = self.clock.now()
+        for step in range(round(20.0 * seconds)):
+            now = begun + 0.05 * (step + 1)
+            self.clock.advance_to(now)
+            for name, rate in rates.items():
+                if int(rate * (now - begun) + 1e-6) > int(rate * (now - begun - 0.05) + 1e-6):
+                    stamp = 5 if name == "SERVO_OUTPUT_RAW" else round(1e3 * now)
+                    self.told[name](SimpleNamespace(time_boot_ms=stamp))
+            if step % 20 == 19:
+                self.look()
+        names = {m.param1: m for m in self.sent[before:]}
+        assert all((m.target_system, m.target_component) == (7, 2) for m in names.values())
+        assert all(m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL for m in names.values())
+        return [{30.0: "ATTITUDE", 36.0: "SERVO_OUTPUT_RAW", 65.0: "RC_CHANNELS"}[number] for number in names]
+
+
+ALL = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 5.0, "RC_CHANNELS": 5.0}
+
+
+@pytest.mark.parametrize("name", VITAL)
+@pytest.mark.parametrize(("share", "thin"), [(0.5, True), (0.7, False), (1.0, False)])
+def test_what_comes_at_less_than_three_fifths_of_its_rate_is_asked_for_again(
+    name: str, share: float, thin: bool
+) -> None:
+    kept = Kept()
+    assert kept.pass_by(4.0, **ALL) == []
+    asked = kept.pass_by(10.0, **{**ALL, name: share * ALL[name]})
+    assert set(asked) == ({name} if thin else set())
+    if thin:
+        assert kept.sent[0].param2 == pytest.approx(1e6 / (2.0 * ALL[name])), "at the rate granted, in us"
+        (note,) = kept.notes
+        assert f"for a while {name} at " in note
+        assert f"instead of {ALL[name]:.1f}" in note and "(nobody)" in note
+        kinds, since = kept.blamed[0]
+        assert "REQUEST_DATA_STREAM" in kinds
+        assert 0.0 <= since - 94.0 <= 8.0, "orders of the last ten seconds"
+
+
+def test_it_is_noted_once_for_each_message_and_asked_for_each_time() -> None:
+    kept = Kept()
+    kept.pass_by(4.0, **ALL)
+    kept.pass_by(8.0, **{**ALL, "RC_CHANNELS": 0.5})
+    assert (len(kept.notes), len(kept.sent)) == (1, 4)
+    kept.pass_by(4.0, **{**ALL, "RC_CHANNELS": 0.5, "SERVO_OUTPUT_RAW": 1.0})
+    assert len(kept.notes) == 2
+    assert "SERVO_OUTPUT_RAW at" in kept.notes[1] and "RC_CHANNELS at" in kept.notes[1]
+
+
+def test_what_was_never_granted_or_measured_is_not_missed() -> None:
+    kept = Kept(granted={"ATTITUDE": 10.0, "RC_CHANNELS": 0.0})
+    assert kept.pass_by(12.0, ATTITUDE=10.0) == []
+    assert kept.notes == []
+
+
+def test_after_a_silence_or_before_the_first_stamp_nothing_is_judged() -> None:
+    kept = Kept()
+    kept.pass_by(2.0, ATTITUDE=10.0)
+    assert kept.sent == [], "counted from the first look on"
+    silent = Kept()
+    silent.pass_by(4.0, **ALL)
+    silent.clock.advance(9.0)  # neither a message nor a look for so long
+    assert silent.pass_by(1.0, **ALL) == [], "more than ten seconds at once tell nothing"
+    nobody = Kept()
+    nobody.pass_by(4.0, **ALL)
+    nobody.session.vehicle = None
+    assert nobody.pass_by(4.0, ATTITUDE=1.0) == []
+
+
+class Ours:
+    """A monitor on as much of everything as it looks at."""
+
+    def __init__(
+        self, *, pause: float = 0.0, pace: float = 1.0, ordered: bool = False, says: tuple[str, ...] = ()
+    ) -> None:
+        self.asked: list[tuple[Any, ...]] = []
+        texts = SimpleNamespace(recent=lambda since: self.asked.append(("texts", since)) or list(says))
+        self.session: Any = SimpleNamespace(clock=ManualClock(50.0), custom_mode=15, armed=True, texts=texts)
+        self.others: Any = SimpleNamespace(
+            has_ordered=lambda kinds, since: self.asked.append(("ordered", since)) or ordered,
+            culprit=lambda kinds, since, name="": self.asked.append(("culprit", since, name)) or "somebody",
+        )
+        self.sticks: Any = SimpleNamespace(moved_by_hand=None, departed=None)
+        rate: Any = SimpleNamespace(pause_since=lambda since: self.asked.append(("pause", since)) or pause, pace=pace)
+        self.parameters: Any = SimpleNamespace(intrusions=[])
+        self.monitor = InterferenceMonitor(
+            self.session, FIRMWARE["ardurover"], self.parameters, self.others, self.sticks, rate
+        )
+        self.monitor.take_over()
+
+    def trips(self) -> GuardTripped:
+        with pytest.raises(GuardTripped) as caught:
+            self.monitor.check()
+        return caught.value
+
+
+@pytest.mark.parametrize(
+    ("pause", "pace", "guard"),
+    [(0.4, 1.0, "pause"), (0.39, 1.0, "mode"), (0.1, 4.0, "pause"), (0.09, 4.0, "mode"), (0.4, 0.5, "pause")],
+)
+def test_a_pause_of_ours_that_the_vehicle_feels_is_its_cause(pause: float, pace: float, guard: str) -> None:
+    ours = Ours(pause=pause, pace=pace)
+    ours.monitor.check()
+    ours.session.custom_mode = 4
+    tripped = ours.trips()
+    assert tripped.guard == guard
+    assert ("pause", 45.0) in ours.asked
+    if guard == "pause":
+        assert (tripped.value, tripped.limit) == (pytest.approx(pause * max(pace, 1.0)), 0.4)
+        assert ("let the simulation run slower" in str(tripped)) is (pace > 1.5)
+        assert ("s of the vehicle's time," in str(tripped)) is (pace > 1.5)
+        assert ("close other programs" in str(tripped)) is (pace <= 1.5)
+    else:
+        assert "not by us: somebody" in str(tripped)
+        assert ("culprit", 45.0, "") in ours.asked
+
+
+@pytest.mark.parametrize(("pace", "ahead"), [(1.5, False), (1.51, True)])
+def test_a_simulation_runs_ahead_beyond_half_as_fast_again(pace: float, ahead: bool) -> None:
+    ours = Ours(pause=1.0, pace=pace)
+    ours.session.armed = False
+    assert ("let the simulation run slower" in str(ours.trips())) is ahead
+
+
+def test_an_order_heard_comes_before_a_pause_and_what_the_vehicle_says_is_quoted() -> None:
+    ours = Ours(pause=1.0, ordered=True, says=("Failsafe",))
+    ours.session.armed = False
+    tripped = ours.trips()
+    assert tripped.guard == "armed"
+    assert 'the vehicle was disarmed, not by us (it says: "Failsafe"): somebody' in str(tripped)
+    assert ("texts", 45.0) in ours.asked and ("ordered", 45.0) in ours.asked
+
+
+def test_while_we_change_it_ourselves_nothing_is_expected() -> None:
+    ours = Ours()
+    ours.monitor.change()
+    ours.session.custom_mode, ours.session.armed = 4, False
+    ours.monitor.check()
+    ours.monitor.take_over()
+    ours.monitor.check()
+    ours.session.armed = True
+    ours.monitor.check()
+    ours.session.custom_mode = 0
+    assert ours.trips().guard == "mode"
+
+
+def test_a_switch_moved_at_the_transmitter_is_who_did_it_but_wrote_no_parameter() -> None:
+    ours = Ours()
+    ours.session.custom_mode = 4
+    ours.sticks.moved_by_hand = (5, 1000, 1900)
+    assert "RC channel 5 went from 1000 to 1900 us just now, a switch on the transmitter" in str(ours.trips())
+    ours.parameters.intrusions = [("P", 0.2, 0.9), ("I", 0.1, 0.4)]
+    tripped = ours.trips()
+    assert (tripped.guard, tripped.value, tripped.limit) == ("parameters", 0.9, 0.2)
+    assert "wrote P = 0.9 (it was 0.2): somebody" in str(tripped)
+    assert ("culprit", 45.0, "P") in ours.asked
+
+
+def test_a_hand_on_the_sticks_and_somebody_elses_are_told_apart_with_what_was_sent() -> None:
+    ours = Ours()
+    ours.sticks.departed = (1, 1600, 1500)
+    tripped = ours.trips()
+    assert (tripped.guard, tripped.value, tripped.limit) == ("sticks", 1500.0, 1600.0)
+    assert "RC channel 1 shows 1500 us where 1600 us were sent: somebody" in str(tripped)
+    ours.sticks.moved_by_hand = (3, 1500, 1200)
+    tripped = ours.trips()
+    assert (tripped.guard, tripped.value, tripped.limit) == ("sticks", 1200.0, 1500.0)
+    assert "a pilot's hand: RC channel 3" in str(tripped)
