@@ -241,6 +241,7 @@ class ThrusterFrame(Actuators):
 
 
 _PAIR = ((-0.5, 0.5, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0))
+_LIFT, _ASIDE = (0.0, 0.0, -0.25, 0.0), (0.0, 0.0, 0.0, 0.5)
 FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
     "simple-rov-3": (*_PAIR, (0.0, 0.0, 1.0, 0.0)),
     "vectored": (
@@ -258,8 +259,11 @@ FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
         (0.25, 0.25, 0.0, -0.25),
         *(4 * ((0.0, 0.0, 0.25, 0.0),)),
     ),
+    "vectored-6dof-90": (*(_LIFT, (0.5, 0.5, 0.0, 0.0), _LIFT, _ASIDE, _ASIDE, _LIFT, (-0.5, 0.5, 0.0, 0.0), _LIFT),),
     "bluerov1": (*_PAIR, *(3 * ((0.0, 0.0, -1.0 / 1.9, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
     "simple-rov-5": (*_PAIR, *(2 * ((0.0, 0.0, 0.5, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
 }
-"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y). ArduSub drives BlueROV1's front two of
-three lifting thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""
+"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y). Miskovic2010, table 2.2, has them
+as (a) simple-rov-3, (b) simple-rov-5, (c) vectored, (d) vectored-6dof-90 (without the moment of its lateral two), (e)
+but for its pitch simple-rov-5, (f) a rudder that pushes sideways. ArduSub drives BlueROV1's front two of three lifting
+thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""

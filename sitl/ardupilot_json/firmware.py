@@ -55,6 +55,7 @@ _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "twin-thruster": {**_BOAT, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
     "vectored": {**_ROV, "FRAME_CONFIG": 1},
     "vectored-6dof": {**_ROV, "FRAME_CONFIG": 2},
+    "vectored-6dof-90": {**_ROV, "FRAME_CONFIG": 3},
     "simple-rov-3": {**_ROV, "FRAME_CONFIG": 4, "BATT_MONITOR": 0},
     "simple-rov-5": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
     "bluerov1": {**_ROV, "FRAME_CONFIG": 0},

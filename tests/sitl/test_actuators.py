@@ -74,12 +74,18 @@ def test_no_pulse_is_no_force():
         ("vectored", (1100, 1100, 1900, 1900, 1500, 1500), (1.0, 0.0, 0.0)),
         ("vectored", (1500, 1500, 1500, 1500, 1700, 1700), (0.0, 0.0, 0.5)),
         ("vectored", (1900, 1100, 1900, 1100, 1500, 1500), (0.0, 0.0, 0.0)),
+        ("vectored", (1900, 1100, 1100, 1900, 1500, 1500), (0.0, 1.0, 0.0, 0.0)),
+        ("vectored", (1900, 1100, 1900, 1100, 1500, 1500), (0.0, 0.0, 0.0, 1.0)),
+        ("simple-rov-5", (1100, 1900, 1500, 1500, 1900), (0.0, 1.0, 0.0, 1.0)),
+        ("vectored-6dof-90", (1500, 1900, 1500, 1500, 1500, 1500, 1900, 1500), (1.0, 0.0, 0.0, 0.0)),
+        ("vectored-6dof-90", (1100, 1900, 1100, 1900, 1900, 1100, 1100, 1100), (0.0, 1.0, 1.0, 1.0)),
     ],
 )
 def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
-    loads, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0), *pwm)
-    X, N, Z = expected
+    X, N, Z, *sideways = expected
+    loads, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0, full_Y=5.0 * bool(sideways)), *pwm)
     assert pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z)) == (loads.X, loads.N, loads.Z)
+    assert pytest.approx(5.0 * sum(sideways)) == loads.Y
 
 
 def test_a_frame_has_its_biases_even_without_pulses():

@@ -55,7 +55,9 @@ def test_both_settle_at_the_same_velocity(name, dof):
     assert axis.acceleration(model.steady_velocity(force), force) == pytest.approx(0.0, abs=1e-9)
 
 
-FRAME_CONFIGS = {"bluerov1": 0, "vectored": 1, "vectored-6dof": 2, "simple-rov-3": 4, "simple-rov-5": 5}
+FRAME_CONFIGS = {
+    "bluerov1": 0, "vectored": 1, "vectored-6dof": 2, "vectored-6dof-90": 3, "simple-rov-3": 4, "simple-rov-5": 5
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("frame", "config"), FRAME_CONFIGS.items(), ids=FRAME_CONFIGS)
