@@ -28,7 +28,7 @@ class PondCraft:
         self.firmware = FIRMWARE[firmware]
         self.clock = ManualClock()
         self.gain, self.drag, self.bias = gain, drag, bias
-        self.psi = self.r = self.z = self.w = self.speed = self.x = 0.0
+        self.psi = self.r = self.z = self.w = self.speed = self.x = self.v = 0.0
         self.mode, self.armed = "STABILIZE" if firmware == "ardusub" else "HOLD", False
         self.command: Command = Actuate()
         self.tick = 0
@@ -61,9 +61,10 @@ class PondCraft:
             phi=self.tilt(),
             theta=self.tilt(),
             u=self.speed,
+            v=self.v,
             speed=self.speed,
             d=self.distance(),
-            output={"N": self._demand()[0], "Z": self._demand()[1], "X": self._demand()[2]},
+            output=dict(zip("NZXY", (*self._demand(), self._sideways), strict=True)),
             armed=self.armed,
             mode=self.mode,
             battery_remaining=self.battery,
@@ -135,8 +136,13 @@ class PondCraft:
         assert isinstance(c, DepthTarget)
         return 0.0, max(-1.0, min(1.0, 2.0 * (c.z - self.z) - self.w)), 0.0
 
+    @property
+    def _sideways(self) -> float:
+        return self.command.Y if isinstance(self.command, Actuate) else 0.0
+
     def _advance(self, dt: float) -> None:
         N, Z, X = self._demand()
+        self.v += dt * (self._sideways - 0.5 * self.v)
         self.r += dt * (self.gain * N + self.bias - self.drag * self.r)
         self.w += dt * (self.gain * Z + self.bias - self.drag * self.w)
         self.psi += dt * self.r

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,8 +63,23 @@ def options(kind: ManoeuvreKind, throttle: float) -> dict[str, float]:
     return {**usual, **short, "throttle": throttle, "side": 1.0, "keep-still": float(not throttle)}
 
 
-def made(name: str, *, boat: bool) -> Manoeuvre:
-    kind = MANOEUVRES[name]
+def forces_of(kind: ManoeuvreKind) -> Iterator[str]:
+    """Yield every force that drives it, its own as none."""
+    yield ""
+    for force in "XYZKMN" if kind.for_force is not None else "":
+        try:
+            other = kind.of(force)
+        except UsageError:
+            continue
+        if other.drives != kind.drives:
+            yield force
+
+
+ROWS = [(name, force) for name, kind in MANOEUVRES.items() for force in forces_of(kind)]
+
+
+def made(name: str, force: str = "", *, boat: bool) -> Manoeuvre:
+    kind = MANOEUVRES[name].of(force)
     return BY_COMMAND[name]() if kind.make is None else kind.make(options(kind, 0.5 * boat))
 
 
@@ -92,9 +110,9 @@ def fly(craft: PondCraft, manoeuvre: Manoeuvre, watcher: Phases) -> Trial:
     return kept[0]
 
 
-def at_sea(name: str) -> tuple[PondCraft, bool]:
+def at_sea(name: str, force: str = "") -> tuple[PondCraft, bool]:
     """Return a craft that the manoeuvre suits; whether it is a boat."""
-    boat = MANOEUVRES[name].needs_way
+    boat = MANOEUVRES[name].of(force).needs_way
     if name == "hand-release":
         return Pushed(), False
     if name == "wall-relay":
@@ -102,24 +120,26 @@ def at_sea(name: str) -> tuple[PondCraft, bool]:
     return PondCraft(firmware="ardurover" if boat else "ardusub"), boat
 
 
-@pytest.mark.parametrize("name", MANOEUVRES)
-def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept(name: str) -> None:
-    craft, boat = at_sea(name)
+ENDS: tuple[tuple[type[AutotuneError], Callable[[PondCraft], Any]], ...] = (
+    (OperatorStopped, lambda craft: setattr(craft, "stop_wanted", True)),
+    (LinkLost, lambda craft: craft.fail_at.setdefault(craft.tick + 1, LinkLost("gone"))),
+)
+
+
+@pytest.mark.parametrize(("name", "force"), ROWS)
+def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept(name: str, force: str) -> None:
+    craft, boat = at_sea(name, force)
     watcher = Phases()
-    whole = fly(craft, made(name, boat=boat), watcher)
+    whole = fly(craft, made(name, force, boat=boat), watcher)
     assert whole.ending != "aborted", whole.reason
     assert whole.meta["manoeuvre"] == name
+    assert not force or whole.meta["force"] == force
     phases = list(dict.fromkeys(watcher.seen))
-    for n, phase in enumerate(phases):
-        craft, boat = at_sea(name)
+    for phase, (error, act) in itertools.product(phases, ENDS):
+        craft, boat = at_sea(name, force)
         found = craft.mode
-        ends: tuple[type[AutotuneError], Callable[[PondCraft], None]] = (
-            (OperatorStopped, lambda c: setattr(c, "stop_wanted", True)),
-            (LinkLost, lambda c: c.fail_at.setdefault(c.tick + 1, LinkLost("gone"))),
-        )[n % 2]  # type: ignore[assignment]
-        error, act = ends
         with pytest.raises(error):
-            fly(craft, made(name, boat=boat), Phases(phase, lambda c=craft, act=act: act(c)))  # type: ignore[misc]
+            fly(craft, made(name, force, boat=boat), Phases(phase, partial(act, craft)))
         assert craft.command == Actuate()
         assert craft.mode == found
         assert not craft.armed
