@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
+from gcs_autotune.diagnose.plain_numbers import CONSTANT, LATE, PLAIN, PlainNumber, command_sizes, plain_numbers
 from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
-from gcs_autotune.diagnose.simulation import PLAIN, plain_numbers
 from gcs_autotune.diagnose.state import Key, ModelInQuestion, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
@@ -41,6 +41,9 @@ Array = NDArray[np.float64]
 
 SURE, BORNE = 3.0, 2.0
 """Standard errors by which a wrong number differs; up to which the runs bear the model's own."""
+
+HALF_WIDTH = 1.96
+"""Standard errors to either end of a 95 % interval."""
 
 OFF = 0.02
 """Share by which a wrong number differs at least."""
@@ -173,11 +176,12 @@ def judge_numbers(state: SearchState) -> SearchState | None:
     causes = len(fit.effects) > len(state.base.effects)
     if off is None or not any(r.wrong for r in rows):
         now, over = _counted_over(state, state.base_unseen) if causes else (state, _FITTED)
-        return replace(now, numbers=Numbers(of, tuple(replace(r, wrong=False) for r in rows), over=over))
+        agreeing = tuple(replace(r, wrong=False) for r in rows)
+        return replace(now, numbers=Numbers(of, (*given.records, *agreeing), over=over))
     right = _better(state.base_unseen, _set_right(state, problem)) if causes else off
     gains = () if state.given_unseen is None else gains_of(state.given_unseen, right, state.parts.words)
     now, over = _counted_over(state, right) if causes else (state, _FITTED)
-    numbers = Numbers(of, tuple(sorted(rows, key=lambda r: not r.wrong)), gains, over)
+    numbers = Numbers(of, (*given.records, *sorted(rows, key=lambda r: not r.wrong)), gains, over)
     return replace(now, problem=problem, fitted=fit, present_unseen=off, numbers=numbers)
 
 
@@ -227,7 +231,18 @@ def _with_own_numbers(weighing: _Weighing, problem: Problem, fit: Fitted) -> Hel
         return after
     gain = 1.0 - error_ratio(before, after)
     sure = p_value(before, after, fit.levels, weighing.raised, kept.parameters, len(weighing.old)) < LUCK
+    sure = sure or _less_of_all(before, after)
     return after if sure and -len(fit.levels) * math.log1p(-min(gain, 0.999)) > MATERIAL else None
+
+
+def _less_of_all(before: HeldOut, after: HeldOut) -> bool:
+    """Whether the 95 % interval of the ratio of errors lies below one for every signal.
+
+    Where causes fit the runs more closely than they foretell them, no likelihood at the fit's own noise levels can
+    tell that much larger errors became smaller ones; blocks drawn with replacement can.
+    """
+    ratios = [g.ci95[1] for g in gains_of(before, after, "")]
+    return bool(ratios) and all(r < 1.0 - MATERIAL for r in ratios)
 
 
 def _label(key: Key) -> str:
@@ -256,7 +271,7 @@ def _meaning(key: Key, form: Form) -> str:
 def _number(
     name: str, unit: str, meaning: str, old: tuple[float, float], new: tuple[float, float], wrong: bool
 ) -> Number:
-    half = 1.96 * new[1]
+    half = HALF_WIDTH * new[1]
     return Number(name, unit, meaning, old[0], old[1], new[0], new[1], (new[0] - half, new[0] + half), wrong)
 
 
@@ -264,29 +279,34 @@ def _number(
 
 
 def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
-    """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects."""
+    """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects.
+
+    A number is wrong that is off both with the causes found and with these set aside: what a cause accounts for is the
+    cause's.
+    """
     state, given = weighing.state, weighing.given
     if given.theirs is None:
         return []
-    causes = {e.slug for e in state.causes}
-    theirs = plain_numbers(*given.theirs)
-    ours = plain_numbers(state.problem, state.fitted)
-    data = state.problem.data_summary
+    causes = state.causes
+    data, sizes = state.problem.data_summary, command_sizes(state.problem.form, state.problem.segments)
+    theirs = plain_numbers(*given.theirs, sizes)
+    ours = plain_numbers(state.problem, state.fitted, sizes, [(e.slug, e.place) for e in causes])
+    named = {e.slug for e in causes}
     least = {"gain": 0.0, "time constant": 0.0, "delay": OFF * data.time_constant, "trim": 0.0}
     rows = []
-    for (kind, where), (unit, new) in ours.items():
+    for (kind, where), new in ours.items():
         if (kind, where) not in theirs:
             continue
-        old = theirs[kind, where][1]
-        limit = max(SURE * math.hypot(old[1], new[1]), OFF * abs(old[0]), least[kind])
-        if kind == "trim":
-            limit = max(limit, OFF * data.amplitude.get(where, 0.0))
-        told = {"delay": _LATE, "trim": _CONSTANT}.get(kind, frozenset()) & causes
-        wrong = judged and not told and bool(abs(new[0] - old[0]) > limit)
-        rows.append(_number(f"{kind} of {where}", unit, PLAIN[kind], old, new, wrong))
+        old = theirs[kind, where]
+        told = {"delay": LATE, "trim": CONSTANT}.get(kind, frozenset()) & named
+        floor = OFF * data.amplitude.get(where, 0.0) if kind == "trim" else least[kind]
+        ways = {_off(old, value, std, floor) for value, std in ((new.value, new.std), new.beside)}
+        wrong = judged and not told and len(ways) == 1 and ways != {0}
+        number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], (old.value, old.std), (new.value, new.std), wrong)
+        rows.append(number)
     keys = [(e.slug, e.place) for e in given.model.effects]
     for effect in state.fitted.effects:
-        if (effect.slug, effect.place) not in keys or effect.slug in ("input-delay", "input-bias"):
+        if (effect.slug, effect.place) not in keys or effect.slug in READ_OFF:
             continue
         former = given.model.effects[keys.index((effect.slug, effect.place))]
         alone = replace(weighing, old={(effect.slug, effect.place, n): v for n, v in former.values.items()})
@@ -296,5 +316,21 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
     return rows
 
 
-_LATE = frozenset({"input-delay", "actuator-lag", "measurement-delay", "time-offset"})
-_CONSTANT = frozenset({"input-bias", "net-buoyancy", "tether-pull", "gyro-bias"})
+READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-drag"})
+"""Effects of the stand-in that are told by gain, time constant, delay and trim."""
+
+
+def _if_told(value: float, std: float, scale: float) -> tuple[float, float]:
+    """Return a number and its standard error; NaN where its interval is wider than all it might be."""
+    return (value, std) if HALF_WIDTH * std <= scale else (math.nan, math.nan)
+
+
+def _off(old: PlainNumber, value: float, std: float, least: float) -> int:
+    """Return whether the simulator's number is too large (1) or too small (-1) for the runs, 0 where neither is sure.
+
+    Where the causes set aside leave nothing that stops the craft, any gain and time constant are too small.
+    """
+    if not math.isfinite(value):
+        return -1
+    limit = max(SURE * math.hypot(old.std, std), OFF * abs(old.value), least)
+    return 0 if abs(value - old.value) <= limit else int(math.copysign(1.0, old.value - value))

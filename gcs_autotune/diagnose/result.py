@@ -75,7 +75,7 @@ class Number:
     """One number of the given model against the runs: name, sign and unit as its owner has them.
 
     ``given`` what the model has, ``given_std`` its standard error where the model states one, else 0; ``value`` what
-    the runs say, with ``std`` and its 95 % interval; ``wrong`` when they contradict each other.
+    the runs say, with ``std`` and its 95 % interval; ``wrong`` when they contradict each other. NaN: not told.
     """
 
     name: str
@@ -87,6 +87,11 @@ class Number:
     std: float
     ci95: tuple[float, float]
     wrong: bool
+
+    @property
+    def of_record(self) -> bool:
+        """Whether it is of a simulation's file (its clock, a sign, a unit), where the right value is known exactly."""
+        return self.ci95[0] == self.ci95[1]
 
 
 @dataclass(frozen=True, slots=True)

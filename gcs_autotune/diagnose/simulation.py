@@ -1,34 +1,41 @@
 """Somebody else's simulator: its output modelled, so that it can be compared and extended.
 
-Of it nothing is known but what it does: the plain model is fitted to it and to the runs alike, and its gain, time
-constant, delay and trim are compared.
+Of it nothing is known but what it does. A plain model with drag of both powers, a delay and a trim takes its place;
+other effects only where that misses what the simulator does, for a simulation without any noise would lend
+significance to every slip of its integrator. Then gain, time constant, delay and trim of both are compared.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import correlation_of
-from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
+from gcs_autotune.diagnose.plain_numbers import driven_by
+from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.effects import DataSummary, EffectInstance
+from gcs_autotune.diagnose.two_records import compared
+from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Doubt, Fitted, Problem, plain_form, prepare_as_recorded
-from gcs_autotune.models import CoupledModel, Form
-from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.models import Form
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["PLAIN", "plain_numbers", "surrogate_of"]
+__all__ = ["stand_in", "surrogate_of"]
 
-Array = NDArray[np.float64]
+FAITHFUL, PLAIN_ENOUGH = 0.05, 0.02
+"""Error of the stand-in for a simulator, in shares of the motion, above which it is doubted; above which effects that
+the plain model lacks are looked for in the simulator itself."""
 
-FAITHFUL = 0.05
-"""Error of the stand-in for a simulator, in shares of the motion, above which it is doubted."""
+SHED = 0.005
+"""Share of the motion that a term of the stand-in must be worth to stay."""
+
+SURE = 12.0
+"""Twice the log-likelihood a term must be worth besides, where the simulation is noisy."""
 
 
 def surrogate_of(
@@ -56,7 +63,8 @@ def surrogate_of(
         raise UsageError(
             f"{len(runs)} run(s) but {len(simulations)} simulation(s): give one per run, in the same order"
         )
-    flown = [_driven(s, r) for s, r in zip(simulations, runs, strict=True)]
+    records = compared(simulations, runs)
+    flown = records.simulations
     base = form if form is not None else plain_form(flown, dof)
     segments, doubts = prepare_as_recorded(flown, base, use)
 
@@ -64,33 +72,31 @@ def surrogate_of(
         if progress is not None:
             progress(f"the simulation: {stage}", done, total)
 
-    state = follow(begin(Question(base, segments, effects, progress=told, jobs=jobs)), SEARCH)
-    problem, found = state.problem, state.fitted
-    if state.cut:
+    problem, found = stand_in(base, segments, told)
+    cut: tuple[str, ...] = ()
+    if any(share > PLAIN_ENOUGH for share in _missed(problem, found).values()):
+        slugs = [s for s in effects if EFFECTS[s].family != "data errors"]
+        state = follow(begin_with(Question(base, segments, slugs, progress=told, jobs=jobs), problem, found), SEARCH)
+        problem, found, cut = state.problem, state.fitted, state.cut
+    if cut:
         doubts.append(
             Doubt(
                 "simulation-out-of-time",
-                "the simulation was not understood to the end in its share of the time: " + "; ".join(state.cut),
+                "the simulation was not understood to the end in its share of the time: " + "; ".join(cut),
                 "give it longer (--max-seconds), or its equations as a model file (--model)",
             )
         )
-    for name, level in found.levels.items():
-        spread = problem.data_summary.spread[name]
-        if level > FAITHFUL * spread:
+    for name, share in _missed(problem, found).items():
+        if share > FAITHFUL:
             doubts.append(
                 Doubt(
                     "simulation-not-understood",
-                    f"the model of the simulator misses its own {name} by {100 * level / spread:.0f} % of the motion",
+                    f"the model of the simulator misses its own {name} by {100 * share:.0f} % of the motion",
                     "give its equations as a model file (--model) instead of its output",
                 )
             )
-    return ModelInQuestion(found.model, theirs=(problem, found)), [*_directly(simulations, runs), *doubts]
-
-
-def _driven(simulation: Trial, run: Trial) -> Trial:
-    """Return a simulation with the inputs of its run where it has none of its own."""
-    inputs = {n: c for n, c in run.channels.items() if n not in SIGNALS or n in ("X", "Y", "Z", "K", "M", "N", "delta")}
-    return replace(simulation, channels={**inputs, **simulation.channels})
+    given = ModelInQuestion(found.model, theirs=(problem, found), records=records.rows)
+    return given, [*_directly(simulations, runs), *records.doubts, *doubts]
 
 
 def _directly(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt]:
@@ -120,100 +126,81 @@ def _directly(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt
     ]
 
 
-# -- what the plain model says of both
+# -- the stand-in
 
 
-PLAIN: Mapping[str, str] = {
-    "gain": "speed held per unit of command",
-    "time constant": "time to 63 % of it after a step",
-    "delay": "from command to action",
-    "trim": "command that holds it still",
-}
-"""Numbers of the plain model, and what they mean."""
+def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
+    """Return the plain model with what it needs of quadratic drag, delay and trim to follow a simulation.
 
-_START = 0.3
+    Within a :func:`.time_limit` it is the best of those for which there was time.
+    """
+    told("plain model", 0, 1)
+    problem, best = fit_base(form, segments)
+    base, terms = best, _terms(problem)
+    try:
+        for late in (0.0, LATE_START):
+            for drag in (0.0, 0.5):
+                begun = tuple(_begun(e, problem, late, drag) for e in terms)
+                fit = problem.fit(base.theta, begun, base.initial, trials=60, shift=base.shift)
+                best = fit if fit is not None and fit.cost < best.cost else best
+        for own in _least_sure_first(best):
+            best = _without(problem, best, own) or best
+    except OutOfTime:
+        return problem, best
+    told("plain model", 1, 1)
+    return problem, best
+
+
+LATE_START = 0.3
 """Delay to begin from, in shares of the craft's time constant."""
 
 
-def plain_numbers(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
-    """Return (kind, where) -> unit, (value, standard error) of the plain model with delay and trim, beside effects."""
-    form = fitted.form
-    driven = {d: _drive(form, d) for d in form.dofs}
-    driven = {d: drive for d, drive in driven.items() if drive is not None and _damps(form, d) in form.parameters}
-    trims = [f"{DOFS[d].force}_0" for d in driven if f"{DOFS[d].force}_0" not in form.parameters]
-    wide = form.freeing(*trims)
-    values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
-    theta = np.array([values.get(n, 0.0) for n in wide.parameters])
-    late = {e.place for e in fitted.effects if e.slug == "input-delay"}
-    lacking = [c for c in dict.fromkeys(drive[0] for drive in driven.values() if drive) if c not in late]
-    more = Problem(wide, problem.segments, problem.data_summary, problem.limits, (*problem.free, *trims))
-    best: Fitted | None = None
-    for share in (0.0, _START):
-        delays = [
-            EffectInstance("input-delay", c, {"delay": share * problem.data_summary.time_constant}) for c in lacking
-        ]
-        fit = more.fit(theta, (*fitted.effects, *delays), fitted.initial, shift=fitted.shift)
-        best = fit if fit is not None and (best is None or fit.cost < best.cost) else best
-        if not lacking:
-            break
-    if best is None:
-        return {}
-    return _read(more.data_summary, best, {d: drive for d, drive in driven.items() if drive is not None})
+def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
+    data, found = problem.data_summary, []
+    driven = driven_by(problem.form)
+    for slug, places in (
+        ("input-delay", list(dict.fromkeys(c for c, _ in driven.values()))),
+        ("quadratic-drag", list(problem.form.dofs)),
+        ("input-bias", list(driven)),
+        ("net-buoyancy", [d for d in driven if d == "heave"]),
+    ):
+        entry = EFFECTS[slug]
+        for place in entry.places(data):
+            if place in places:
+                start = dict.fromkeys(entry.starts(place, data)[0], 0.0)
+                found.append(EffectInstance(slug, place, start, dict(entry.constants(place, data))))
+    return in_order(found)
 
 
-def _drive(form: Form, dof: str) -> tuple[str, float | str] | None:
-    force = DOFS[dof].force
-    return next(((c, g) for c, pairs in form.inputs.items() for f, g in pairs if f == force), None)
+def _begun(term: EffectInstance, problem: Problem, late: float, drag: float) -> EffectInstance:
+    data = problem.data_summary
+    if term.slug == "input-delay":
+        return term.with_values({"delay": late * data.time_constant})
+    if term.slug == "quadratic-drag":
+        starts = EFFECTS[term.slug].starts(term.place, data)
+        return term.with_values({"coefficient": drag * starts[-1]["coefficient"]})
+    return term
 
 
-def _damps(form: Form, dof: str) -> str:
-    return f"{DOFS[dof].force}_{DOFS[dof].velocity}"
+def _least_sure_first(found: Fitted) -> list[tuple[str, str]]:
+    """Return slug and place of every effect of a fit, by how many standard errors it is from none."""
+    std = np.sqrt(np.maximum(np.diag(found.covariance(correlation_of(found))), 1e-300))[len(found.free) :]
+    sure = {i: abs(found.effects[i].values[n]) / s for (i, n), s in zip(found.free_effects, std, strict=False)}
+    return [(found.effects[i].slug, found.effects[i].place) for i in sorted(sure, key=lambda i: sure[i])]
 
 
-def _read(
-    data_summary: DataSummary, fit: Fitted, driven: Mapping[str, tuple[str, float | str]]
-) -> dict[tuple[str, str], tuple[str, tuple[float, float]]]:
-    covariance = fit.covariance(correlation_of(fit))
-    names = fit.form.parameters
-    places = [names.index(n) for n in fit.free]
+def _without(problem: Problem, found: Fitted, own: tuple[str, str]) -> Fitted | None:
+    """Return the fit without an effect; None where that is missed."""
+    rest = tuple(e for e in found.effects if (e.slug, e.place) != own)
+    fit = problem.fit(found.theta, rest, found.initial, shift=found.shift)
+    if fit is None:
+        return None
+    worth = (fit.cost - found.cost) / correlation_of(found)
+    moved = max(math.sqrt(max(fit.levels[n] ** 2 - s**2, 0.0)) / problem.motion[n] for n, s in found.levels.items())
+    return None if worth > SURE and moved > SHED else fit
 
-    def uncertain(of: Callable[[Array], float]) -> tuple[float, float]:
-        value, slope = of(fit.theta), np.zeros(len(places))
-        for k, i in enumerate(places):
-            h = 1e-6 * max(abs(float(fit.theta[i])), 1e-6)
-            moved = fit.theta.copy()
-            moved[i] += h
-            slope[k] = (of(moved) - value) / h
-        variance = float(slope @ covariance[: len(places), : len(places)] @ slope)
-        return value, math.sqrt(max(variance, 0.0))
 
-    found: dict[tuple[str, str], tuple[str, tuple[float, float]]] = {}
-    for dof, (channel, gain) in driven.items():
-        axis, unit = DOFS[dof], data_summary.inputs.get(channel, "1")
-        force, damps = f"{axis.force}_0", f"{axis.force}_{axis.velocity}"
-        rate = "rad/s" if axis.angular else "m/s"
-
-        def at(theta: Array, name: str) -> float:
-            return float(theta[names.index(name)])
-
-        def share(theta: Array, gain: float | str = gain) -> float:
-            if isinstance(gain, str):
-                return math.copysign(at(theta, gain.lstrip("-")), -1.0 if gain.startswith("-") else 1.0)
-            return float(gain)
-
-        def mass(theta: Array, dof: str = dof) -> float:
-            model = CoupledModel(fit.form, dict(zip(names, theta.tolist(), strict=True)))
-            i = fit.form.dofs.index(dof)
-            return float(model.inertia[i, i])
-
-        per = rate if unit == "1" else f"{rate}/({unit})"
-        found["gain", dof] = per, uncertain(lambda t, d=damps, s=share: s(t) / -at(t, d))  # type: ignore[misc]
-        found["time constant", dof] = "s", uncertain(lambda t, d=damps, m=mass: m(t) / -at(t, d))  # type: ignore[misc]
-        found["trim", channel] = unit, uncertain(lambda t, f=force, s=share: -at(t, f) / s(t))  # type: ignore[misc]
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    for k, (i, name) in enumerate(fit.free_effects):
-        own = fit.effects[i]
-        if own.slug == "input-delay":
-            found["delay", own.place] = "s", (own.values[name], float(std[len(fit.free) + k]))
-    order = list(PLAIN)
-    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
+def _missed(problem: Problem, found: Fitted) -> dict[str, float]:
+    """Return what a model misses of every signal beyond its noise, in shares of the motion."""
+    noise = {n: problem.data_summary.level.get(n, 0.0) for n in found.levels}
+    return {n: math.sqrt(max(s**2 - noise[n] ** 2, 0.0)) / problem.motion[n] for n, s in found.levels.items()}

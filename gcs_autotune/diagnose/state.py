@@ -25,7 +25,7 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import Numbers
+from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.diagnose.workers import in_parallel
@@ -67,13 +67,15 @@ class ModelInQuestion:
 
     ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
     number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
-    this model stands for; None for a model that was given itself.
+    this model stands for; None for a model that was given itself. ``records``: what is wrong in the simulator's file
+    itself (clock, signs, units), and was set right before.
     """
 
     model: ExtendedModel
     names: Mapping[Key, tuple[str, float]] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
     theirs: tuple[Problem, Fitted] | None = None
+    records: tuple[Number, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

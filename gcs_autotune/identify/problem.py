@@ -69,11 +69,11 @@ class Problem:
         self.free = tuple(form.free if free is None else free)
         self.held = frozenset(held)
         self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
-        self.floors = (
-            {}
-            if data_summary is None
-            else {n: FLOOR * min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
+        self.motion = (
+            {} if data_summary is None else {n: min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
         )
+        """Spread of every signal, up to what counts of it."""
+        self.floors = {n: FLOOR * s for n, s in self.motion.items()}
         dating = max((s.dating for s in self.segments), default=0.0)
         self.dating = 0.0 if "delay" in self.free else dating
 

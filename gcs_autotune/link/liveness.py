@@ -96,7 +96,7 @@ class HeldSender:
         self.origin = ""
         self._notes = notes
         self._suspects: dict[str, str] = {}
-        self._strangers: set[str] = set()
+        self._strangers: dict[str, None] = {}
         self._voices: dict[int, _Voice] = {}
         self._last: _Voice | None = None
         self._two_told = False
@@ -131,12 +131,17 @@ class HeldSender:
 
     def _tell_of_strangers(self) -> None:
         for origin, ids in self._suspects.items():
-            self._strangers.add(origin)
+            self._strangers[origin] = None
             self._notes.append(
                 f"somebody else, at {origin}, says that he is the vehicle ({ids}), which is at {self.origin}: he is "
                 "not believed. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Where others spoke from under the vehicle's ids."""
+        return tuple(dict.fromkeys((*self._suspects, *self._strangers)))
 
     def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
         """Whether *frame* is a stranger's AUTOPILOT_VERSION that shows him to be the *known* vehicle come back."""

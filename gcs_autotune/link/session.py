@@ -231,6 +231,17 @@ class Session:
         elif frame.name == "HEARTBEAT":
             self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
+    @property
+    def contested(self) -> str:
+        """Who speaks, in words, where several addresses claim to be the vehicle; empty where one does."""
+        others = self._held_sender.others
+        if not others:
+            return ""
+        return (
+            f"more than one says that he is {self.vehicle}: the first heard, at {self._held_sender.origin}, is held "
+            f"to, and {' and '.join(others)} say{'s' if len(others) == 1 else ''} so too"
+        )
+
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         self._held_sender.hold(origin, known)
         self.transport.hold(origin)

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.errors import LinkLost, NotAsFound
+from gcs_autotune.errors import LinkLost, NoReply, NotAsFound
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.link.liveness import HeldSender
 from gcs_autotune.link.transports import udp
@@ -84,6 +84,18 @@ def test_a_heartbeat_forged_from_the_vehicles_own_address_does_not_settle_a_clea
     said = leave_armed_and_lie(craft, boat, link)
     assert boat.armed and len(said) == 1 and "contradict each other" in said[0]
     assert any("their sequence numbers interleave" in note for note in craft.session.notes)
+
+
+def test_a_forger_who_spoke_first_is_told_as_one_of_two_and_not_as_old_firmware(
+    boat: ScriptedVehicle, link: Forged
+) -> None:
+    link.forged = [DISARMED]
+    with Session(link) as session, pytest.raises(NoReply) as caught:
+        open_craft(session, arm_patience=3.0)
+    said = str(caught.value)
+    assert f"the first heard, at {ELSEWHERE}, is held to, and {HOME} says so too" in said
+    assert "has answered no question" in said and "firmware" not in said
+    assert not boat.armed
 
 
 def test_what_another_address_says_moves_nothing(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:

@@ -29,7 +29,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     remainder_sentence,
 )
 from gcs_autotune.report.toolkit.terminal import render_text
-from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor
+from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor, sentence
 from gcs_autotune.report.tune.tables import margins_table
 from gcs_autotune.report.tune.wording import safety
 from gcs_autotune.trial import Channel, Trial
@@ -179,3 +179,10 @@ def test_one_period_alone_has_no_scatter() -> None:
     once = replace(first, cycle=replace(first.cycle, periods=1, scatter=np.inf))
     row = cycle_table(replace(fitted, iso=(once, *others))).rows[0]
     assert row[6:8] == ("1", UNKNOWN)
+
+
+def test_a_signal_at_the_beginning_of_a_sentence_keeps_its_name() -> None:
+    assert sentence("p of run 'a' never changes") == "p of run 'a' never changes."
+    assert sentence("psi and r disagree") == "psi and r disagree."
+    assert sentence("a pause") == "A pause."
+    assert sentence("the boat drifts") == "The boat drifts."

@@ -86,7 +86,7 @@ def numbers_table(numbers: Numbers) -> Table:
         )
         for n in numbers.rows
     )
-    head = ("number", *(("what it is",) if explained else ()), numbers.of, "these runs (95 %)", "")
+    head = ("number", *(("what it is",) if explained else ()), f"{numbers.of} (95 %)", "these runs (95 %)", "")
     return Table(head, "llrrl" if explained else "lrrl", rows)
 
 

@@ -150,6 +150,9 @@ def verdict_headline(diagnosis: Diagnosis) -> Headline:
 NEARLY = 0.02
 """Share by which a number may differ that is not called wrong."""
 
+HALF_WIDTH = 1.96
+"""Standard errors to either end of a 95 % interval."""
+
 MOST_NUMBERS = 4
 """Wrong numbers named in the headline."""
 
@@ -157,7 +160,7 @@ MOST_NUMBERS = 4
 def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
     """Return which numbers are wrong: a headline of its own, whatever else was found."""
     wrong = numbers.wrong
-    parts = [f"{n.name} is {given_words(n)}, these runs say {found_words(n)}" for n in wrong[:MOST_NUMBERS]]
+    parts = [_against(n) for n in wrong[:MOST_NUMBERS]]
     if len(wrong) > MOST_NUMBERS:
         parts.append(f"{len(wrong) - MOST_NUMBERS} more are wrong")
     begin = f"Wrong number{'s' if len(wrong) > 1 else ''} in the {numbers.of}"
@@ -166,13 +169,24 @@ def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
     return f"{begin}: {'; '.join(parts)} (95 %)."
 
 
+def _against(number: Number) -> str:
+    if not number.of_record:
+        return f"{number.name} is {given_words(number)}, these runs say {found_words(number)}"
+    unit = "" if number.unit == "1" else f" {pretty_unit(number.unit)}"
+    return f"{number.name} ({number.meaning}) is {given_words(number)}{unit}, not {format_number(number.value)}"
+
+
 def given_words(number: Number) -> str:
-    """Return what the model has, in its own unit, with its standard error where it states one."""
-    return format_value(number.given, number.given_std)
+    """Return what the model has with half the 95 % interval where it states one, in its own unit."""
+    return "not told" if math.isnan(number.given) else format_value(number.given, HALF_WIDTH * number.given_std)
 
 
 def found_words(number: Number) -> str:
     """Return what the runs say with half the 95 % interval, in the unit of the model."""
+    if math.isnan(number.value):
+        return NOT_TOLD
+    if number.of_record:
+        return format_number(number.value)
     text = format_value(number.value, 0.5 * (number.ci95[1] - number.ci95[0]))
     return text if number.unit in ("", "1") else f"{text} {pretty_unit(number.unit)}"
 
@@ -182,6 +196,8 @@ def standing(number: Number) -> str:
     if number.wrong:
         return "wrong"
     off = abs(number.value - number.given)
+    if math.isnan(off):
+        return "cannot tell"
     if off <= 3.0 * math.hypot(number.std, number.given_std):
         return "agrees"
     return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
@@ -208,6 +224,8 @@ def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
 def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
     """Return what setting the numbers right gains on unseen data, before any cause is added."""
     gain = numbers.gain
+    if all(n.of_record for n in numbers.wrong):
+        return "That was set right before anything else was compared."
     if gain is None:
         return f"As it stands the {numbers.of} runs away on these runs."
     if gain.ratio >= 1.0:

@@ -10,6 +10,7 @@ from typing import Literal
 
 from gcs_autotune.identify import AxisFit, Doubt
 from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
+from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "MOST_FACTOR",
@@ -187,10 +188,10 @@ def doubt_sentence(doubt: Doubt) -> str:
 
 
 def sentence(text: str) -> str:
-    """Return *text* with a capital at its beginning and a stop at its end."""
+    """Return *text* with a capital at its beginning and a stop at its end; a signal's name stays: P is not p."""
     text = text.strip()
     if not text:
         return ""
     first = text.split()[0].rstrip(",.:;")
-    start = text[0].upper() if first.isalpha() else text[0]
+    start = text[0].upper() if first.isalpha() and first not in SIGNALS else text[0]
     return start + text[1:] + ("" if text[-1] in ".!?" else ".")

@@ -1,0 +1,433 @@
+"""A simulation's record beside the measured one: clock, signs and units, looked for before anything is fitted.
+
+A wrong clock, a sign or a unit in the simulation's file would be taken for a wrong craft. Both records answer to the
+same commands, so what is between them shows whatever the craft is, and though weather moves either:
+
+**Offset of the clock.** Where both files hold the commands, from when these change; a simulation whose stamps lie
+elsewhere altogether (they begin at 0) is taken to begin with the run. Without commands a late clock is a delay, and is
+told as one.
+
+**Scale of the clock.** The measured motion is regressed on the simulated one at many lags, before and after: that
+takes up gain, time constant and delay of both, whatever they are, for all of the record alike. A clock that runs fast
+is what is left: the shift grows from one end of the record to the other. What remains is whitened (autoregression), so
+that weather does not count for more than it tells; the shift is estimated in pieces too, and the scale is as uncertain
+as the pieces' disagreement says.
+
+**Signs and units.** The static gain of the same regression, signal by signal: negative, or that of degrees for radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.result import Number
+from gcs_autotune.identify import INPUTS, Doubt
+from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["TwoRecords", "compared"]
+
+Array = NDArray[np.float64]
+
+MOTIONS = ("r", "psi", "u", "v", "w", "z", "p", "q", "phi", "theta")
+COMMANDS = tuple(dict.fromkeys(c for channels in INPUTS.values() for c in channels))
+POSITIONS = frozenset({"psi", "z", "phi", "theta"})
+HEADING = "psi"
+
+MOST_ROWS = 1000
+"""Samples of a signal that are compared, at most; a finer record is thinned."""
+
+LAGS = (*range(11), 13, 16, 20, 27, 36)
+"""Lags before and after, in samples: dense where a delay is, far enough for a slow craft."""
+
+MEMORY = 8
+"""Order of the autoregression that whitens."""
+
+WIDEST, GRID, PIECES = 0.12, 97, 6
+"""Largest error of a clock's rate looked for, in so many steps; pieces of a record that the shift is read off in."""
+
+SURE = 5.0
+"""Standard errors at which a clock or a sign is called wrong: three signals of several runs are looked at."""
+
+WORTH = 25.0
+"""Twice the log-likelihood that a wrong rate must be worth besides."""
+
+LEAST_RATE = 0.002
+"""Error of a clock's rate that nobody minds."""
+
+SAME, MOSTLY = 0.02, 0.75
+"""Share of its range within which a command is the same, and of the samples that must be."""
+
+LEAST_TIMES = 20.0
+"""Static gain beyond which a signal is in another unit, not of another craft."""
+
+DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TwoRecords:
+    """Simulations on the runs' clock, in their signs and units; what was wrong; and what is doubtful."""
+
+    simulations: tuple[Trial, ...]
+    rows: tuple[Number, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+
+
+def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
+    """Return *simulations*, one per run in the same order, as they are once clock, signs and units are set right.
+
+    They get the runs' own commands, whose stamps are the finer, wherever theirs are the same.
+    """
+    rows: list[Number] = []
+    doubts: list[Doubt] = []
+    begins = [_begins_with(s, r) for s, r in zip(simulations, runs, strict=True)]
+    placed = [_shifted(s, by) for s, by in zip(simulations, begins, strict=True)]
+    rate = _rate_of(placed, runs)
+    if rate is not None:
+        scale, std = rate
+        rows.append(_row("clock scale", "1", "its seconds per second of these runs", scale, std, 1.0))
+        placed = [_reclocked(s, scale) for s in placed]
+    offsets: list[tuple[str, float, float]] = []
+    for k, (s, r) in enumerate(zip(placed, runs, strict=True)):
+        offset = _offset_of(s, r)
+        if offset is not None and abs(offset[0]) > SURE * offset[1]:
+            placed[k] = _shifted(s, offset[0])
+            offsets += [] if begins[k] else [(r.name, -offset[0], offset[1])]
+        if begins[k]:
+            doubts.append(_elsewhere(r.name, begins[k], by_commands=offset is not None))
+    rows += _offsets(offsets)
+    factors = _factors(placed, runs)
+    for name, (factor, std) in factors.items():
+        what = "sign" if abs(factor) == 1.0 else "unit"
+        rows.append(_row(f"{what} of {name}", "1", "times what these runs record", factor, std, 1.0))
+    ready = [_divided(s, factors) for s in placed]
+    driven = [_driven(s, r, doubts) for s, r in zip(ready, runs, strict=True)]
+    return TwoRecords(tuple(driven), tuple(rows), tuple(doubts))
+
+
+def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
+    """Return one row for all runs whose clocks are off alike, else one for each."""
+    what = "its stamps against these runs'"
+    weights = np.array([std**-2.0 for _, _, std in found])
+    mean = float(np.average([o for _, o, _ in found], weights=weights)) if found else 0.0
+    if len(found) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in found):
+        return [_row("clock offset", "s", what, mean, min(std for _, _, std in found), 0.0)]
+    return [_row(f"clock offset of '{name}'", "s", what, o, std, 0.0) for name, o, std in found]
+
+
+def _elsewhere(name: str, by: float, *, by_commands: bool) -> Doubt:
+    taken = "have its commands when the run has" if by_commands else "begin with it"
+    way = "before" if by > 0.0 else "after"
+    return Doubt(
+        "simulation-elsewhere",
+        f"the simulation of '{name}' is stamped {abs(by):.4g} s {way} the run: it was taken to {taken}",
+        "write the run's own times beside what the simulator makes of it",
+    )
+
+
+def _row(name: str, unit: str, meaning: str, given: float, std: float, right: float) -> Number:
+    return Number(name, unit, meaning, given, std, right, 0.0, (right, right), True)
+
+
+# -- where the clock begins, and what drives it
+
+
+def _begins_with(simulation: Trial, run: Trial) -> float:
+    """Return by how much to shift a simulation stamped elsewhere to begin with its run, [s]; 0 where both overlap."""
+    theirs, ours = _reach(simulation), _reach(run)
+    overlap = min(theirs[1], ours[1]) - max(theirs[0], ours[0])
+    return ours[0] - theirs[0] if overlap < 0.5 * min(theirs[1] - theirs[0], ours[1] - ours[0]) else 0.0
+
+
+def _driven(simulation: Trial, run: Trial, doubts: list[Doubt]) -> Trial:
+    """Return a simulation with the inputs of its run where it has the same, or none."""
+    channels = dict(simulation.channels)
+    for name in (n for n in run.channels if n not in SIGNALS or n in COMMANDS):
+        own = simulation.channels.get(name)
+        if own is None or not len(own) or _same(own, run[name]):
+            channels[name] = run[name]
+        else:
+            doubts.append(
+                Doubt(
+                    "simulation-driven-otherwise",
+                    f"{name} of the simulation of '{run.name}' is not what drove the run: its own was used for it",
+                    "drive it by the run's own commands, in the run's unit",
+                )
+            )
+    return replace(simulation, channels=channels)
+
+
+def _same(own: Channel, other: Channel) -> bool:
+    """Whether both hold the same values for most of the time, between changes."""
+    at = np.maximum(np.searchsorted(other.t, own.t, side="right") - 1, 0)
+    span = max(float(np.ptp(other.values)), float(np.abs(other.values).max()), 1e-300)
+    return float(np.mean(np.abs(own.values - other.values[at]) < SAME * span)) > MOSTLY
+
+
+def _reach(trial: Trial) -> tuple[float, float]:
+    stamps = [c.t[np.isfinite(c.t)] for c in trial.channels.values() if len(c)]
+    whole = np.concatenate(stamps) if stamps else np.zeros(1)
+    return float(whole.min()), float(whole.max())
+
+
+def _shifted(trial: Trial, by: float) -> Trial:
+    return replace(trial, channels={n: replace(c, t=c.t + by) for n, c in trial.channels.items()})
+
+
+def _offset_of(simulation: Trial, run: Trial) -> tuple[float, float] | None:
+    """Return how much earlier a simulation's commands change than the run's, [s], with its standard error; None where
+    not both hold commands that change alike.
+
+    A command changes somewhere between two rows of the simulation, and no row tells where.
+    """
+    found = []
+    for name in COMMANDS:
+        if name not in simulation or name not in run:
+            continue
+        theirs, ours = _changes(simulation[name]), _changes(run[name])
+        if min(len(theirs[0]), len(ours[0])) < 3:
+            continue
+        pairs = _paired(*theirs, *ours)
+        if pairs is not None:
+            row = float(np.median(np.diff(simulation[name].t)))
+            row = row if len(theirs[0]) < 0.5 * len(simulation[name]) else 0.0
+            std = math.hypot(float(np.std(pairs)) / math.sqrt(len(pairs)), row / math.sqrt(12.0))
+            found.append((float(np.mean(pairs)) + 0.5 * row, std))
+    return min(found, key=lambda f: f[1], default=None)
+
+
+def _changes(channel: Channel) -> tuple[Array, Array]:
+    """Return when a command that is held changes by more than a tenth of its range, and by how much of it."""
+    good = np.isfinite(channel.values)
+    t, u = channel.t[good], channel.values[good]
+    span = float(np.ptp(u)) if len(u) else 0.0
+    if span == 0.0:
+        return np.zeros(0), np.zeros(0)
+    steps = np.diff(u) / span
+    at = np.flatnonzero(np.abs(steps) > 0.1)
+    return (t[at + 1], steps[at]) if len(at) < 0.5 * len(u) or len(u) < 50 else (np.zeros(0), np.zeros(0))
+
+
+def _paired(t: Array, steps: Array, t_run: Array, steps_run: Array) -> Array | None:
+    """Return the run's times less the simulation's of changes that are the same; None where too few are.
+
+    The shift under which most changes find one of the same size is the one; of every shift from one change to another.
+    """
+    shifts = (t_run[None, :] - t[:, None])[np.abs(steps_run[None, :] - steps[:, None]) < 0.1]
+    if not len(shifts):
+        return None
+    near = 0.25 * float(np.median(np.diff(t_run))) if len(t_run) > 1 else 0.1
+    counts = [int(np.sum(np.abs(shifts - s) < near)) for s in shifts]
+    most = max(counts)
+    best = min((s for s, c in zip(shifts, counts, strict=True) if c >= 0.95 * most), key=abs)
+    alike: Array = shifts[np.abs(shifts - best) < near]
+    return alike if len(alike) >= 0.6 * min(len(t), len(t_run)) else None
+
+
+# -- how fast it runs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pair:
+    """One signal of one run, ``y`` (n,) at uniform stamps ``t``, beside the simulation's ``x`` at ``t_sim``."""
+
+    name: str
+    t: Array
+    y: Array
+    t_sim: Array
+    x: Array
+    step: float
+
+    def rows(self, scale: float) -> tuple[Array, Array, Array]:
+        """Return changes of the measured signal, regressors (n, k), and stamps; both clocks began together."""
+        at = self.t[0] + scale * (self.t - self.t[0])
+        lags = sorted({k for lag in LAGS for k in (lag, -lag)})
+        columns = [np.interp(at - k * self.step, self.t_sim, self.x) for k in lags]
+        table = np.column_stack(columns)
+        return np.diff(self.y), np.diff(table, axis=0), 0.5 * (self.t[1:] + self.t[:-1])
+
+
+def _pairs(simulations: Sequence[Trial], runs: Sequence[Trial], names: Sequence[str]) -> list[_Pair]:
+    found = []
+    for simulation, run in zip(simulations, runs, strict=True):
+        for name in names:
+            pair = _pair(simulation, run, name)
+            if pair is not None:
+                found.append(pair)
+    return found
+
+
+def _pair(simulation: Trial, run: Trial, name: str) -> _Pair | None:
+    if name not in simulation or name not in run:
+        return None
+    theirs, ours = _numbers(simulation[name]), _numbers(run[name])
+    start, end = max(theirs.t[0], ours.t[0]), min(theirs.t[-1], ours.t[-1])
+    inside = int(np.sum((ours.t >= start) & (ours.t <= end)))
+    if inside < 8 * len(LAGS) or np.ptp(theirs.values) == 0.0 or np.ptp(ours.values) == 0.0:
+        return None
+    n = min(inside, MOST_ROWS)
+    t = np.linspace(start, end, n)
+    y = np.interp(t, ours.t, ours.values)
+    return _Pair(name, t, y, theirs.t, theirs.values, (end - start) / (n - 1))
+
+
+def _numbers(channel: Channel) -> Channel:
+    good = np.isfinite(channel.t) & np.isfinite(channel.values)
+    values = channel.values[good]
+    if channel.name == HEADING:
+        values = np.unwrap(values)
+    return replace(channel, t=channel.t[good], values=values)
+
+
+def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float, float] | None:
+    """Return the seconds of the simulations per second of the runs with their standard error; None where it is 1."""
+    pairs = _pairs(simulations, runs, _told_best(simulations, runs))
+    if not pairs:
+        return None
+    filters = [_whitening(p, 1.0) for p in pairs]
+
+    def cost(scale: float) -> float:
+        return sum(_regressed(p, scale, f).cost for p, f in zip(pairs, filters, strict=True))
+
+    grid = 1.0 + np.linspace(-WIDEST, WIDEST, GRID)
+    before = cost(1.0)
+    best = min(grid.tolist(), key=cost)
+    filters = [_whitening(p, best) for p in pairs]
+    for width in np.geomspace(0.5 * float(grid[1] - grid[0]), 2e-5, 10).tolist():
+        best = min((best - width, best, best + width), key=cost)
+    gained = min(before, cost(1.0)) - cost(best)
+    rest, std = _slope(pairs, best, filters)
+    if gained < WORTH or abs(best - 1.0) < max(SURE * std, LEAST_RATE) or abs(rest) > SURE * std:
+        return None
+    return best, std
+
+
+def _told_best(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[str]:
+    """Return one signal of every degree of freedom that both have: its speed, else its position."""
+    both = {n for s, r in zip(simulations, runs, strict=True) for n in MOTIONS if n in s and n in r}
+    speed = {dof.position: dof.velocity for dof in DOFS.values()}
+    return [n for n in MOTIONS if n in both and speed.get(n) not in both]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """A whitened regression: cost, gains of the lags, their covariance, residual, the table as it was, stamps."""
+
+    cost: float
+    gains: Array
+    covariance: Array
+    residual: Array
+    table: Array
+    t: Array
+
+
+def _whitening(pair: _Pair, scale: float) -> Array:
+    """Return the filter (m + 1,) that whitens what the regression leaves."""
+    return _autoregression(_regressed(pair, scale, np.ones(1)).residual)
+
+
+def _regressed(pair: _Pair, scale: float, filt: Array) -> _Fit:
+    y, table, t = pair.rows(scale)
+    table = np.column_stack([table, np.ones(len(y))])
+    y_w, table_w = _filtered(y, filt), _filtered(table, filt)
+    inverse = np.asarray(np.linalg.pinv(table_w.T @ table_w, rcond=1e-12, hermitian=True), dtype=np.float64)
+    gains = inverse @ (table_w.T @ y_w)
+    left = y_w - table_w @ gains
+    square = max(float(left @ left) / max(len(left) - len(gains), 1), 1e-300)
+    return _Fit(len(left) * math.log(square), gains, square * inverse, left, table, t[len(filt) - 1 :])
+
+
+def _filtered(x: Array, filt: Array) -> Array:
+    m = len(filt) - 1
+    total: Array = np.zeros_like(x[m:])
+    for k, f in enumerate(filt.tolist()):
+        total += f * x[m - k : len(x) - k]
+    return total
+
+
+def _autoregression(e: Array) -> Array:
+    """Return the filter (m + 1,) that whitens a series (Yule and Walker)."""
+    n = len(e)
+    e = e - e.mean()
+    r = np.array([float(e[: n - k] @ e[k:]) for k in range(MEMORY + 1)])
+    if r[0] <= 0.0:
+        r[0] = 1.0
+    at = np.abs(np.subtract.outer(np.arange(MEMORY), np.arange(MEMORY)))
+    system = r[at] + 1e-6 * r[0] * np.eye(MEMORY)
+    found: Array = np.concatenate([[1.0], -np.linalg.solve(system, r[1:])])
+    return found
+
+
+def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tuple[float, float]:
+    """Return by how much the rate is still off, and its standard error, from the shifts of pieces of every record."""
+    shifts, weights, times, owners = [], [], [], []
+    for k, pair in enumerate(pairs):
+        fit = _regressed(pair, scale, filters[k])
+        moved = _filtered(np.gradient(fit.table @ fit.gains, pair.step), filters[k])
+        for part in np.array_split(np.arange(len(fit.t)), PIECES):
+            g, e = moved[part], fit.residual[part]
+            power = float(g @ g)
+            if power > 0.0:
+                shifts.append(float(g @ e) / power)
+                weights.append(power / max(float(np.var(fit.residual)), 1e-300))
+                times.append(float(fit.t[part].mean()))
+                owners.append(k)
+    w, d, t = np.sqrt(np.array(weights)), np.array(shifts), np.array(times)
+    which = np.array(owners)
+    level = np.column_stack([(which == k).astype(float) for k in range(len(pairs))])
+    slope = t - np.array([pairs[k].t.mean() for k in owners])
+    table = np.column_stack([slope, level])
+    found = np.linalg.lstsq(w[:, None] * table, w * d, rcond=None)[0]
+    left = w * (d - table @ found)
+    freedom = max(len(d) - table.shape[1], 1)
+    raised = max(1.0, float(left @ left) / freedom)
+    variance = raised * float(np.linalg.pinv((w[:, None] * table).T @ (w[:, None] * table))[0, 0])
+    return float(found[0]), math.sqrt(max(variance, 0.0))
+
+
+def _reclocked(trial: Trial, scale: float) -> Trial:
+    """Return it on a clock that began with its first stamp."""
+    start = _reach(trial)[0]
+    return replace(trial, channels={n: replace(c, t=start + (c.t - start) / scale) for n, c in trial.channels.items()})
+
+
+# -- signs and units
+
+
+def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, tuple[float, float]]:
+    """Return per signal what a simulation's must be divided by, where that is no gain a craft may have."""
+    found: dict[str, tuple[float, float]] = {}
+    for name in MOTIONS:
+        pairs = _pairs(simulations, runs, [name])
+        if not pairs:
+            continue
+        gains, weights = [], []
+        for pair in pairs:
+            fit = _regressed(pair, 1.0, _whitening(pair, 1.0))
+            own = fit.gains[:-1]
+            variance = float(fit.covariance[:-1, :-1].sum())
+            gains.append(float(own.sum()))
+            weights.append(1.0 / max(variance, 1e-300))
+        gain = float(np.average(gains, weights=weights))
+        std = 1.0 / math.sqrt(sum(weights))
+        if abs(gain) < SURE * std or gain == 0.0:
+            continue
+        times = 1.0 / gain
+        unit = abs(times) > LEAST_TIMES or abs(times) < 1.0 / LEAST_TIMES
+        degrees = SIGNALS[name][0].startswith("rad") and unit
+        factor = math.copysign((DEGREES if abs(times) > 1.0 else 1.0 / DEGREES) if degrees else 1.0, times)
+        if factor != 1.0:
+            found[name] = (factor, std / gain**2 if unit else 0.0)
+    return found
+
+
+def _divided(trial: Trial, factors: Mapping[str, tuple[float, float]]) -> Trial:
+    channels = {
+        n: replace(c, values=c.values / factors[n][0]) if n in factors else c for n, c in trial.channels.items()
+    }
+    return replace(trial, channels=channels)
