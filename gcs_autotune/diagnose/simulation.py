@@ -138,11 +138,12 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
     problem, best = fit_base(form, segments)
     base, terms = best, _terms(problem)
     try:
-        for late in (0.0, LATE_START):
-            for drag in (0.0, 0.5):
-                begun = tuple(_begun(e, problem, late, drag) for e in terms)
-                fit = problem.fit(base.theta, begun, base.initial, trials=60, shift=base.shift)
-                best = fit if fit is not None and fit.cost < best.cost else best
+        for late, drag in STARTS:
+            begun = tuple(_begun(e, problem, late, drag) for e in terms)
+            fit = problem.fit(base.theta, begun, base.initial, trials=60, shift=base.shift)
+            best = fit if fit is not None and fit.cost < best.cost else best
+            if all(share < SHED for share in _missed(problem, best).values()):
+                break
         for own in _least_sure_first(best):
             best = _without(problem, best, own) or best
     except OutOfTime:
@@ -151,8 +152,8 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
     return problem, best
 
 
-LATE_START = 0.3
-"""Delay to begin from, in shares of the craft's time constant."""
+STARTS = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.5), (0.3, 0.5))
+"""Delay [time constants] and quadratic drag (of the largest tried) to begin from, until the simulation is followed."""
 
 
 def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
