@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.notebook import pandas_module
+from gcs_autotune.plain_json import plain_data
 from gcs_autotune.sname import column_unit, parse_header
 
 __all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial", "trial_of_columns"]
@@ -221,7 +222,7 @@ def save_trial(trial: Trial, path: Path) -> None:
 
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
     """Leave out what is unknown: JSON has no NaN."""
-    return {k: v for k, v in values.items() if not (isinstance(v, float) and not math.isfinite(v))}
+    return {k: plain_data(v) for k, v in values.items() if not (isinstance(v, float) and not math.isfinite(v))}
 
 
 def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:

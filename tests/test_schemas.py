@@ -11,13 +11,16 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import diagnosis_stories
 import pytest
+import report_stories
 
 from gcs_autotune.api import Fit, example_run, fit, save_model
 from gcs_autotune.cli import main
 from gcs_autotune.cli.config_file import read_config
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal
+from gcs_autotune.report.tune.run_directory import write_story
 from gcs_autotune.workflow import TuneSettings, load_flight_plan
 from gcs_autotune.workflow.settings import Connection
 
@@ -70,7 +73,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_to_it() -> None:
-    assert set(SCHEMAS) == {"journal", "fit-file", "model-file", "plan-file", "settings-file"}
+    kinds = ("diagnosis", "figures", "fit", "gains", "model", "plan", "settings", "summary", "trial")
+    assert set(SCHEMAS) == {"journal", *(f"{kind}-file" for kind in kinds)}
     formats = (DOCS / "reference" / "formats.md").read_text()
     assert [path.name for path in SCHEMAS.values() if f"]({path.name})" not in formats] == []
 
@@ -79,6 +83,57 @@ def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_t
 def test_the_schemas_made_from_tables_are_current(name: str) -> None:
     made = site_schemas().text_of(f"{name}.schema.json")
     assert SCHEMAS[name].read_text(encoding="utf-8") == made, "run: PYTHONPATH=. python3 docs/site_schemas.py"
+
+
+KINDS = (("trials/*", "trial"), ("model*", "model"), ("fit*", "fit"), ("parameters_*", ""), ("setting_out", ""))
+KINDS += tuple((name, name) for name in ("summary", "gains", "figures", "diagnosis"))
+
+
+def strictly(path: Path) -> Any:
+    """Read JSON as a browser or jq would: NaN and Infinity are none of it."""
+
+    def refused(word: str) -> None:
+        raise AssertionError(f"{path.name} has {word}")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refused)
+
+
+def troubles_in(folder: Path) -> dict[str, list[str]]:
+    """What every JSON file in a run directory has against its schema; a file that has none is a trouble, too."""
+    found = {}
+    for path in folder.rglob("*.json"):
+        within = path.relative_to(folder).with_suffix("")
+        kinds = [kind for pattern, kind in KINDS if within.match(pattern)]
+        told = strictly(path)
+        found[str(within)] = ["no schema"] if not kinds else troubles(f"{kinds[0]}-file", told) if kinds[0] else []
+    return {name: each for name, each in found.items() if each}
+
+
+@pytest.mark.slow
+def test_every_file_that_a_tune_a_zig_zag_and_a_diagnosis_leave_holds_to_a_schema(tmp_path: Path) -> None:
+    tuned, flown = tmp_path / "tuned", tmp_path / "flown"
+    assert main(["tune", "heading", "--connect=sitl:charlie?seed=1", "--quiet", f"--out={tuned}"]) == 0
+    assert main(["fly", "zig-zag", "--connect=sitl:charlie?seed=1", "--quiet", f"--out={flown}"]) == 0
+    effects = ["--effects=input-bias,dead-zone", f"--out={tmp_path / 'told'}", "--quiet"]
+    assert main(["diagnose", str(flown), "--dof=yaw", *effects]) == 0
+    assert {p.name for p in tuned.glob("*.json")} >= {"summary.json", "gains.json", "fit.json", "model.json"}
+    assert (flown / "figures.json").exists() and (tmp_path / "told" / "diagnosis.json").exists()
+    assert [troubles_in(folder) for folder in (tuned, flown, tmp_path / "told")] == [{}, {}, {}]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", report_stories.STORIES)
+def test_however_a_tune_ends_its_files_hold_to_their_schemas(name: str, tmp_path: Path) -> None:
+    write_story(report_stories.STORIES[name](), tmp_path)
+    assert (tmp_path / "summary.json").exists()
+    assert troubles_in(tmp_path) == {}
+
+
+@pytest.mark.parametrize("name", diagnosis_stories.STORIES)
+def test_whatever_a_diagnosis_says_holds_to_its_schema(name: str) -> None:
+    told = json.loads(diagnosis_stories.STORIES[name]().to_json())
+    assert troubles("diagnosis-file", told) == []
+    assert troubles("diagnosis-file", {**told, "verdict": "perhaps"}) != []
 
 
 @pytest.mark.slow

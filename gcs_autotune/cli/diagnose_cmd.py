@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from datetime import datetime
@@ -12,6 +11,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
 
@@ -114,7 +114,7 @@ def _list(*, as_json: bool) -> int:
     from gcs_autotune.report import effects_list, effects_to_dict
 
     if as_json:
-        sys.stdout.write(json.dumps(effects_to_dict(EFFECTS), indent=1) + "\n")
+        sys.stdout.write(json_text(effects_to_dict(EFFECTS)))
     else:
         Console().print(effects_list(EFFECTS))
     return 0

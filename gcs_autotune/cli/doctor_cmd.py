@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -12,6 +11,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.config_file import find_config
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.plain_json import json_text
 
 __all__ = ["DOCTOR", "PORTS"]
 
@@ -41,15 +41,14 @@ def _doctor(args: argparse.Namespace) -> int:
             _print(SIGNS[finding.state], finding.what, finding.told + (f". {finding.cure}" if finding.cure else ""))
     ports = _listen(args, told=not args.json)
     if args.json:
-        sys.stdout.write(json.dumps({"schema": 1, "findings": [asdict(f) for f in findings], "ports": ports}, indent=1))
-        sys.stdout.write("\n")
+        sys.stdout.write(json_text({"schema": 1, "findings": [asdict(f) for f in findings], "ports": ports}))
     return UNFIT if any(f.state == "wrong" for f in findings) else 0
 
 
 def _ports(args: argparse.Namespace) -> int:
     ports = _listen(args, told=not args.json)
     if args.json:
-        sys.stdout.write(json.dumps({"schema": 1, "ports": ports}, indent=1) + "\n")
+        sys.stdout.write(json_text({"schema": 1, "ports": ports}))
     return 0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from datetime import datetime
@@ -26,6 +25,7 @@ from gcs_autotune.cli.command import (
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
+from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection
@@ -85,7 +85,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     if args.remote:
         pass  # standard output is the program's
     elif args.json:
-        sys.stdout.write(json.dumps(fit.to_dict(), indent=1) + "\n")
+        sys.stdout.write(json_text(fit.to_dict()))
     else:
         Console().print(fit_summary(fit))
         sys.stdout.write(f"Recorded in {settings.directory}\nReport: {settings.directory / 'report.html'}\n")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
 
@@ -41,7 +41,7 @@ def _run(args: argparse.Namespace) -> int:
     trials = [trial for path in args.runs for trial in load_runs(path)]
     sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
     if args.json:
-        sys.stdout.write(json.dumps({"schema": 1, "sheets": [_plain(s.to_dict()) for s in sheets]}, indent=1) + "\n")
+        sys.stdout.write(json_text({"schema": 1, "sheets": [s.to_dict() for s in sheets]}))
     else:
         Console().print(sheets_summary(sheets))
     return 0
@@ -49,15 +49,6 @@ def _run(args: argparse.Namespace) -> int:
 
 def _known(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _plain(thing: object) -> object:
-    """Return plain data without what JSON does not know: NaN becomes null."""
-    if isinstance(thing, dict):
-        return {key: _plain(value) for key, value in thing.items()}
-    if isinstance(thing, list):
-        return [_plain(value) for value in thing]
-    return None if isinstance(thing, float) and not math.isfinite(thing) else thing
 
 
 COMMAND = Command(

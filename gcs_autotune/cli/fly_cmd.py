@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -31,6 +30,7 @@ from gcs_autotune.cli.command import (
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
+from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
@@ -255,7 +255,7 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
         return _tell_preview(result)
     if args.json:
         sheets, models = [s.to_dict() for s in result.sheets], [m.to_dict() for m in result.models]
-        sys.stdout.write(json.dumps({"sheets": sheets, "models": models}, indent=1) + "\n")
+        sys.stdout.write(json_text({"schema": 1, "sheets": sheets, "models": models}))
     else:
         console = Console()
         if result.sheets:

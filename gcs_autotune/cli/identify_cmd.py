@@ -16,6 +16,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, progress
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 
@@ -175,7 +176,7 @@ def _run(args: argparse.Namespace) -> int:
         said.append(f"Page: {page}{on_replacing(page)}")
         page.write_text(render_study(found), encoding="utf-8")
     if args.json:
-        sys.stdout.write(json.dumps(study_to_dict(found), indent=1) + "\n")
+        sys.stdout.write(json_text(study_to_dict(found)))
         return 0
     console = Console()
     console.print(study_summary(found))
@@ -193,7 +194,7 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 
     result = run_plan(load_plan(args.plan).knowing(known), runs)
     if args.json:
-        sys.stdout.write(json.dumps(result.to_dict(), indent=1, default=float) + "\n")
+        sys.stdout.write(json_text(result.to_dict()))
     else:
         Console().print(plan_summary(result))
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from datetime import datetime
@@ -24,6 +23,7 @@ from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.logs import Cut, Recording
@@ -130,7 +130,7 @@ def _labels(files: Sequence[Path]) -> list[str]:
 
 
 def _print(data: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(data, indent=1) + "\n")
+    sys.stdout.write(json_text(data))
 
 
 COMMAND = Command(

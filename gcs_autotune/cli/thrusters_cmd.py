@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.errors import UsageError
+from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
 
@@ -65,7 +65,7 @@ def _run(args: argparse.Namespace) -> int:
         )
         shown, data = thruster_summary(fit), fit.to_dict()
     if args.json:
-        sys.stdout.write(json.dumps(data, indent=1) + "\n")
+        sys.stdout.write(json_text(data))
     else:
         Console().print(shown)
     return 0

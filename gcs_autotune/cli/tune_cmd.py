@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import shlex
 import sys
@@ -30,6 +29,7 @@ from gcs_autotune.cli.command import (
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
+from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
@@ -113,7 +113,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     if args.remote:
         pass  # standard output is the program's
     elif args.json:
-        sys.stdout.write(json.dumps(summarise(story), indent=1) + "\n")
+        sys.stdout.write(json_text(summarise(story)))
     else:
         show_tune(Console(), story)
     operator.ring()

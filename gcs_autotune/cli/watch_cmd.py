@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
 from gcs_autotune.foreign_text import visible
+from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import AxisFit
@@ -64,7 +64,7 @@ def _run(args: argparse.Namespace) -> int:
         if path == args.logs[0] and not references:
             raise NotInformative(f"{path} tells no motion to hold others against (--verbose says why)")
     if args.json:
-        sys.stdout.write(json.dumps({"schema": 1, "rows": rows}, indent=1) + "\n")
+        sys.stdout.write(json_text({"schema": 1, "rows": rows}))
         return 0
     for row in rows:
         sign = "!" if row["changed"] else " "

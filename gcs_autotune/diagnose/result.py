@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectCurve, EffectInstance, ExtendedModel
-from gcs_autotune.identify import Doubt, Trace, plain_data
+from gcs_autotune.identify import Doubt, Trace
 from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
 
 if TYPE_CHECKING:
@@ -363,7 +363,7 @@ class Diagnosis:
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
-        return json.dumps(self.to_dict(), indent=1)
+        return json_text(self.to_dict()).rstrip("\n")
 
 
 def _missing(missing: MissingForce) -> dict[str, Any]:

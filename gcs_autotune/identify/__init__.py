@@ -112,7 +112,6 @@ from gcs_autotune.identify.result import (
     Structure,
     StructureFit,
     Trace,
-    plain_data,
 )
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
@@ -230,7 +229,6 @@ __all__ = [
     "overlooked",
     "parts_of",
     "physical",
-    "plain_data",
     "plain_form",
     "prepare",
     "prepare_as_recorded",

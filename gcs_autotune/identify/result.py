@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
 
@@ -290,7 +290,7 @@ class Fit:
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
-        return json.dumps(self.to_dict(), indent=1)
+        return json_text(self.to_dict()).rstrip("\n")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more."""
@@ -357,17 +357,6 @@ class AxisFit(Fit):
             "decision": None if self.decision is None else _slots_dict(self.decision),
             "candidates": [{**_slots_dict(c), "model": c.model.to_dict()} for c in self.candidates],
         }
-
-
-def plain_data(thing: Any) -> Any:
-    """Return *thing* as JSON knows it: plain numbers, null for what is not finite."""
-    if isinstance(thing, Mapping):
-        return {str(k): plain_data(v) for k, v in thing.items()}
-    if isinstance(thing, (list, tuple, np.ndarray)):
-        return [plain_data(v) for v in thing]
-    if isinstance(thing, np.generic):
-        thing = thing.item()
-    return None if isinstance(thing, float) and not math.isfinite(thing) else thing
 
 
 def _slots_dict(thing: Any) -> dict[str, Any]:

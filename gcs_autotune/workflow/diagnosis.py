@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import load_model
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MODEL_FILE, render_diagnosis
 from gcs_autotune.trial import Trial
@@ -95,6 +95,5 @@ def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[
     title = f"What does the simulation get wrong? {', '.join(dict.fromkeys(told.used))}"
     page.write_text(render_diagnosis(told, title, when, str(directory), runs), encoding="utf-8")
     (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
-    model = json.dumps(told.extended_model.to_dict(), indent=1)
-    (directory / MODEL_FILE).write_text(model + "\n", encoding="utf-8")
+    (directory / MODEL_FILE).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
     return page

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -120,7 +119,7 @@ def read_flight(
         record.save_json(f"fit{stem}.json", model.fit.to_dict())
         save_model(model.fit, record.path / f"model{stem}.json")
     if sheets:
-        record.save_json("figures.json", json.loads(json.dumps({"sheets": [x.to_dict() for x in sheets]}, default=str)))
+        record.save_json("figures.json", {"schema": 1, "sheets": [sheet.to_dict() for sheet in sheets]})
     page = record.path / "report.html"
     tracks = [(planned.name, trial) for planned, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None

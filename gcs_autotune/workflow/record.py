@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.trial import Trial, save_trial
 
 __all__ = ["JOURNAL", "PROPOSED", "RunDirectory"]
@@ -123,7 +124,7 @@ class RunDirectory:
     def save_json(self, name: str, content: Mapping[str, object]) -> None:
         """Write *content* as the file *name*; errors likewise."""
         try:
-            (self.path / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            (self.path / name).write_text(json_text(content), encoding="utf-8")
         except OSError as error:
             raise self._unwritable(error) from error
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.identify import model_document, whole_model
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.report.tune.story import TuneStory
 
@@ -37,7 +34,7 @@ def write_story(story: TuneStory, directory: Path) -> Path:
     """
     directory.mkdir(parents=True, exist_ok=True)
     for name, data in _documents(story).items():
-        _write(directory / name, json.dumps(_jsonable(data), indent=1, allow_nan=False) + "\n")
+        _write(directory / name, json_text(data))
     if not story.files:
         story = replace(story, files=_list_files(directory))
     if not story.directory:
@@ -94,21 +91,6 @@ def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:
 def _list_files(directory: Path) -> tuple[str, ...]:
     found = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
     return tuple(sorted(found | {"report.html"}))
-
-
-def _jsonable(thing: Any) -> Any:
-    """Return *thing* in JSON's own types; a number that is not finite becomes null."""
-    if isinstance(thing, Mapping):
-        return {str(key): _jsonable(value) for key, value in thing.items()}
-    if isinstance(thing, np.ndarray):
-        return _jsonable(thing.tolist())
-    if isinstance(thing, np.generic):
-        return _jsonable(thing.item())
-    if isinstance(thing, Sequence) and not isinstance(thing, str):
-        return [_jsonable(value) for value in thing]
-    if isinstance(thing, float):
-        return thing if math.isfinite(thing) else None
-    return thing if isinstance(thing, str | int | bool | None) else str(thing)
 
 
 def _write(path: Path, text: str) -> Path:
