@@ -63,6 +63,16 @@ def test_a_push_is_larger_than_what_handling_does_and_is_waited_for_so_long(
     assert ("nobody pushed it within 120 s; its phi stayed at rest" in manoeuvre.outcome.reason) is (degrees < 5.0)
 
 
+def test_exactly_five_degrees_are_no_push_and_exactly_a_tenth_is_no_swing() -> None:
+    manoeuvre = HandReleased("K", 20.0)
+    sizes = {5.0: math.radians(5.0), 10.0: 0.5, 11.0: 0.1 * 0.5}
+    rows = answered(
+        manoeuvre, lambda t, command: at_rest(t=t, phi=next((v for k, v in reversed(sizes.items()) if t >= k), 0.0))
+    )
+    assert [m.t for m in manoeuvre.take_marks()] == [10.0]
+    assert rows[-1][0].t == 10.5 + 3.0
+
+
 def test_where_it_stands_is_told_to_who_pushes() -> None:
     manoeuvre, phases = HandReleased("K", 8.0), {}
 

@@ -1,0 +1,340 @@
+"""Questions and answers about parameters, one by one: what is outstanding, asked for again, and taken for an answer."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.clock import ManualClock
+from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
+from gcs_autotune.link import Parameters
+from gcs_autotune.link.parameters.client import _decided, _winner, read_confirmed
+from gcs_autotune.link.parameters.exchange import ParamExchange, ParamWatch, read_list
+
+
+class Answering:
+    """A session with a vehicle that holds ``held``; ``answer`` says what becomes of a question (its answers)."""
+
+    def __init__(self, **held: float) -> None:
+        self.held = held
+        self.vehicle: Any = SimpleNamespace(system=7, component=2)
+        self.clock = ManualClock(100.0)
+        self.notes: list[str] = []
+        self.texts = SimpleNamespace(recent=self.recent)
+        self.looked_back: list[float] = []
+        self.listeners: dict[str, list[Any]] = {}
+        self.sent: list[Any] = []
+        self.waits: list[tuple[int, float]] = []
+        self.queue: deque[tuple[str, Any]] = deque()
+        self.answer: Callable[[Any], None] = self.honest
+
+    def recent(self, since: float, at_most: int) -> list[str]:
+        self.looked_back.append(self.clock.now() - since)
+        return ["Q is wrong", "P is read-only", "P: still is"][:at_most]
+
+    def listen(self, name: str, listener: Any) -> Any:
+        self.listeners.setdefault(name, []).append(listener)
+        return lambda: self.listeners[name].remove(listener)
+
+    def send(self, message: Any) -> None:
+        assert (message.target_system, message.target_component) == (7, 2)
+        self.sent.append(message)
+        self.answer(message)
+
+    def honest(self, message: Any) -> None:
+        kind, names = message.get_type(), list(self.held)
+        if kind == "PARAM_REQUEST_LIST":
+            for k in range(len(names)):
+                self.value(names[k], index=k)
+        elif kind == "PARAM_SET":
+            self.held[message.param_id] = message.param_value
+            self.value(message.param_id)
+        elif message.param_index >= 0:
+            self.value(names[message.param_index], index=message.param_index)
+        elif message.param_id in self.held:
+            self.value(message.param_id)
+
+    def value(self, name: str, value: float | None = None, index: int = 65535) -> None:
+        told = self.held[name] if value is None else value
+        self.queue.append(("PARAM_VALUE", SimpleNamespace(
+            param_id=name, param_value=told, param_type=9, param_index=index, param_count=len(self.held),
+        )))  # fmt: skip
+
+    def wait_for(self, condition: Callable[[], Any], timeout: float) -> Any:
+        self.waits.append((len(self.sent), timeout))
+        found = condition()
+        while self.queue:
+            name, message = self.queue.popleft()
+            for listener in list(self.listeners.get(name, [])):
+                listener(message)
+        found = condition() if found is None else found
+        if found is None:
+            self.clock.advance(timeout)
+        return found
+
+    def asked(self) -> Counter[str]:
+        return Counter(m.param_id for m in self.sent if m.get_type() == "PARAM_REQUEST_READ")
+
+
+def parameters(session: Answering) -> Parameters:
+    return Parameters(session)  # type: ignore[arg-type]
+
+
+def exchange(session: Answering) -> ParamExchange:
+    return ParamExchange(session)  # type: ignore[arg-type]
+
+
+def test_ten_questions_are_outstanding_at_once_and_each_ten_are_given_a_second() -> None:
+    session = Answering(**{f"P{k}": float(k) for k in range(23)})
+    assert parameters(session).read_all(session.held) == session.held
+    assert session.waits == [(10, 1.0), (20, 1.0), (23, 1.0)]
+    assert session.clock.now() == 100.0, "what is answered is not waited for"
+
+
+def test_of_alternative_names_five_groups_are_asked_for_at_once_and_those_answered_no_more() -> None:
+    session = Answering(**{f"OLD{k}": float(k) for k in range(7)})
+    session.held["NEW1"] = 9.0
+    groups = [(f"NEW{k}", f"OLD{k}") for k in range(7)] + [("NONE", "NEITHER")]
+    assert parameters(session).read_any(groups) == {"OLD0": 0.0, "NEW1": 9.0, **{f"OLD{k}": k for k in range(2, 7)}}
+    assert session.waits[:2] == [(10, 1.0), (16, 1.0)]
+    assert (session.asked()["NONE"], session.asked()["OLD3"], session.asked()["NEW3"]) == (3, 1, 1)
+
+
+@pytest.mark.parametrize(("lost", "asked"), [(0, 3), (1, 6), (2, 6)])
+def test_what_is_not_answered_is_asked_for_three_times_and_six_where_answers_come_late(lost: int, asked: int) -> None:
+    session = Answering(P=0.5)
+    dropped = [0]
+
+    def lossy(message: Any) -> None:
+        if message.param_id == "P" and dropped[0] < lost:
+            dropped[0] += 1
+        else:
+            session.honest(message)
+
+    session.answer = lossy
+    assert parameters(session).read_existing(["P", "NONE", "P"]) == {"P": 0.5}
+    assert (session.asked()["NONE"], session.asked()["P"]) == (asked, lost + 1)
+
+
+def test_what_the_vehicle_refuses_is_not_asked_for_again() -> None:
+    session = Answering(P=0.5)
+
+    def refusing(message: Any) -> None:
+        session.queue.append(("PARAM_ERROR", SimpleNamespace(param_id=message.param_id)))
+
+    session.answer = refusing
+    mine = parameters(session)
+    assert mine.read_existing(["NONE"]) == {}
+    assert session.asked()["NONE"] == 1
+    session.answer = session.honest
+    session.held["NONE"] = 2.0
+    assert mine.read_existing(["NONE"]) == {"NONE": 2.0}, "a refusal is of its own question only"
+
+
+def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_is_told_apart() -> None:
+    session = Answering(P=0.5)
+    mine = parameters(session)
+    with pytest.raises(ParameterMissing, match="has no parameter A, B") as caught:
+        mine.read_all(["A", "P", "B"])
+    assert caught.value.name == "A"
+    session.answer = lambda message: None
+    with pytest.raises(NoReply, match=r"no longer answers when asked for parameters \(A\)"):
+        mine.read("A")
+
+
+def test_the_first_of_several_names_that_is_answered_is_taken_within_three_askings() -> None:
+    session = Answering(OLD=0.5, OLDER=0.7)
+    assert parameters(session).read_first(["NEW", "OLD", "OLDER"]) == ("OLD", 0.5)
+    assert session.asked()["NEW"] == 1
+    nobody = Answering()
+    with pytest.raises(ParameterMissing, match="has none of NEW, OLD") as caught:
+        parameters(nobody).read_first(["NEW", "OLD"])
+    assert (caught.value.name, nobody.asked()["OLD"]) == ("NEW", 3)
+
+
+@pytest.mark.parametrize(
+    ("votes", "winner"),
+    [({}, None), ({1.0: 1}, None), ({1.0: 2}, 1.0), ({1.0: 2, 2.0: 2}, None), ({1.0: 2, 2.0: 3, 3.0: 1}, 2.0)],
+)
+def test_a_value_wins_that_was_heard_twice_and_more_often_than_any_other(
+    votes: dict[float, int], winner: float | None
+) -> None:
+    assert _winner(votes) == winner
+    if winner is None:
+        with pytest.raises(TelemetryFault, match="P is answered with contradicting values"):
+            _decided("P", votes)
+    else:
+        assert _decided("P", votes) == winner
+
+
+def test_answers_that_go_on_contradicting_each_other_are_given_up_after_eight_askings() -> None:
+    session = Answering(P=0.5)
+
+    def both(message: Any) -> None:
+        session.value("P", 0.1)
+        session.value("P", 0.0)
+
+    session.answer = both
+    with pytest.raises(TelemetryFault, match=r"\(0, 0\.1\)"):
+        read_confirmed(parameters(session), ["P"])
+    assert session.asked()["P"] == 8
+    assert len(session.listeners["PARAM_VALUE"]) == 2, "nobody counts any more"
+    steady = Answering(P=0.5, I=0.2)
+    assert read_confirmed(parameters(steady), ["P", "I", "P"]) == {"P": 0.5, "I": 0.2}
+    assert steady.asked() == {"P": 2, "I": 2}
+
+
+def test_a_list_is_whole_when_every_place_of_it_is_known_and_only_gaps_are_asked_for() -> None:
+    session = Answering(**{f"P{k:02d}": float(k) for k in range(25)})
+
+    def gappy(message: Any) -> None:
+        if message.get_type() == "PARAM_REQUEST_LIST":
+            for k, name in enumerate(session.held):
+                if k % 2:
+                    session.value(name, index=k)
+        else:
+            session.honest(message)
+
+    session.answer = gappy
+    assert read_list(session, exchange(session), 60.0) == session.held  # type: ignore[arg-type]
+    kinds = [m.get_type() for m in session.sent]
+    assert kinds.count("PARAM_REQUEST_LIST") == 1
+    places = [m.param_index for m in session.sent if m.get_type() == "PARAM_REQUEST_READ"]
+    assert places == list(range(0, 25, 2))
+    assert {len(m.param_id) for m in session.sent if m.get_type() == "PARAM_REQUEST_READ"} == {0}
+
+
+def test_a_list_of_which_nothing_is_known_is_asked_for_again_until_the_time_is_up() -> None:
+    session = Answering(P=0.5)
+    session.answer = lambda message: None
+    with pytest.raises(NoReply, match=r"incomplete \(0 of unknown\) after 6 s"):
+        read_list(session, exchange(session), 6.0)  # type: ignore[arg-type]
+    assert [m.get_type() for m in session.sent] == ["PARAM_REQUEST_LIST"] * 5
+    assert {seconds for _, seconds in session.waits} == {1.5}
+
+
+def test_a_value_without_a_place_in_the_list_or_with_one_beyond_its_end_has_none() -> None:
+    session = Answering(P=0.5)
+    own = exchange(session)
+    for index in (65535, 1, 3):
+        session.value("P", index=index)
+    session.wait_for(lambda: None, 0.1)
+    assert (own.indices, own.count, own.known, own.types) == ({}, 0, {"P": 0.5}, {"P": 9})
+    session.value("P", index=0)
+    session.wait_for(lambda: None, 0.1)
+    assert (own.indices, own.count) == ({0: "P"}, 1)
+
+
+def test_before_a_vehicle_is_found_nothing_can_be_asked() -> None:
+    session = Answering(P=0.5)
+    session.vehicle = None
+    with pytest.raises(NoReply, match="before a vehicle was found"):
+        exchange(session).request("P")
+
+
+@pytest.mark.parametrize(("echoes", "sets"), [(0, 3), (2, 3), (1, 2)])
+def test_a_write_is_sent_until_its_echo_comes(echoes: int, sets: int) -> None:
+    """Without any echo it is sent three times, and what the vehicle then holds decides."""
+    session = Answering(P=0.5)
+
+    def deaf(message: Any) -> None:
+        if message.get_type() != "PARAM_SET":
+            session.honest(message)
+            return
+        session.held["P"] = message.param_value
+        if sum(m.get_type() == "PARAM_SET" for m in session.sent) > echoes > 0:
+            session.value("P")
+
+    session.answer = deaf
+    parameters(session).write("P", 0.75)
+    assert sum(m.get_type() == "PARAM_SET" for m in session.sent) == sets
+
+
+def test_a_write_that_does_not_last_is_repeated_three_times_and_then_said_with_the_vehicles_last_word() -> None:
+    session = Answering(P=0.5)
+
+    def undone(message: Any) -> None:
+        if message.get_type() == "PARAM_SET":
+            session.value("P", message.param_value)
+        else:
+            session.honest(message)
+
+    session.answer = undone
+    with pytest.raises(
+        ParameterNotAccepted, match=r'P: wrote 0\.75, but the vehicle holds 0\.5 \(it says: "P: still'
+    ) as caught:
+        parameters(session).write("P", 0.75)
+    assert (caught.value.wanted, caught.value.found) == (0.75, 0.5)
+    assert sum(m.get_type() == "PARAM_SET" for m in session.sent) == 3
+    assert session.looked_back == [6.0]
+
+
+def test_a_write_that_is_refused_is_sent_once() -> None:
+    session = Answering(P=0.5)
+
+    def refusing(message: Any) -> None:
+        if message.get_type() == "PARAM_SET":
+            session.queue.append(("PARAM_ERROR", SimpleNamespace(param_id="P")))
+        else:
+            session.honest(message)
+
+    session.answer = refusing
+    with pytest.raises(ParameterNotAccepted):
+        parameters(session).write("P", 0.75)
+    assert sum(m.get_type() == "PARAM_SET" for m in session.sent) == 1
+
+
+def watched(session: Answering, **values: float) -> tuple[ParamWatch, Callable[..., None]]:
+    watch = ParamWatch(session, exchange(session))  # type: ignore[arg-type]
+    watch.add(values)
+
+    def hear(name: str, value: float) -> None:
+        session.value(name, value)
+        session.wait_for(lambda: None, 0.1)
+
+    return watch, hear
+
+
+def test_a_strange_value_is_asked_about_and_an_intrusion_when_it_is_told_twice() -> None:
+    session = Answering(P=0.9, Q=1.0)
+    session.answer = lambda message: None
+    watch, hear = watched(session, P=0.5)
+    hear("Q", 7.0)
+    hear("P", 0.5)
+    assert session.sent == []
+    hear("P", 0.9)
+    assert (session.asked(), watch.intrusions) == ({"P": 1}, [])
+    hear("P", 0.5)
+    hear("P", 0.9)
+    assert (session.asked(), watch.intrusions) == ({"P": 2}, []), "an echo between clears the suspicion"
+    hear("P", 0.8)
+    assert (session.asked(), watch.intrusions) == ({"P": 3}, [])
+    hear("P", 0.8)
+    assert watch.intrusions == [("P", 0.5, 0.8)]
+    hear("P", 0.8)
+    assert (session.asked(), len(watch.intrusions)) == ({"P": 3}, 1), "now it is what it stays"
+
+
+def test_what_we_write_ourselves_or_watch_no_more_is_no_intrusion() -> None:
+    session = Answering(P=0.9)
+    session.answer = lambda message: None
+    watch, hear = watched(session, P=0.5)
+    with watch.writing("P"):
+        hear("P", 0.9)
+        hear("P", 0.9)
+    watch.wrote("P", 0.9)
+    watch.wrote("Q", 0.1)
+    hear("P", 0.9)
+    hear("Q", 0.2)
+    assert (session.sent, watch.intrusions) == ([], [])
+    hear("P", 0.7)
+    watch.drop(["P", "Q"])
+    hear("P", 0.7)
+    assert (len(session.sent), watch.intrusions) == (1, [])
+    watch.add({"P": 0.9})
+    hear("P", 0.7)
+    assert watch.intrusions == [], "it is suspected anew"
