@@ -53,7 +53,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     what = parser.add_argument_group("model")
     what.add_argument(
-        "--dof", choices=MOTIONS, metavar="DOF", help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof"
+        "--dof",
+        choices=MOTIONS,
+        metavar="DOF",
+        help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof (default: what was moved)",
     )
     what.add_argument(
         "--structure",

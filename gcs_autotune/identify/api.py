@@ -19,7 +19,7 @@ from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.preparation import guess_dof, prepare, prepare_form
+from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.identify.segment import Segment
@@ -80,15 +80,15 @@ def fit(
         _refuse_what_effects_cannot(method, options, structure if start is not None else None)
         case = _case(_all_as_they_are(runs), structure, dof, delay, use, effects, start)
         return fit_with_effects(replace(case, robust=loss == "soft_l1"))
-    form = form_of(structure, dof)
+    form = form_of(structure, dof, _all(runs))
     if form is not None:
         return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
     drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
     return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
 
 
-def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None:
-    """Return the coupled form meant, None for one degree of freedom."""
+def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence[Trial] = ()) -> Form | None:
+    """Return the coupled form meant, by the inputs of *runs* where nothing is said; None for one degree of freedom."""
     if isinstance(structure, Form):
         return structure
     if isinstance(structure, Path) or (isinstance(structure, str) and structure.endswith(".toml")):
@@ -97,7 +97,7 @@ def form_of(structure: str | Form | Path | None, dof: str | None) -> Form | None
         return lookup({**FORMS, **dict.fromkeys(FREE)}, structure, "structure")
     if dof is not None and dof not in DOFS:
         return lookup({**FORMS, **dict.fromkeys(DOFS)}, dof, "degree of freedom")
-    return None
+    return form_driven(runs) if structure is None and dof is None else None
 
 
 def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:

@@ -21,7 +21,7 @@ from gcs_autotune.identify.cleaning import clean, holes_of, noted, outside, quan
 from gcs_autotune.identify.intake import left_out
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
-from gcs_autotune.models import Form
+from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
@@ -29,6 +29,7 @@ from gcs_autotune.trial import Channel, Trial
 __all__ = [
     "INPUTS",
     "WITHIN_LOOP",
+    "form_driven",
     "guess_dof",
     "prepare",
     "prepare_as_recorded",
@@ -95,7 +96,7 @@ def guess_dof(trial: Trial) -> Dof:
     if not pairs:
         raise MissingChannel(
             f"run '{trial.name}' has no input with its output; it has {have}. Needed is a pair like "
-            "N (or delta) with psi or r, Z with z or w, X with u or x, Y with v or y"
+            f"N (or delta) with psi or r, Z with z or w, X with u or x, Y with v or y{_several_at_once(trial)}"
         )
     if not moving:
         if len(pairs) == 1:
@@ -103,6 +104,27 @@ def guess_dof(trial: Trial) -> Dof:
         raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be learnt from it")
     names = ", ".join(d.name for d in moving)
     raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): say which with --dof")
+
+
+def form_driven(runs: Sequence[Trial]) -> Form | None:
+    """Return the shipped form whose inputs, and none of a single degree of freedom, all *runs* have; None: no one form.
+
+    Two thrusters side by side push and turn at once: no pair of one input with one motion tells of such a boat.
+    """
+    if any(_input_names(run, d) and _output_names(run, d) for run in runs for d in DOFS.values()):
+        return None
+    forms = [f for f in FORMS.values() if runs and all(_drives(f, run) for run in runs)]
+    return forms[0] if len(forms) == 1 else None
+
+
+def _drives(form: Form, trial: Trial) -> bool:
+    return all(n in trial and len(trial[n]) for n in form.inputs)
+
+
+def _several_at_once(trial: Trial) -> str:
+    """Return which form the inputs of *trial* drive, in words; nothing where they drive none."""
+    forms = [f"--dof {f.name}" for f in FORMS.values() if _drives(f, trial)]
+    return f". Its inputs drive several degrees of freedom at once: {' or '.join(forms)}" if forms else ""
 
 
 def _input_names(trial: Trial, dof: Dof) -> list[str]:
@@ -138,6 +160,7 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
         want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
         raise MissingChannel(
             f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
+            f"{_several_at_once(trial)}"
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
     doubt = ahead_doubt(trial) if trial is not measured else None

@@ -104,6 +104,8 @@ def study(
         What the method asked for raised; with ``method="all"`` only when every method refused.
     """
     forms = Weighed()
+    if not settings.effects and settings.begin is None:
+        settings = replace(settings, structure=form_of(settings.structure, settings.dof, runs) or settings.structure)
     if settings.choose:
         stage("choosing terms", 0, 1)
         choice = chosen_form(runs, form_of(settings.structure, settings.dof), settings)

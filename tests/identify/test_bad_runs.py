@@ -13,8 +13,8 @@ import pytest
 from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.cli import main
-from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.identify import Fit, fit
+from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.identify import Fit, fit, form_of
 from gcs_autotune.identify.cleaning import clipped, within_range
 from gcs_autotune.identify.odd_run import CraftEstimate, odd_runs
 from gcs_autotune.trial import Channel, Trial, save_trial
@@ -320,3 +320,32 @@ def test_a_file_spoilt_at_random_gives_an_answer_or_one_clear_line(
         assert abs(inertia["value"] - TRUTH[0]) <= 4.0 * inertia["std"]
     if code:
         assert err.startswith("gcs-autotune: ") and err.count("\n") == 1
+
+
+def driven_by_two_thrusters(good: Trial) -> Trial:
+    channels = {n: c for n, c in good.channels.items() if n != "N"}
+    halves = {n: dataclasses.replace(good["N"], values=s * good["N"].values, unit="N") for n, s in SIDES.items()}
+    return dataclasses.replace(good, channels={**channels, **halves}, meta={})
+
+
+SIDES = {"force_left": 0.5, "force_right": -0.5}
+
+
+def test_runs_of_two_thrusters_are_identified_by_the_form_these_drive(good: Trial) -> None:
+    twin = driven_by_two_thrusters(good)
+    form = form_of(None, None, [twin, twin])
+    assert form is not None and form.name == "twin-thruster"
+    assert form_of("linear", None, [twin]) is None  # damping was asked for: of one degree of freedom
+    assert form_of(None, None, [twin, good]) is None
+    both = dataclasses.replace(twin, channels={**twin.channels, "N": good["N"]})
+    assert form_of(None, None, [both]) is None
+    assert form_of(None, None, []) is None
+
+
+def test_one_degree_of_freedom_of_two_thrusters_is_refused_with_the_form_that_takes_them(good: Trial) -> None:
+    with pytest.raises(MissingChannel, match="several degrees of freedom at once: --dof twin-thruster"):
+        fit(driven_by_two_thrusters(good), dof="yaw")
+    with pytest.raises(MissingChannel, match="several degrees of freedom at once: --dof twin-thruster"):
+        fit(driven_by_two_thrusters(good), structure="linear")
+    with pytest.raises(MissingChannel, match=r"needs \(N or delta with psi or r\); it has [a-z, ]*$"):
+        fit(dataclasses.replace(good, channels={n: c for n, c in good.channels.items() if n != "N"}), dof="yaw")
