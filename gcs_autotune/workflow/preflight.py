@@ -27,6 +27,7 @@ from gcs_autotune.manoeuvres import (
     ThrustCheck,
     ThrustCheckSettings,
 )
+from gcs_autotune.mavlink import message_number
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 
@@ -196,16 +197,26 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
         )
 
 
+_PRESSURE_PATIENCE = 2.0
+"""Chosen [s]: a sensor that has not told its pressure by then, asked for it, tells none."""
+
+
 def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
-    """See that the water-pressure sensor, where it is heard, can tell a depth.
+    """See that the water-pressure sensor can tell a depth; one that is not heard by itself is asked for.
 
     Raises
     ------
     PreconditionFailed
         It tells less than nothing: the autopilot then takes its zero anew at every reading, and every depth is 0.
     """
-    pressure = craft.telemetry.latest.get("pressure", math.nan)
-    if excitation_of(dof).below_surface and pressure <= 0.0:
+    if not excitation_of(dof).below_surface:
+        return
+    told = craft.telemetry.latest
+    if "pressure" not in told:
+        craft.session.request_message(message_number("SCALED_PRESSURE2"))
+        craft.session.wait_for(lambda: True if "pressure" in told else None, _PRESSURE_PATIENCE)
+    pressure = told.get("pressure", math.nan)
+    if pressure <= 0.0:
         raise PreconditionFailed(
             f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than nothing: the "
             "autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than 10 m "

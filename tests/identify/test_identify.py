@@ -6,6 +6,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
 from gcs_autotune.identify import METHODS, fit_axis, free_run, residual_statistics
+from gcs_autotune.identify.axis.by_output_error import _check_that_something_is_known
 from gcs_autotune.logs import load_runs
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial, save_trial
@@ -223,6 +225,14 @@ def hopeless(record: Record) -> dict[str, tuple[Trial, type[DataError]]]:
         "no output": (Trial("x", {"N": good["N"]}), MissingChannel),
         "empty": (Trial("x", {}), MissingChannel),
     }
+
+
+def test_a_run_that_tells_nothing_is_not_said_to_hardly_move() -> None:
+    """A zig-zag of ArduPilot's stock boat, 48 degrees there and back within 0.6 s, heard 25 times a second."""
+    unknown = {name: SimpleNamespace(name=name, value=0.1, std=0.09, status="fitted") for name in ("alpha_r", "beta_r")}
+    dof = SimpleNamespace(parameter_names=lambda: [*unknown])
+    with pytest.raises(NotInformative, match=r"tells no parameter of the craft .*: it is too short, sampled too slow"):
+        _check_that_something_is_known([SimpleNamespace(run="zig-zag", dof=dof)], unknown)  # type: ignore[list-item, arg-type]
 
 
 CASES = ("too short", "constant input", "all zeros", "no motion", "only noise", "clock runs back", "no input",

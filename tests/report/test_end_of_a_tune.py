@@ -13,6 +13,7 @@ from gcs_autotune.design.result import Change
 from gcs_autotune.report.toolkit.terminal import grid, render_text
 from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.report.tune.tables import gains_table, show_tune
+from gcs_autotune.report.tune.wording import headline
 
 CHOSEN = "chosen for the least predicted error over time of the step"
 
@@ -29,6 +30,13 @@ def test_the_verdict_is_the_last_thing_on_the_terminal():
     for earlier in ("Report: ", "To undo:", "lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
     assert text.count("proved better.") == 1
+
+
+def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
+    told = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
+    said = " ".join(headline(told).sentences)
+    assert "Step response with them (measured): overshoot " in said
+    assert "predicted" not in said
 
 
 def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():

@@ -48,6 +48,10 @@ def test_the_line_tells_everything_when_there_is_room():
     )
 
 
+def test_a_heading_just_short_of_north_is_north():
+    assert "heading 000.0° " in describe_progress(replace(SWINGING, value=math.radians(-0.04)))
+
+
 def test_on_a_narrow_line_the_least_important_pieces_make_room():
     line = describe_progress(SWINGING, 79)
     assert len(line) <= 79

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.workflow.preflight import see_depth_is_told
 from sitl.effects import parse_effect
 
 from .sitl_harness import SitlHarness
@@ -46,6 +49,28 @@ def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path)
         harness.tune()
     assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harness.said)
     assert any("MANUAL_OPTIONS" in text for text in harness.said)
+
+
+def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
+    """ArduSub on a link of its own streams none; at 584 m above the sea its simulated depth stays 0 for ever."""
+    told, asked = {}, []
+
+    def send(number):
+        asked.append(number)
+        told["pressure"] = -58000.0
+
+    session = SimpleNamespace(request_message=send, wait_for=lambda condition, patience: condition())
+    craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
+    see_depth_is_told(craft, "yaw")
+    assert not asked, "a heading needs no depth"
+    with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
+        see_depth_is_told(craft, "heave")
+    assert len(asked) == 1
+
+
+def test_a_vehicle_that_tells_no_pressure_at_all_is_believed():
+    session = SimpleNamespace(request_message=lambda number: None, wait_for=lambda condition, patience: condition())
+    see_depth_is_told(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
 
 
 def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_path):

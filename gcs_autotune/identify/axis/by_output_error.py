@@ -129,8 +129,8 @@ def _check_that_something_is_known(records: Sequence[Segment], parameters: Mappi
         return
     errors = ", ".join(f"{p.name} {100.0 * p.std / max(abs(p.value), 1e-300):.0f} %" for p in craft)
     raise NotInformative(
-        f"run '{records[0].run}' hardly moves for its noise: no parameter of the craft is known (standard errors: "
-        f"{errors}); record longer, with larger inputs, best a relay"
+        f"run '{records[0].run}' tells no parameter of the craft (standard errors: {errors}): it is too short, sampled "
+        "too slowly, or hardly moves for its noise. Record longer, at a higher rate, with larger inputs, best a relay"
     )
 
 

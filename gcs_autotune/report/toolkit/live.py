@@ -113,7 +113,7 @@ def _reading(value: float, signal: str, unit: str) -> str:
     if not math.isfinite(value):
         return "?"
     if signal == "psi":
-        return f"{math.degrees(value) % 360.0:05.1f}°"
+        return f"{round(math.degrees(value), 1) % 360.0:05.1f}°"
     if signal == "r":
         return f"{math.degrees(value):.1f}°/s"
     return f"{value:.2f} {unit}".rstrip()

@@ -58,6 +58,8 @@ def headline(story: TuneStory) -> Headline:
     sentences = [] if says_enough else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
+    elif story.ending == "unchanged" and story.metrics_before is not None:
+        sentences.append(as_it_is(story.metrics_before))
     elif story.proposal is not None:
         before, after = story.proposal.before.metrics, story.proposal.after.metrics
         sentences.append(improvement(before, after, "predicted, not proved on the water"))
@@ -75,6 +77,13 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
         f"{_settling_words(after.settling)}, before {format_seconds(before.settling, 'never')}."
+    )
+
+
+def as_it_is(now: StepMetrics) -> str:
+    """Return one sentence on the step that was flown with gains that stay."""
+    return (
+        f"Step response with them (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now.settling)}."
     )
 
 
