@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -13,10 +15,20 @@ from typing import Any
 
 from firmware_process import ArduPilot, Witness
 
+from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, tune
 
-__all__ = ["QUICK", "Stopper", "assert_left_alone", "command_line", "free_ports", "summary_of", "tune_until"]
+__all__ = [
+    "QUICK",
+    "Stopper",
+    "assert_left_alone",
+    "command_line",
+    "free_ports",
+    "steady_velocity",
+    "summary_of",
+    "tune_until",
+]
 
 QUICK = ("--step-duration", "8")
 """Options that make a tune of a lively craft short."""
@@ -34,6 +46,28 @@ def summary_of(run: Path) -> dict[str, Any]:
     """Return what a run says of itself."""
     summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
     return summary
+
+
+def steady_velocity(run: Path, output: float) -> float:
+    """Return the velocity [rad/s or m/s] that *output* [fraction of full] sustains by what a run identified.
+
+    Whichever law its model is of: with thrust that grows with the square of the output, and a dead zone, if there.
+    """
+    found = json.loads((run / "fit.json").read_text())["parameters"].items()
+    beta, beta_quadratic, delta = (
+        next(p["value"] for name, p in found if re.fullmatch(pattern, name))
+        for pattern in ("beta_.", "beta_..", "delta")
+    )
+    for effect in json.loads((run / "model.json").read_text()).get("effects", ()):
+        values, size = {**effect["constants"], **effect["values"]}, abs(output)
+        if effect["slug"] == "dead-zone":
+            size = max(size - values["width"], 0.0)
+        elif effect["slug"] == "quadratic-actuator":
+            size *= 1.0 - values["share"] + values["share"] * size / values["u_ref"]
+        else:
+            raise AssertionError(f"nobody expected {effect['slug']} of a stock craft")
+        output = math.copysign(size, output)
+    return SingleDof("yaw", "1", 1.0, beta, beta_quadratic, delta).steady_velocity(output)
 
 
 def free_ports(count: int) -> list[int]:
