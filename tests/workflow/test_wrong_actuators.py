@@ -69,8 +69,10 @@ def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
 
 
 def test_a_vehicle_that_tells_no_pressure_at_all_is_believed():
-    session = SimpleNamespace(request_message=lambda number: None, wait_for=lambda condition, patience: condition())
+    asked = []
+    session = SimpleNamespace(request_message=asked.append, wait_for=lambda condition, patience: condition())
     see_depth_is_told(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
+    assert len(asked) == 1
 
 
 def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_path):
