@@ -102,7 +102,7 @@ def _preset(angle: float, throttle: float) -> Preset:
 
 KIND = ManoeuvreKind(
     name="zig-zag",
-    help="rudder to one side until the heading has followed by an angle, then to the other",
+    help="helm to one side until the heading has followed by an angle, then to the other",
     excites=frozenset({"yaw"}),
     drives=frozenset({"N"}),
     make=_make,
