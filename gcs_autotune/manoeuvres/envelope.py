@@ -204,8 +204,9 @@ class Watch:
                 limit=limit,
             )
         if guard.name == OUTSIDE and self.envelope.area is not None:
+            by = f"{value:.1f} m" if value >= 1.0 else f"{max(100.0 * value, 1.0):.0f} cm"
             raise GuardTripped(
-                f"the craft is {value:.1f} m outside {self.envelope.area.source}. The actuators were brought to "
+                f"the craft is {by} outside {self.envelope.area.source}. The actuators were brought to "
                 "neutral. Take it to where there is more room, or give a larger area",
                 guard=guard.name,
                 value=value,

@@ -80,5 +80,7 @@ def test_the_area_is_a_guard_and_a_position_that_is_lost_trips_it() -> None:
     watch.check(at_rest(x=99.0, y=50.0))
     with pytest.raises(GuardTripped, match=r"2\.0 m outside the lake"):
         watch.check(at_rest(x=102.0, y=50.0))
+    with pytest.raises(GuardTripped, match="is 4 cm outside the lake"):
+        watch.check(at_rest(x=100.04, y=50.0))
     with pytest.raises(GuardTripped, match="cannot be watched any more"):
         watch.check(at_rest(x=math.nan, y=50.0))
