@@ -33,13 +33,14 @@ def announce(context: TuneContext) -> None:
     now, firmware, axis = context.craft.observe(), context.craft.firmware, context.axis
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
     itinerary = context.log.itinerary = Itinerary(_legs(context, now))
+    patient = Itinerary(_legs(replace(context, settings=replace(context.settings, stop_rule=SETTLED)), now))
     context.log.announce(
         (
             arming(context.craft, now),
             f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
             f"move: {_movements(context, now)}",
             room(context.axis.dof, context.speed, context.settings, now),
-            how_long(itinerary),
+            how_long(itinerary, patient.seconds),
             battery(now, context.settings.envelope, itinerary.seconds),
             *after_a_silence(context.settings, now),
             "write no parameter (dry run)"
@@ -78,10 +79,13 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> st
     return f"need about {ROV_ROOM:g} m of free water around{below}"
 
 
-def how_long(itinerary: Itinerary) -> str:
-    """Return how long it takes of the vehicle's time, stage by stage."""
+def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
+    """Return how long it takes of the vehicle's time, stage by stage; *most* [s] where nothing ends early."""
+    usual = _minutes(itinerary.seconds)
+    longest = _minutes(max(most, itinerary.seconds))
+    up_to = "" if longest == usual else f", up to {longest} where it comes to no rest"
     return (
-        f"take about {_minutes(itinerary.seconds)} of the vehicle's time: {itinerary.told()}; estimates from craft "
+        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates from craft "
         "of a few metres, mended as the first stage of each kind is flown"
     )
 

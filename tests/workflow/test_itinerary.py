@@ -45,6 +45,18 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
     assert "turning about 3 times 32 s" in told
 
 
+def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_time():
+    """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
+    usual, patient = (
+        Itinerary(
+            legs_of_tune(settings("depth", **how), "heave", under_way=False, moving=False, given=False, dives=True)
+        )
+        for how in ({}, {"stop_rule": "settled"})
+    )
+    assert how_long(usual, patient.seconds).startswith("take about 2 min of the vehicle's time, up to 7 min where ")
+    assert "up to" not in how_long(patient, patient.seconds)
+
+
 def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
     legs = legs_of_tune(settings("depth", dry_run=True), "heave", under_way=False, moving=False, given=True, dives=True)
     assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
