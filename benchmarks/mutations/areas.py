@@ -160,6 +160,24 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/logs/dataflash.py::record_dataflash: 4096 -> 4097 in start = stream.read(4096)": (
         "a little more of it"
     ),
+    "gcs_autotune/design/laws/kernel.py::_fly: abs(e) > loop.lead_max -> True": (
+        "what is within it is clipped to itself"
+    ),
+    **{
+        f"gcs_autotune/link/vehicle/rc_monitor.py::RcMonitor.{change}": why
+        for change, why in {
+            "__init__: self._since = 0.0 -> pass": "set by the first override, before which nobody is judged",
+            "__init__: 0.0 -> 1.0 in self._since = 0.0": "the same",
+            "__init__: self._memory = _MEMORY -> pass": "the same",
+            "sent: not self._sent or dict(self._sent[-1][1]) != dict(values) -> True": (
+                "the same values are remembered several times, and forgotten as soon"
+            ),
+        }.items()
+    },
+    "gcs_autotune/identify/cleaning.py::jumps_back: np.diff(stamps) < 0.0 -> np.diff(stamps) <= 0.0": (
+        "three in a row must be older than the one before, which none of the same age is"
+    ),
+    "gcs_autotune/identify/cleaning.py::quantum: span <= 0.0 -> span < 0.0": "three levels span more than nothing",
     "gcs_autotune/link/vehicle/watchdog.py::BootClock.from_ms: self.now >= t -> self.now > t": "the same time is set",
     **{
         f"gcs_autotune/link/vehicle/watchdog.py::BootClock.from_us: {change} in "

@@ -124,6 +124,14 @@ def test_an_integral_at_the_limit_of_the_output_grows_no_more_but_is_worked_off(
     assert slewed == pytest.approx([side * u for u in (0.5, 1.0, 1.2, 1.4, 0.9, 0.4, 0.4, 0.4)])
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("step", "grows"), [(0.97, 3), (0.98, 2), (1.01, 1)])
+def test_a_low_passed_output_counts_as_limited_just_below_full(side: float, step: float, grows: int) -> None:
+    """It grows by a hundredth of the step a loop until the one after 0.999 is reached; the fourth shows by how much."""
+    found = out(4, plant={"step": side * step, "back_at": 3.0}, p=1.0, i=0.02, imax=9.0, output_cutoff=1e6, most=1.0)
+    assert found[3] == pytest.approx(side * step * 0.01 * grows, rel=2e-3)
+
+
 def test_what_is_at_its_limit_works_its_integral_off_at_once() -> None:
     """The loop on a position: beyond the place it wants to be, the integral shrinks though the output is limited."""
     held = flown(6, plant={"step": 1.0, "back_at": 3.0, "settled": 0.0}, on_position=1.0, position_p=1.0, p=1.0, i=0.4,
@@ -205,8 +213,20 @@ def test_a_nested_loop_makes_an_acceleration_of_the_velocity_and_closes_on_the_c
     assert wound == pytest.approx([side * u for u in (0.5, 0.6, 0.65, 0.65)])
     slow = out(4, plant=step, **nested, velocity_p=1.0, velocity_cutoff=0.3)
     assert slow == pytest.approx([side * u for u in FADES[:4]])
-    stuck = out(4, plant=step, **nested, velocity_p=0.4, velocity_i=0.2, velocity_imax=9.0, most=0.55)
-    assert stuck == pytest.approx([side * u for u in (0.5, 0.55, 0.55, 0.55)])
+    steep = out(2, plant={"step": side * 2.0}, **nested, velocity_p=0.0, velocity_i=0.2, velocity_imax=9.0)
+    assert steep == pytest.approx([side * 0.2, side * 0.4])
+    stuck = {**nested, "velocity_p": 0.4, "velocity_i": 0.2, "velocity_imax": 9.0, "most": 0.55}
+    # 0.5, then 0.6 of which 0.55 goes out: from there on the integral stands at 0.2, and is left when the step is
+    assert out(6, plant={"step": side, "back_at": 4.0}, **stuck) == pytest.approx(
+        [side * u for u in (0.5, 0.55, 0.55, 0.55, 0.2, 0.2)]
+    )
+    moving = out(3, plant={"step": side, "alpha": 2.0}, **nested, velocity_p=0.4)
+    v, a, expected = 0.0, 0.0, []
+    for _ in range(3):
+        expected.append(0.4 * (1.0 - v) - a)
+        a = expected[-1] / 2.0
+        v += DT * a
+    assert moving == pytest.approx([side * u for u in expected])
     # a craft of inertia 2 that is pushed with p (1 - acceleration): what it does is measured a loop later
     light = out(3, plant={"step": side, "alpha": 2.0}, **nested, velocity_p=0.0, ff=0.0, hover=-side * 0.5)
     a1 = 0.25
@@ -265,6 +285,15 @@ def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constan
     partly = flown(3, plant=still, on_position=1.0, position_p=0.5, p=1.0, i=0.5, imax=0.2)
     assert partly[1] == pytest.approx([-0.3] * 3)
     assert partly[0] == pytest.approx([0.2] * 3), "the rest is held by an error of 0.1 / (1 x 0.5)"
+    scaled = flown(3, plant=still, on_position=1.0, position_p=0.5, p=1.0, i=0.5, imax=0.05, scale=2.0)
+    assert scaled[1] == pytest.approx([-0.3] * 3)
+    assert scaled[0] == pytest.approx([0.2] * 3), "half of it, less what the integral holds, is 0.1"
+    without = flown(3, plant=still, on_position=1.0, position_p=1.0, p=1.0, imax=9.0)
+    assert without[0] == pytest.approx([0.3] * 3), "no integral, none held"
+    nested = flown(2, plant=still, on_position=1.0, position_p=0.5, p=1.0, i=0.5, imax=0.2, nested=1.0, velocity_p=0.4)
+    assert nested[0] == pytest.approx([0.1 / 0.4 / 0.5] * 2), "a velocity stands between the two"
+    weak = flown(2, plant={"step": 0.0, "settled": 0.5}, on_position=1.0, position_p=2.0, p=1.0, most=0.2)
+    assert weak[1] == pytest.approx([-0.2] * 2)
     far = flown(3, plant={"step": 0.0, "settled": 0.9}, on_position=1.0, position_p=1.0, p=1.0)
     assert far[0] == pytest.approx([0.5] * 3), "half a metre at most"
     assert far[1] == pytest.approx([-0.5] * 3)
