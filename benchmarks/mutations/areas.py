@@ -178,6 +178,11 @@ EQUIVALENT: dict[str, str] = {
         "three in a row must be older than the one before, which none of the same age is"
     ),
     "gcs_autotune/identify/cleaning.py::quantum: span <= 0.0 -> span < 0.0": "three levels span more than nothing",
+    "gcs_autotune/identify/kalman/transition.py::measure: 0 -> 1 in if heading >= 0:": (
+        "a state that is the heading comes first only where there is no velocity that a current could be turned into"
+    ),
+    'gcs_autotune/design/step_metrics.py::module: True -> False in _LEAN: dict[str, Any] = {"cache": True, '
+    '"_nrt": False, "no_cfunc_wrapper": True}': "how it is compiled, and not what",
     "gcs_autotune/link/vehicle/watchdog.py::BootClock.from_ms: self.now >= t -> self.now > t": "the same time is set",
     **{
         f"gcs_autotune/link/vehicle/watchdog.py::BootClock.from_us: {change} in "

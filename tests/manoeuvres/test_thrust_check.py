@@ -135,3 +135,14 @@ def test_an_rov_is_kept_at_its_depth_meanwhile_only_where_that_is_asked_for() ->
     assert rows[5][1].Z < -0.05
     assert kept.phase in ("at rest", "pulse ahead")
     assert fly(sinking)[1][5][1].Z == 0.0
+
+
+def test_a_craft_that_is_not_at_rest_after_a_pulse_is_waited_for_as_long_again() -> None:
+    def seen(t: float, command) -> Observation:
+        return at_rest(t=100.0 + t, u=0.0 if t < 11.5 else 0.05 * t, output={"X": command.X})
+
+    _, rows = fly(seen, least=2.0)
+    pushing = [row.t for row, c in rows if c.X > 0.0]
+    first_end = next(b for a, b in pairwise(pushing) if b - a > 1.0)
+    ended = max(t for t in pushing if t < first_end)
+    assert first_end - ended == pytest.approx(30.2, abs=0.15)
