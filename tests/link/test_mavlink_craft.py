@@ -46,6 +46,24 @@ def flying(boat: ScriptedVehicle) -> MavlinkCraft:
     return craft
 
 
+def test_a_stop_in_the_midst_of_a_mode_change_does_not_leave_the_autopilot_steering(
+    flying: MavlinkCraft, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C came between order and heartbeat: ArduSub was in ALT_HOLD by then, and pushed at full thrust."""
+
+    def cut_off(mode: str) -> None:
+        boat.mode = flying.firmware.modes[mode]
+        raise OperatorStopped("stopped by the operator")
+
+    with monkeypatch.context() as while_cut_off:
+        while_cut_off.setattr(flying.commands, "set_mode", cut_off)
+        with pytest.raises(OperatorStopped):
+            flying.set_mode("GUIDED")
+    assert (flying.mode, boat.mode) == ("MANUAL", 15), "no heartbeat has told yet"
+    flying.neutral()
+    assert boat.mode == flying.firmware.modes["HOLD"]
+
+
 # --- boarding --------------------------------------------------------------------------------
 
 

@@ -83,6 +83,7 @@ class MavlinkCraft:
             session, firmware, parameters, self.other_stations, self._rc_monitor, self._streamer.send_rate
         )
         self._resting = True
+        self._mode_is_changing = False
 
     def keep_rates(self) -> None:
         """Rates have been fitted to the link: keep them, whatever other stations ask for, and spare a full link."""
@@ -165,7 +166,9 @@ class MavlinkCraft:
     def set_mode(self, mode: str) -> None:
         """Change the flight mode and wait until the heartbeat confirms it."""
         self._interference.mode = None
+        self._mode_is_changing = True
         self.commands.set_mode(mode)
+        self._mode_is_changing = False
         self._interference.mode = self.session.custom_mode
 
     def arm(self) -> None:
@@ -235,8 +238,10 @@ class MavlinkCraft:
 
     def _make_neutral(self) -> None:
         self._streamer.rest()
-        if self.mode != self._firmware.manual_mode and self.mode != self._firmware.rest_mode:
+        steers_itself = self.mode not in (self._firmware.manual_mode, self._firmware.rest_mode)
+        if steers_itself or self._mode_is_changing:  # cut off in its midst: no heartbeat has told yet
             self.commands.set_mode(self._firmware.rest_mode)
+            self._mode_is_changing = False
         await_neutral(self.session, self.telemetry)
 
     def release(self) -> None:
