@@ -35,7 +35,7 @@ from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["ModelInQuestion", "judge_numbers", "model_in_question"]
+__all__ = ["ModelInQuestion", "if_told", "judge_numbers", "model_in_question"]
 
 Array = NDArray[np.float64]
 
@@ -302,8 +302,11 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
         floor = OFF * data.amplitude.get(where, 0.0) if kind == "trim" else least[kind]
         ways = {_off(old, value, std, floor) for value, std in ((new.value, new.std), new.beside)}
         wrong = judged and not told and len(ways) == 1 and ways != {0}
-        number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], (old.value, old.std), (new.value, new.std), wrong)
-        rows.append(number)
+        explained = ways != {0} and (bool(told) or len(ways) > 1)
+        scale = {"delay": data.time_constant, "trim": data.amplitude.get(where, 0.0)}.get(kind, 0.0)
+        theirs_told, ours_told = (if_told(n.value, n.std, scale or abs(n.value)) for n in (old, new))
+        number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], theirs_told, ours_told, wrong)
+        rows.append(replace(number, explained=explained))
     keys = [(e.slug, e.place) for e in given.model.effects]
     for effect in state.fitted.effects:
         if (effect.slug, effect.place) not in keys or effect.slug in READ_OFF:
@@ -320,7 +323,7 @@ READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-dr
 """Effects of the stand-in that are told by gain, time constant, delay and trim."""
 
 
-def _if_told(value: float, std: float, scale: float) -> tuple[float, float]:
+def if_told(value: float, std: float, scale: float) -> tuple[float, float]:
     """Return a number and its standard error; NaN where its interval is wider than all it might be."""
     return (value, std) if HALF_WIDTH * std <= scale else (math.nan, math.nan)
 

@@ -97,15 +97,14 @@ def plain_numbers(
     for dof, (channel, gain) in driven.items():
         axis, unit = DOFS[dof], problem.data_summary.inputs.get(channel, "1")
         rate = "rad/s" if axis.angular else "m/s"
-        per = rate if unit == "1" else f"{rate}/({unit})"
+        per = rate if unit == "1" else f"{rate}/({unit})" if " " in unit else f"{rate}/{unit}"
         for kind, own, k in (("gain", per, 0), ("time constant", "s", 1), ("trim", unit, 2)):
             where = channel if kind == "trim" else dof
             if kind == "trim" or sizes.get(channel, 0.0) > 0.0:
                 reading.add(found, (kind, where), own, _step_of(dof, channel, gain, k))
-    for i, name in fit.free_effects:
-        own_effect = fit.effects[i]
-        if own_effect.slug == "input-delay":
-            reading.add(found, ("delay", own_effect.place), "s", _value_of(i, name))
+    for channel in dict.fromkeys(c for c, _ in driven.values()):
+        if any(_delays(e, channel, problem) for e in fit.effects):
+            reading.add(found, ("delay", channel), "s", _delay_of(channel, problem))
     order = list(PLAIN)
     return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
 
@@ -212,8 +211,19 @@ class _Reading:
         return _Numbers(fit.form, values, kept, self.sizes)
 
 
-def _value_of(i: int, name: str) -> Quantity:
-    return lambda numbers: numbers.effects[i].values[name]
+def _delays(effect: EffectInstance, channel: str, problem: Problem) -> bool:
+    """Whether an effect makes all that is seen of a command late."""
+    if effect.slug == "measurement-delay":
+        return set(effect.place.split("+")) >= set(problem.data_summary.signals)
+    return effect.slug == "time-offset" or (effect.slug == "input-delay" and effect.place == channel)
+
+
+def _delay_of(channel: str, problem: Problem) -> Quantity:
+    return lambda numbers: sum(
+        e.values["offset" if e.slug == "time-offset" else "delay"]
+        for e in numbers.effects
+        if _delays(e, channel, problem)
+    )
 
 
 def _step_of(dof: str, channel: str, gain: float | str, which: int) -> Quantity:

@@ -87,6 +87,8 @@ class Number:
     std: float
     ci95: tuple[float, float]
     wrong: bool
+    explained: bool = False
+    """Whether a cause that was found accounts for the difference."""
 
     @property
     def of_record(self) -> bool:
@@ -394,6 +396,7 @@ def _numbers(numbers: Numbers) -> dict[str, Any]:
                 "std": r.std,
                 "ci95": list(r.ci95),
                 "wrong": r.wrong,
+                "explained": r.explained,
             }
             for r in numbers.rows
         ],

@@ -96,11 +96,30 @@ def surrogate_of(
                 )
             )
     given = ModelInQuestion(found.model, theirs=(problem, found), records=records.rows)
-    return given, [*_directly(simulations, runs), *records.doubts, *doubts]
+    return given, [*_directly(simulations, flown, runs), *records.doubts, *doubts]
 
 
-def _directly(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt]:
-    """Return by how much the simulation, as it stands, misses each signal in the run where it misses it most."""
+def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt]:
+    """Return by how much the simulation, as it stands, misses each signal in the run where it misses it most.
+
+    placed : the same with clock, signs and units set right.
+    """
+    told, right = _misses(simulations, runs), _misses(placed, runs)
+    if not right:
+        return []
+    said = f"as it stands it misses {told}" if told else "as it stands it is about other times"
+    if told != right:
+        said += f", with clock, signs and units set right {right}"
+    return [
+        Doubt(
+            "simulation-off",
+            f"errors are those of a model fitted to the simulation; {said} (rms, its worst run)",
+            "give its equations as a model file (--model), or begin its runs where the craft was",
+        )
+    ]
+
+
+def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
     worst: dict[str, float] = {}
     for simulation, run in zip(simulations, runs, strict=True):
         for name in ("psi", "r", "u", "v", "w", "x", "y", "z"):
@@ -114,16 +133,7 @@ def _directly(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt
             if name == "psi":
                 error = np.mod(error + np.pi, 2.0 * np.pi) - np.pi
             worst[name] = max(worst.get(name, 0.0), float(np.sqrt(np.mean(error**2))))
-    if not worst:
-        return []
-    told = ", ".join(f"{n} by {rms:.3g} {SIGNALS[n][0]}" for n, rms in worst.items())
-    return [
-        Doubt(
-            "simulation-off",
-            f"errors are those of a model fitted to the simulation; as it stands it misses {told} (rms, its worst run)",
-            "give its equations as a model file (--model), or begin its runs where the craft was",
-        )
-    ]
+    return ", ".join(f"{n} by {rms:.3g} {SIGNALS[n][0]}" for n, rms in worst.items())
 
 
 # -- the stand-in

@@ -10,11 +10,12 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.numbers import if_told
 from gcs_autotune.diagnose.plain_numbers import command_sizes, plain_numbers
 from gcs_autotune.diagnose.simulation import stand_in
 from gcs_autotune.identify import plain_form, prepare_as_recorded
 from gcs_autotune.report import diagnosis_summary
-from gcs_autotune.report.diagnosis.wording import found_words, given_words
+from gcs_autotune.report.diagnosis.wording import found_words, given_words, standing
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel
 
@@ -123,9 +124,24 @@ def test_a_number_that_its_error_swallows_says_so_and_is_never_a_headline():
     runs = towed()
     told = diagnose(runs, simulations=made_by(runs, inertia=3.0), effects=FEW)
     assert told.numbers is not None
-    vague = replace(told.numbers.rows[0], given=math.nan, given_std=math.nan, value=math.nan, std=math.nan, wrong=False)
+    value, std = if_told(0.0, 1400.0, 1.0)
+    vague = replace(told.numbers.rows[0], given=value, given_std=std, value=value, std=std, wrong=False)
+    assert if_told(0.27, 0.1, 0.27) == (0.27, 0.1)
     assert given_words(vague) == "not told"
     assert found_words(vague) == "not told by these runs"
     numbers = replace(told.numbers, rows=(vague, *told.numbers.rows[1:]))
     said = render_text(diagnosis_summary(replace(told, numbers=numbers)))
     assert "nan" not in said
+
+
+@pytest.mark.slow
+def test_a_delay_and_a_trim_that_only_the_craft_has_stand_in_the_table_as_the_causes_they_are():
+    runs = towed(("input-delay", "N", {"delay": 0.4}), ("input-bias", "yaw", {"bias": 0.1}))
+    told = diagnose(runs, simulations=made_by(runs), effects=["input-bias", "input-delay", "time-offset"])
+    assert told.verdict == "effect-found"
+    assert told.numbers is not None
+    rows = {n.name: n for n in told.numbers.rows}
+    assert rows["delay of N"].value == pytest.approx(0.4, abs=0.03)
+    assert rows["trim of N"].value == pytest.approx(-0.1, abs=0.01)
+    assert [n for n, row in rows.items() if row.explained] == ["delay of N", "trim of N"]
+    assert [standing(row) for row in rows.values()] == ["agrees", "agrees", "by a cause", "by a cause"]

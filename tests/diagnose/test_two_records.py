@@ -176,3 +176,4 @@ def test_a_wrong_clock_stands_first_in_the_answer_though_both_records_wander():
     said = " ".join(render_text(diagnosis_summary(told)).split())
     assert "wrong number in the simulation: clock scale (its seconds per second of these runs) is 1.0" in said
     assert "runs away" not in said
+    assert ", with clock, signs and units set right r by 0.0" in said

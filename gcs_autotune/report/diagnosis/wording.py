@@ -198,6 +198,8 @@ def standing(number: Number) -> str:
     off = abs(number.value - number.given)
     if math.isnan(off):
         return "cannot tell"
+    if number.explained:
+        return "by a cause"
     if off <= 3.0 * math.hypot(number.std, number.given_std):
         return "agrees"
     return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
