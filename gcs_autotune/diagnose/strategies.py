@@ -47,6 +47,7 @@ from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState, begin
 from gcs_autotune.diagnose.weathered import wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
+from gcs_autotune.sname import DOFS
 
 __all__ = [
     "SEARCH",
@@ -316,7 +317,8 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
     state, adrift = wanders(state)
-    if adrift and state.beneath is not None and state.beneath[1] is not None and state.beneath[1].named:
+    search = None if state.beneath is None else state.beneath[1]
+    if adrift and search is not None and search.named and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)
@@ -331,6 +333,12 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return replace(state, cut=(*state.cut, str(over)))
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
     return other if now < before else replace(state, cut=other.cut)
+
+
+def _is_all(dof: str, problem: Problem) -> bool:
+    """Whether one motion is all that was measured: names found in it alone say nothing of what couples it to others."""
+    own = DOFS[dof]
+    return set(problem.data_summary.signals) <= {own.velocity, own.position}
 
 
 # -- equals

@@ -102,3 +102,14 @@ def test_momentum_carried_sideways_is_named_from_a_track_alone(k):
     assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
     assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)
     assert cause.effect["Y_ur"] == pytest.approx(-5.0 / 7.0, rel=0.05)  # of a mass in sway that nothing tells
+
+
+@pytest.mark.slow
+def test_a_name_found_in_the_heading_alone_does_not_keep_a_track_from_being_looked_at():
+    """With every effect in question the heading alone, under a wandering moment, speaks for quadratic drag."""
+    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1)], dof="horizontal")
+    assert told.verdict == "effect-found"
+    (cause,) = told.causes
+    assert cause.effect.slug == "coriolis-coupling"
+    assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
+    assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)
