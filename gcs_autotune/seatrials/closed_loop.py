@@ -159,22 +159,27 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
     seen = run[signal]
     answer = np.interp(t, seen.t, seen.values) - middle
-    edges = np.append(at, run.end)
-    area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
+    jumps = np.abs(np.diff(ref, prepend=middle))
+    jumps /= jumps.max()
 
     def left(theta: Array) -> Array:
-        """Return what is left over; what is asked for counts by its mean over each step, late by the delay."""
-        late = t - theta[4]
-        asked = np.diff(np.interp(np.append(late, late[-1] + STEP), edges, area)) / STEP
+        """Return what is left over; what is asked for counts by its mean over each step, late by the delay.
+
+        A limit on how fast the autopilot changes what it asks of its inner loop makes larger changes later.
+        """
+        edges = np.append(np.maximum.accumulate(at + theta[4] + theta[5] * jumps), math.inf)
+        edges[-1] = max(run.end, edges[-2]) + MOST_DELAY
+        area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
+        asked = np.diff(np.interp(np.append(t, t[-1] + STEP), edges, area)) / STEP
         return _left_of(np.exp(theta[:3]), theta[3], asked, answer)
 
     pace = -np.log(w) * np.array([1.0, 2.0, 3.0])
-    low = np.array([*(pace - math.log(SPAN)), -np.inf, 0.0])
-    high = np.array([*(pace + math.log(SPAN)), np.inf, MOST_DELAY])
+    low = np.array([*(pace - math.log(SPAN)), -np.inf, 0.0, 0.0])
+    high = np.array([*(pace + math.log(SPAN)), np.inf, MOST_DELAY, MOST_DELAY])
     fits = []
     for begin in starts:
         if np.all(begin[:3] > 0.0):
-            x = np.clip([*np.log(begin[:3]), begin[3], 0.1], low + NUDGE, high - NUDGE)
+            x = np.clip([*np.log(begin[:3]), begin[3], 0.1, 0.05], low + NUDGE, high - NUDGE)
             fits.append(least_squares(left, x, bounds=(low, high), x_scale="jac", max_nfev=40))
     noise = float(run.meta.get("noise_std", 0.0)) ** 2  # of the sensor: no loop has to explain it
     best = min(fits, key=lambda fit: float(fit.cost))
@@ -204,7 +209,7 @@ def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Arra
     covariance[np.ix_(told, told)] = variance * np.linalg.pinv(J[:, told].T @ J[:, told])
     here = _told(_of(theta))
     slopes = np.zeros((len(here), len(theta)))
-    for i in range(4):  # the delay moves none of them
+    for i in range(4):  # the delays move none of them
         moved = theta.copy()
         moved[i] += NUDGE
         slopes[:, i] = (_told(_of(moved)) - here) / NUDGE
@@ -217,9 +222,9 @@ def _told(loop: TransferFunction) -> Array:
 
 
 def _of(theta: Array) -> TransferFunction:
-    """Return the loop of logarithms of a_1, a_2, a_3, then b_1 and the delay."""
+    """Return the loop of logarithms of a_1, a_2, a_3, then b_1, the delay and what the largest change is later."""
     a_1, a_2, a_3 = np.exp(theta[:3]).tolist()
-    return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4]))
+    return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4] + theta[5]))
 
 
 def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
