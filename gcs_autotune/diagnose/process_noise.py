@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE
+from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
+from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -34,7 +35,7 @@ from gcs_autotune.identify import (
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
-__all__ = ["Attested", "WeatherSearch", "may_be_told", "search_under_process_noise", "weathered_form"]
+__all__ = ["WeatherSearch", "may_be_told", "search_under_process_noise", "weathered_form"]
 
 Array = NDArray[np.float64]
 
@@ -47,14 +48,32 @@ FEWEST = 60
 FREEDOMS = (math.inf, 8.0, 4.0)
 """Degrees of freedom of the innovations' law to choose among: normal, and two with bursts."""
 
-WORTH = 3.0
-"""Log-likelihood gained on data left out (odds of twenty to one) that a name must have."""
+OWN = 4.0
+"""Chosen: squares of innovations just after a command, over those elsewhere, from which on bursts are of the craft's
+own making: a law with bursts would then make light of just what tells the craft."""
+
+STIRRED = 0.05
+"""Chosen: step of a command, in shares of its range, after which a craft is stirred."""
+
+BLUR = 4.0
+"""Chosen: time constants of a sensor's smoother between samples: closer ones tell of its shape, of which this one knows
+the width alone."""
+
+WIDEST = 2.0
+"""Chosen: time constants of the craft between samples, at most, on that account."""
+
+FEWEST_TO_COMPARE = 30
+"""Samples on each side of such a comparison."""
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force must beat none to be there at all."""
+
+MOMENTARY = 2.0
+"""Chosen: samples of the record within which a force that is forgotten is no weather: commands that took effect at
+other moments than recorded, or what the sensor's own filter does."""
 
 ROUGH, REFIT = 2, 4
 """Scoring rounds of a rough fit, and of one to the rest when a run is left out."""
@@ -66,47 +85,6 @@ MOST_CAUSES = 4
 MOST_BLOCKS = 4
 
 Say = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Attested:
-    """A candidate under process noise: log-likelihood gained on the runs fitted, and on each part left out.
-
-    ``paid``: whether it may be named; ``falls_short``: it pays on the runs it is fitted to, and not on each left out.
-    """
-
-    effect: EffectInstance
-    fit: WanderingFit
-    gain: float
-    unseen: Array
-    needed: float
-    step: int
-    brief: bool = False
-    """Its time is so short that it may as well be a smoother of the recorded signal: never named."""
-
-    @property
-    def foretold(self) -> float:
-        """Log-likelihood gained on all data left out."""
-        return float(self.unseen.sum())
-
-    @property
-    def holds(self) -> bool:
-        """Whether every part left out gains by it; of three and more one may lose, where the others gain well more."""
-        losing = int(np.sum(self.unseen <= 0.0))
-        if losing == 0:
-            return self.foretold > WORTH
-        most = float(self.unseen.max())
-        return losing == 1 and len(self.unseen) > 2 and min(self.foretold - most, 0.5 * self.foretold) > WORTH
-
-    @property
-    def paid(self) -> bool:
-        """Whether it may be named."""
-        return self.gain > self.needed and self.holds and not self.brief
-
-    @property
-    def falls_short(self) -> bool:
-        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
-        return self.gain > self.needed and not self.holds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +111,11 @@ class WeatherSearch:
     folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
     still: float = math.inf
     cut: str = ""
+
+    @property
+    def momentary(self) -> bool:
+        """Whether what wanders is forgotten so soon that it is no weather."""
+        return self.plain.water.memory <= 1.01 * MOMENTARY * self.problem.data.interval
 
 
 def weathered_form(form: Form, dof: str) -> Form | None:
@@ -172,25 +155,25 @@ def search_under_process_noise(
     if form is None or signal is None:
         return None
     theta, pace = _from_base(base, dof, form)
-    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
-    interval = min(pace / PACE, longest / FEWEST)
-    segments = thinned_to(problem.segments, signal, interval)
-    held = thinned_to(unseen, signal, interval)
-    if not segments:
+    limits = np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
+    wandering = _thinned(problem, form, signal, theta, pace, limits)
+    plain = None if wandering is None else _base_of(wandering, theta, pace, say)
+    if wandering is None or plain is None:
         return None
-    own = dict(zip(form.free, theta.tolist(), strict=True))
-    data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
-    low, high = np.full(2, -np.inf), np.full(2, np.inf)
-    if not any("delta" in (c,) for c in form.inputs):
-        high[1] = 0.0
-    wandering = WanderingProblem(form, segments, data, (low, high))
-    plain = _base_of(wandering, theta, pace, say)
-    if plain is None:
-        return None
+    # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
+    # by one that knows of weather.
+    pace = _pace_of(plain.theta)
+    blurred = float(np.clip(BLUR * plain.water.smoothing, pace, WIDEST * pace))
+    closest = blurred if _errs_after_commands(wandering, plain) else 0.0
+    again = _thinned(problem, form, signal, plain.theta, pace, limits, closest)
+    if again is not None and not 1.0 / FAR_OFF < again.interval / wandering.interval < FAR_OFF:
+        found = _base_of(again, plain.theta, pace, say)
+        wandering, plain = (wandering, plain) if found is None else (again, found)
+    held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_none(wandering, plain)
-    folds, words = _folds(segments, held)
+    folds, words = _folds(wandering.segments, held)
     search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
-    if calm < PRESENT:
+    if calm < PRESENT or search.momentary:
         return search
     try:
         while len(search.named) < MOST_CAUSES:
@@ -202,6 +185,33 @@ def search_under_process_noise(
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
+
+
+def _thinned(
+    problem: Problem,
+    form: Form,
+    signal: str,
+    theta: Array,
+    pace: float,
+    limits: tuple[Array, Array],
+    closest: float = 0.0,
+) -> WanderingProblem | None:
+    """Return the runs with *signal* alone, as closely as a craft of that *pace* [s] needs; None where none has it.
+
+    closest : seconds between samples, at least.
+    """
+    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
+    segments = thinned_to(problem.segments, signal, min(max(pace / PACE, closest), longest / FEWEST))
+    if not segments:
+        return None
+    own = dict(zip(form.free, theta.tolist(), strict=True))
+    data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
+    return WanderingProblem(form, segments, data, limits)
+
+
+def _pace_of(theta: Array) -> float:
+    """Return the time constant [s] of gain and damping per inertia."""
+    return 1.0 / max(abs(float(theta[1])), 1e-3)
 
 
 def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
@@ -227,11 +237,20 @@ def _from_base(base: Fitted, dof: str, form: Form) -> tuple[Array, float]:
             if force == d.force:
                 gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
     damping = model[f"{d.force}_{d.velocity}"] / inertia
-    return np.array([gain / inertia, damping]), 1.0 / max(abs(damping), 1e-3)
+    theta = np.array([gain / inertia, damping])
+    return theta, _pace_of(theta)
 
 
 SLOWER = (1.0, 0.3, 3.0)
 """Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
+
+PACES = (3.0, 10.0, 40.0)
+"""Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
+end anywhere."""
+
+FAR_OFF = 2.0
+"""Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
+runs are looked at anew."""
 
 
 def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:
@@ -240,11 +259,16 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> 
     rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
     noise = 0.02 * rate * problem.interval
     rough = []
-    for k, slower in enumerate(SLOWER):
+    shares = list(SLOWER)
+    for samples in PACES:
+        share = pace / (samples * problem.data.interval)
+        if all(not 0.5 < share / other < 2.0 for other in shares):
+            shares.append(share)
+    for k, share in enumerate(shares):
         for memory in (2.0, 20.0):
-            say("process noise", k, len(SLOWER))
-            water = Water(0.2 * rate / pace, memory * pace, noise)
-            fit = problem.fit(theta * slower, (), water, rounds=ROUGH)
+            say("process noise", k, len(shares))
+            water = Water(0.2 * rate * share / pace, memory * pace / share, noise)
+            fit = problem.fit(theta * share, (), water, rounds=ROUGH)
             rough += [] if fit is None else [fit]
     rough.sort(key=lambda f: -f.total)
     ends = []
@@ -257,11 +281,29 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> 
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: law of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
-        if tailed is not None and tailed.total > best.total + WORTH:
-            best = tailed
+        if tailed is None or tailed.total <= best.total + WORTH or _errs_after_commands(problem, best):
+            break
+        best = tailed
     say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+
+
+def _errs_after_commands(problem: WanderingProblem, fit: WanderingFit) -> bool:
+    """Whether a model errs just after its commands far more than elsewhere: no wind waits for these."""
+    window = 2.0 * max(_pace_of(fit.theta), problem.interval)
+    squares: list[list[Array]] = [[], []]
+    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
+        stirred = np.zeros(len(t), dtype=bool)
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            if name in problem.form.inputs:
+                steps = segment.t_in[1:][np.abs(np.diff(column)) > STIRRED * np.ptp(column)]
+                since = np.append(-np.inf, steps)[np.searchsorted(steps, t, side="right")]
+                stirred |= t - since < window
+        for k in (0, 1):
+            squares[k].append((e * e / S)[stirred == bool(k)])
+    calm, after = (np.concatenate(s) for s in squares)
+    return min(len(calm), len(after)) >= FEWEST_TO_COMPARE and float(after.mean()) > OWN * float(calm.mean())
 
 
 def _folds(
@@ -315,6 +357,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     stage = f"process noise, cause {len(search.named) + 1}"
     rough: list[tuple[EffectInstance, WanderingFit]] = []
     tangent = problem.tangent(present)
+    if tangent is None:
+        return search
     for k, own in enumerate(choices):
         fit = _rough(problem, present, own, tangent)
         if fit is not None:
@@ -340,9 +384,12 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
         gain = fit.total - present.total
         now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
-        foretold = _unseen(search, fit) - before if gain > 0.5 * needed else np.zeros(len(before))
+        after = _unseen(search, fit) if gain > 0.5 * needed else before
+        foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
         brief = _lasts(now, problem.data) < BRIEF * problem.data.interval
-        judged.append(Attested(now, fit, gain, foretold, needed, len(search.named) + 1, brief))
+        judged.append(
+            Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+        )
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
     search = replace(search, judged=(*search.judged, *judged), tried=tried, fit=present)
     if not search.named:
@@ -355,11 +402,12 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
-    winner = alike[0]
+    winner = plainest(alike[0], paid)
+    forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike
-    if len(slugs_alike) > 1:
-        names = [winner.effect.slug, *(a.effect.slug for a in alike if a is not winner)]
-        groups = (*groups, tuple(dict.fromkeys(names)))
+    names = tuple(dict.fromkeys(a.effect.slug for a in (winner, *alike, *forms)))
+    if len(names) > 1:
+        groups = (*groups, names)
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
 
 
@@ -400,12 +448,12 @@ def _rough(
     return None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
 
 
-def _unseen(search: WeatherSearch, fit: WanderingFit) -> Array:
-    """Return the log-likelihood (folds,) of what each fold leaves out, by *fit* refitted to the rest of it."""
+def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[Array]:
+    """Return the log densities (samples,) of what each fold leaves out, by *fit* refitted to the rest of it."""
     found = []
     for train, test in search.folds:
         rest = search.problem.on(train)
         again = rest.fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
         seen = None if again is None else search.problem.on(test).judge(again)
-        found.append(-1e6 if seen is None else seen.total)
-    return np.array(found)
+        found.append(np.full(1, RUNS_AWAY) if seen is None else seen.densities)
+    return found

@@ -14,7 +14,7 @@ from gcs_autotune.clock import OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import WHITE, Test, correlation_of, nonparametric_rivals, tests_of, whiteness_of
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
-from gcs_autotune.diagnose.score import ALIKE, LUCK, Judged
+from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.weathered import (
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.identify import Doubt, Fitted, Problem, Residual, Trace, autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
 __all__ = ["build_report", "signature_of"]
@@ -51,6 +51,10 @@ VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
 }
 """(Numbers of the given model are wrong, some cause was accepted, what is left is white and no law without a name does
 better) -> verdict."""
+
+
+SEEN_TO_SETTLE = 3.0
+"""Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
 
 
 def build_report(
@@ -131,10 +135,39 @@ def build_report(
         noise=dict(final.levels),
         tried=state.tried if weather is None else weather.tried,
         seconds=math.nan,
-        doubts=(*doubts, *_cut_short(cut, max_seconds), *state.doubts, *_other_places(state, order)),
+        doubts=(
+            *doubts,
+            *_cut_short(cut, max_seconds),
+            *state.doubts,
+            *_other_places(state, order),
+            *_weightless(state),
+        ),
         numbers=numbers,
         missing=missing,
     )
+
+
+def _weightless(state: SearchState) -> list[Doubt]:
+    """Return a doubt for every degree of freedom that follows its commands faster than the record could show."""
+    model, interval = state.fitted.model.base, state.problem.data_summary.interval
+    found = []
+    for i, dof in enumerate(model.form.dofs):
+        d = DOFS[dof]
+        damping = f"{d.force}_{d.velocity}"
+        if damping not in model.form.parameters or not model[damping]:
+            continue
+        settles = abs(float(model.inertia[i, i]) / model[damping])
+        if settles < SEEN_TO_SETTLE * interval:
+            found.append(
+                Doubt(
+                    "no-inertia",
+                    f"the rate of {dof} follows the command within {settles:.2g} s, no more than three samples: these "
+                    "runs show no inertia there, whatever number the model has for it",
+                    "take gain and delay alone from these runs; a simulator may well have no inertia there, of a craft "
+                    "record faster",
+                )
+            )
+    return found
 
 
 def _cut_short(cut: Sequence[str], seconds: float) -> tuple[Doubt, ...]:
@@ -235,6 +268,8 @@ def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
+    if is_form_of(other.effect, best.effect):
+        return other.evidence > HALF * best.evidence
     if best.evidence - other.evidence < ALIKE or delay_equivalence(
         best, other, state.problem.data_summary.time_constant
     ):

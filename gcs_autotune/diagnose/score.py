@@ -15,6 +15,7 @@ from gcs_autotune.identify import Fitted
 
 __all__ = [
     "ALIKE",
+    "HALF",
     "LUCK",
     "MATERIAL",
     "SIGNIFICANCE",
@@ -22,6 +23,7 @@ __all__ = [
     "SearchStep",
     "bic_penalty",
     "error_ratio",
+    "is_form_of",
     "is_material",
     "is_needed",
     "ordered",
@@ -37,6 +39,10 @@ MATERIAL = 0.02
 
 LUCK = 0.05
 """Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
+
+HALF = 0.5
+"""Chosen: share of a cause's evidence that the same cause by a plainer law must have to be named in its place: which
+law it is, real water tells by tens of nats either way, and another day the other way round."""
 
 ALIKE = 6.0
 """Difference of twice the log-likelihood (less the cost of parameters) within which two causes cannot be told apart:
@@ -84,7 +90,12 @@ def winner_of(judged: Sequence[Judged], tried: int, present: Fitted) -> Judged |
     if EFFECTS[best.effect.slug].is_disturbance:
         foretold = [j for j in paying if not EFFECTS[j.effect.slug].is_disturbance and j.gain > best.gain]
         best = foretold[0] if foretold else best
-    return best
+    return next((j for j in paying if is_form_of(best.effect, j.effect) and j.evidence > HALF * best.evidence), best)
+
+
+def is_form_of(other: EffectInstance, plainer: EffectInstance) -> bool:
+    """Whether *other* is the cause *plainer* by a law that holds less often."""
+    return plainer.slug in EFFECTS[other.slug].form_of and plainer.place == other.place
 
 
 def _outdone(one: Judged, paying: Sequence[Judged]) -> bool:

@@ -34,17 +34,19 @@ from gcs_autotune.diagnose.candidates import RUNNERS, best_of_each
 from gcs_autotune.diagnose.heldout import parts_of, rms_of
 from gcs_autotune.diagnose.score import (
     ALIKE,
+    LUCK,
     SIGNIFICANCE,
     Judged,
     SearchStep,
     bic_penalty,
+    is_material,
     is_needed,
     ordered,
     winner_of,
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState, begin
-from gcs_autotune.diagnose.weathered import wanders
+from gcs_autotune.diagnose.weathered import look_under_process_noise, wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, within_horizon
 from gcs_autotune.sname import DOFS
@@ -432,6 +434,8 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:
+        both = follow(both, (look_under_process_noise,))
+    if not both.fitted.effects:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
@@ -452,14 +456,23 @@ def _is_lost(state: SearchState) -> bool:
 def _contradicted(state: SearchState) -> bool:
     """Whether nothing was found in the runs to fit, and yet the runs kept apart are predicted far worse than those.
 
-    Nothing: they show nothing, or all they show is explained by a cause whose numbers they cannot tell.
+    Nothing: they show nothing, or what they show is explained, in all or in part, by causes that foretell nothing.
     """
     if state.fitted.effects or not state.base_unseen.complete:
         return False
     if _is_lost(state):
-        return any(explains_all(state.problem, step) for step in state.steps)
+        return any(_refuted(state, step) or explains_all(state.problem, step) for step in state.steps)
     errors = rms_of(state.base_unseen.rests)
     return any(errors[n] > FAR * level for n, level in state.fitted.levels.items() if n in errors)
+
+
+def _refuted(state: SearchState, step: SearchStep) -> bool:
+    """Whether some candidate pays well on the runs fitted and foretells nothing of those kept apart.
+
+    Runs of one size of command each know nothing of what the next size does: only together they tell the law.
+    """
+    paying = [j for j in step.judged if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, state.base, state.tried)]
+    return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
 
 
 def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import time_limit
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
+from gcs_autotune.diagnose.attested import WORTH, Attested
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
-    WORTH,
-    Attested,
     WeatherSearch,
     may_be_told,
     search_under_process_noise,
@@ -61,7 +60,9 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
         state = replace(state, beneath=(state.problem, found))
         assert state.beneath is not None
     search = state.beneath[1]
-    return state, search is not None and search.calm >= PRESENT and search.still >= PRESENT
+    if search is None or search.momentary:
+        return state, False
+    return state, search.calm >= PRESENT and search.still >= PRESENT
 
 
 def look_under_process_noise(state: SearchState) -> SearchState | None:
@@ -81,6 +82,8 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     search = None if state.beneath is None else state.beneath[1]
     if search is None or search.calm < PRESENT:
         return state
+    if search.momentary:
+        return replace(state, doubts=(*state.doubts, _no_weather(search)))
     if search.cut:
         state = replace(state, cut=(*state.cut, search.cut))
     with time_limit(None):  # a fit from where one ended; without it what was found beneath could not be weighed
@@ -112,6 +115,16 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     samples = sum(len(e) for _, e, _ in other.innovations)
     price = 0.5 * (other.unknowns - search.fit.unknowns) * math.log(max(samples, 2))
     return other.total - price > search.fit.total
+
+
+def _no_weather(search: WeatherSearch) -> Doubt:
+    return Doubt(
+        "no-weather",
+        f"what drives the {search.dof} besides its commands is forgotten within {search.plain.water.memory:.2g} s, no "
+        "more than two samples: that is no wind, wake or current",
+        "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
+        "trace",
+    )
 
 
 def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
@@ -347,6 +360,12 @@ def _shortfall_of(unnamed: Attested) -> str:
     fits = (
         f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
     )
+    if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
+        low, high = unnamed.interval
+        return (
+            f"{fits} and gains nothing sure on those left out ({unnamed.foretold:+.1f}, 90 % interval {low:+.1f} to "
+            f"{high:+.1f}): not named"
+        )
     if unnamed.foretold > 0.0:
         return f"{fits} and gains on those left out together ({unnamed.foretold:+.1f}), but not on each: not named"
     return f"{fits} and loses on those left out ({unnamed.foretold:+.1f}): refuted as it stands"
@@ -362,7 +381,7 @@ def _evidence_of(named: Attested, search: WeatherSearch) -> str:
     each = ", ".join(f"{v:+.1f}" for v in named.unseen)
     told = (
         f"{named.effect.slug} of {named.effect.place}: {strength} evidence on {search.parts}, log-likelihood "
-        f"{named.foretold:+.1f} ({each})"
+        f"{named.foretold:+.1f} ({each}; 90 % interval {named.interval[0]:+.1f} to {named.interval[1]:+.1f})"
     )
     others = [a for a in search.judged if a.step == named.step and a.effect.slug != named.effect.slug and a.gain > 0.0]
     rival = max(others, key=lambda a: a.foretold, default=None)

@@ -202,6 +202,8 @@ class Effect:
     """Parameters that are moments of the run: a fit may settle a swing too early or too late."""
     yields_to: ClassVar[tuple[str, ...]] = ()
     """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
+    form_of: ClassVar[tuple[str, ...]] = ()
+    """Slugs of the same cause by a plainer law: where that holds too, it is named first, and both together."""
     grows_with: ClassVar[tuple[str, ...]] = ()
     """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
     neutral: ClassVar[Mapping[str, float]] = MappingProxyType({})

@@ -119,6 +119,7 @@ class MunkMoment(MeasuredFlow):
     """``N_uv u v`` with the measured velocities: a hull at an angle to its way turns further (Munk; Fossen2011)."""
 
     slug = "munk-moment"
+    form_of = ("sway-moment",)
     needs = ("u", "v")
     grows_with = ("N_uv",)
     meaning = "at an angle to its way the craft turns further by itself, the more the faster"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from gcs_autotune.diagnose.score import (
     LUCK,
     SIGNIFICANCE,
     Judged,
+    SearchStep,
     bic_penalty,
     error_ratio,
     is_material,
@@ -25,6 +27,8 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
+from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.strategies import _refuted
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.identify.likelihood import Residual
@@ -296,3 +300,27 @@ def _starts_belong(parts: Parts) -> None:
     assert [list(states) for states in parts.starts] == told
     told = [[(s.run, s.start) for s in fold.test] for fold in parts.folds]
     assert [list(states) for states in parts.tests] == told
+
+
+@pytest.mark.parametrize(("evidence", "first"), [(30.0, "sway-moment"), (20.0, "munk-moment")])
+def test_the_same_cause_by_a_plainer_law_is_named_first_where_it_holds_as_well(evidence: float, first: str) -> None:
+    """Which of two laws of one cause is likelier changed with the time that a search was given."""
+    found = winner_of([judged("munk-moment"), judged("sway-moment", evidence=evidence)], 10, BASE)
+    assert found is not None and found.effect.slug == first
+
+
+def test_a_plainer_law_at_another_place_is_another_cause() -> None:
+    elsewhere = replace(judged("sway-moment"), effect=EffectInstance("sway-moment", "pitch", {}))
+    found = winner_of([judged("munk-moment", evidence=60.0), elsewhere], 10, BASE)
+    assert found is not None and found.effect.slug == "munk-moment"
+
+
+@pytest.mark.parametrize(
+    ("beside", "refuted"), [({"p": 1.0}, True), ({"p": 1e-6}, False), ({"p": 1.0, "evidence": -1.0}, False)]
+)
+def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_for_all_together(
+    beside: dict[str, float], refuted: bool
+) -> None:
+    """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
+    state = cast(SearchState, SimpleNamespace(base=BASE, tried=10))
+    assert _refuted(state, SearchStep((judged("input-delay", **beside),), None)) is refuted

@@ -96,6 +96,11 @@ class WanderingFit:
         return float(self.log_likelihood.sum())
 
     @property
+    def densities(self) -> Array:
+        """The log density (samples,) of every innovation, record after record."""
+        return np.concatenate([_log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
+
+    @property
     def unknowns(self) -> int:
         """How many numbers were fitted."""
         return len(self.theta) + len(self.free_effects) + 3 + (self.water.smoothing > 0.0)
@@ -332,13 +337,14 @@ class WanderingProblem:
             inverse = np.asarray(np.linalg.pinv(information), dtype=np.float64)
         return WanderingFit(self.form, theta, effects, water, here[2], free_effects, inverse, here[0])
 
-    def tangent(self, fit: WanderingFit) -> Tangent:
-        """Return how the innovations of *fit* move with its unknowns."""
+    def tangent(self, fit: WanderingFit) -> Tangent | None:
+        """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
         held = frozenset[tuple[str, str]]()
         coordinates = _Coordinates(self, fit.effects, _free_of(fit.effects, held), fit.water)
         x = coordinates.pack(fit.theta, fit.effects, fit.water)
         here = coordinates.at(x)
-        assert here is not None, "a fit can be passed over again"
+        if here is None:
+            return None
         scale = 1.0 / np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
         steps = np.minimum(np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12), coordinates.widest)
         return Tangent(*coordinates.derivatives(x, here, steps))

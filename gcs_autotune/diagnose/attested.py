@@ -1,0 +1,96 @@
+"""A candidate under process noise, and whether it may be named: what it gains on data it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
+from gcs_autotune.diagnose.score import HALF, is_form_of
+from gcs_autotune.effects import EffectInstance
+from gcs_autotune.identify import WanderingFit
+
+__all__ = ["RUNS_AWAY", "WORTH", "Attested", "interval_of", "plainest"]
+
+Array = NDArray[np.float64]
+
+WORTH = 3.0
+"""Log-likelihood gained on data left out (odds of twenty to one) that a name must have."""
+
+RUNS_AWAY = -1e6
+"""Log density of a sample on which a model runs away."""
+
+SURE = 1.645
+"""Standard errors to either end of a 90 % interval: a gain is none in one case of twenty."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attested:
+    """A candidate under process noise: log-likelihood gained on the runs fitted, and on each part left out.
+
+    ``interval``: 90 % of what is gained on all data left out. ``paid``: whether it may be named; ``falls_short``: it
+    pays on the runs it is fitted to, and not on each left out.
+    """
+
+    effect: EffectInstance
+    fit: WanderingFit
+    gain: float
+    unseen: Array
+    needed: float
+    step: int
+    interval: tuple[float, float] = (0.0, math.inf)
+    brief: bool = False
+    """Its time is so short that it may as well be a smoother of the recorded signal: never named."""
+
+    @property
+    def foretold(self) -> float:
+        """Log-likelihood gained on all data left out."""
+        return float(self.unseen.sum())
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is left out gains surely, and every part of it.
+
+        Of three parts and more one may lose, where the others gain well more.
+        """
+        if self.interval[0] < 0.0:
+            return False
+        losing = int(np.sum(self.unseen <= 0.0))
+        if losing == 0:
+            return self.foretold > WORTH
+        most = float(self.unseen.max())
+        return losing == 1 and len(self.unseen) > 2 and min(self.foretold - most, 0.5 * self.foretold) > WORTH
+
+    @property
+    def paid(self) -> bool:
+        """Whether it may be named."""
+        return self.gain > self.needed and self.holds and not self.brief
+
+    @property
+    def falls_short(self) -> bool:
+        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
+        return self.gain > self.needed and not self.holds
+
+
+def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float, float]:
+    """Return the 90 % interval of the log-likelihood gained on all that is left out, from its scatter over blocks.
+
+    A single gust, or one manoeuvre, may bring all of a gain.
+    """
+    size = max(FEWEST, sum(map(len, before)) // BLOCKS)
+    sums = []
+    for old, new in zip(before, after, strict=True):
+        d = new - old
+        sums += [float(np.sum(part)) for part in np.array_split(d, max(1, len(d) // size))]
+    half = SURE * math.sqrt(len(sums) * float(np.var(sums, ddof=1))) if len(sums) > 1 else math.inf
+    return sum(sums) - half, sum(sums) + half
+
+
+def plainest(winner: Attested, paid: Sequence[Attested]) -> Attested:
+    """Return *winner*, or the same cause by a plainer law where that holds as well."""
+    found = (a for a in paid if is_form_of(winner.effect, a.effect) and a.foretold > HALF * winner.foretold)
+    return next(found, winner)
