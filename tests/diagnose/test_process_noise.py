@@ -148,6 +148,17 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     assert _errs_after_commands(cast(WanderingProblem, problem), cast(WanderingFit, fit)) is own
 
 
+def test_a_gain_alike_in_every_run_is_sure_however_it_changes_from_block_to_block() -> None:
+    """A sway moment gained on each of six runs of a lake, and quiet blocks took what lively ones gave."""
+    before = [np.zeros(200) for _ in range(6)]
+    swings = np.repeat([3.0, -2.8], 100) * 0.1
+    after = [swings + 0.002 * k for k in range(6)]
+    low, high = interval_of(before, after)
+    assert 0.0 < low < high
+    low, _ = interval_of(before[:2], after[:2])
+    assert low < 0.0
+
+
 def test_a_gain_that_one_gust_brought_is_not_sure() -> None:
     before = [np.zeros(200), np.zeros(200)]
     steady = [np.full(200, 0.05), np.full(200, 0.05)]
