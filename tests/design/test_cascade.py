@@ -69,6 +69,7 @@ FADES = [1.0 - (1.0 - F) ** (k + 1) for k in range(5)]
         ({"i": 0.4, "imax": 9.0}, [0.2, 0.4, 0.6, 0.8, 1.0]),
         ({"i": 0.4, "imax": 9.0, "grows": 0.0}, [0.0] * 5),
         ({"d": 0.4}, [0.8, 0.0, 0.0, 0.0, 0.0]),
+        ({"d": 1.0}, [2.0, 0.0, 0.0, 0.0, 0.0]),
         ({"d": 0.4, "slope_cutoff": 0.3}, [0.8 * F * (1.0 - F) ** k for k in range(5)]),
         ({"p": 1.0, "error_cutoff": 0.3}, FADES),
         ({"ff": 1.0, "target_cutoff": 0.3}, FADES),
@@ -91,7 +92,7 @@ def test_each_stage_of_a_loop_on_a_velocity_does_what_it_is_for(
 ) -> None:
     if "hover" in stages:
         stages = {**stages, "hover": side * stages["hover"]}
-    assert out(plant={"step": side}, **stages) == pytest.approx([side * u for u in expected])
+    assert out(plant={"step": side}, **stages) == pytest.approx([side * u for u in expected], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -84,3 +84,17 @@ def test_the_area_is_a_guard_and_a_position_that_is_lost_trips_it() -> None:
         watch.check(at_rest(x=100.04, y=50.0))
     with pytest.raises(GuardTripped, match="cannot be watched any more"):
         watch.check(at_rest(x=math.nan, y=50.0))
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.parametrize("bad", ["90.5,5", "-90.5,5", "45,180.5", "45,-180.5", "nan,5", "45,nan"])
+def test_any_corner_that_is_nowhere_on_earth_is_refused(place: int, bad: str) -> None:
+    corners = ["45,5", "45,6", "46,6"]
+    corners[place] = bad
+    with pytest.raises(UsageError, match="is no latitude and longitude in degrees"):
+        read_area(" ".join(corners))
+
+
+def test_the_ends_of_the_earth_are_on_it() -> None:
+    (zone,) = read_area("90,180 -90,-180 0,0").zones
+    assert zone.corners == ((90.0, 180.0), (-90.0, -180.0), (0.0, 0.0))
