@@ -83,6 +83,13 @@ def test_the_more_was_tried_the_more_evidence_is_asked_for(tried: int, more: int
     assert not is_needed(0.999 * edge, fit(3 + more), BASE, tried)
 
 
+def test_numbers_learnt_from_what_is_left_are_counted_and_those_the_present_model_has_are_not_again() -> None:
+    edge = float(stats.chi2.isf(SIGNIFICANCE, 4))
+    for likelihood, enough in ((0.999 * edge, False), (1.001 * edge, True)):
+        assert is_needed(likelihood, fit(4, learnt=3), BASE, 1) is enough
+        assert is_needed(likelihood, fit(4, learnt=5), fit(3, learnt=2), 1) is enough
+
+
 def test_a_cause_that_adds_no_number_is_judged_as_if_it_added_one() -> None:
     edge = stats.chi2.isf(SIGNIFICANCE, 1)
     assert not is_needed(0.999 * edge, fit(3), BASE, 0)
