@@ -53,6 +53,6 @@ def behind(link: str, prefix: str) -> Iterator[str]:
 
 
 def _pump(read: object, sink: socket.socket) -> None:
-    with suppress(OSError):
+    with suppress(OSError, ValueError):  # ValueError: the file of a connection that the other side has closed
         while piece := read(65536):  # type: ignore[operator]
             sink.sendall(piece)

@@ -6,7 +6,8 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import reduce
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -43,11 +44,16 @@ class Page:
         self.page.locator("#stage", has_text="No run").or_(self.page.locator("#stage", has_text="over")).wait_for()
 
     def shows(self, selector: str, text: str, timeout: float = LONG) -> None:
+        self.shows_one_of(((selector, text),), timeout)
+
+    def shows_one_of(self, wanted: Iterable[tuple[str, str]], timeout: float = LONG) -> None:
+        """Wait until one of the selectors shows its text."""
+        first, *others = [self.page.locator(selector, has_text=text).first for selector, text in wanted]
         try:
-            self.page.locator(selector, has_text=text).first.wait_for(timeout=timeout)
+            reduce(lambda one, other: one.or_(other), others, first).first.wait_for(timeout=timeout)
         except Exception as error:  # Playwright's own TimeoutError, which is none of Python's
             told = {name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")}
-            raise AssertionError(f"{selector} never says {text!r}; the page says {told}") from error
+            raise AssertionError(f"none of {wanted} is ever shown; the page says {told}") from error
 
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
@@ -114,11 +120,16 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
 
 @pytest.fixture
 def at_sea() -> Iterator[str]:
-    """The link to a vehicle that keeps a clock of its own, eight times ours, and is asked about as a real one is."""
+    """The link to a vehicle that keeps a clock of its own, eight times ours, and is asked about as a real one is.
+
+    Its failsafes are eight times as patient: a pause beside other processes is as long in our time as ever.
+    """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = [sys.executable, "-m", "sitl", "charlie", "--listen", f"tcp:127.0.0.1:{port}", "--speedup", "8"]
+    patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=8", "--param", "FS_TIMEOUT=12")
+    listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "8")
+    words = [sys.executable, "-m", "sitl", "charlie", *listening, *patience]
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()
@@ -234,9 +245,9 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
     page = visit(flying[0])
     page.start(connect=at_sea)
     for question in ("Go ahead?", "Write ATC_STR_RAT_FF"):
-        here = page.page.locator("#question-text" if is_question else "#stage", has_text=stage)
-        here.or_(page.page.locator("#question-text", has_text=question)).first.wait_for(timeout=LONG)
-        if here.is_visible():
+        where = "#question-text" if is_question else "#stage"
+        page.shows_one_of(((where, stage), ("#question-text", question)))
+        if page.page.locator(where, has_text=stage).is_visible():
             break
         page.page.click("#yes")
     page.shows("#question-text" if is_question else "#stage", stage)
