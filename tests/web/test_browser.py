@@ -28,6 +28,7 @@ class Page:
 
     def __init__(self, browser: Any, link: str, **context: Any) -> None:
         self.context = browser.new_context(**context)
+        self.context.set_default_timeout(LONG)
         self.page = self.context.new_page()
         self.troubles: list[str] = []
         self.called: set[str] = set()
