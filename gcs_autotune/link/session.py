@@ -238,8 +238,9 @@ class Session:
         if not others:
             return ""
         return (
-            f"more than one says that he is {self.vehicle}: the first heard, at {self._held_sender.origin}, is held "
-            f"to, and {' and '.join(others)} say{'s' if len(others) == 1 else ''} so too"
+            f"messages that claim to be from {self.vehicle} come from {len(others) + 1} addresses: "
+            f"{' and '.join((self._held_sender.origin, *others))}. Only those from the first, "
+            f"{self._held_sender.origin}, are believed"
         )
 
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:

@@ -13,7 +13,7 @@ boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat ba
 from __future__ import annotations
 
 from gcs_autotune.manoeuvres.approach import Steering
-from gcs_autotune.manoeuvres.area import Area, Zone, read_area
+from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
@@ -76,6 +76,7 @@ __all__ = [
     "ZigZag",
     "ZigZagSettings",
     "Zone",
+    "how_far",
     "limited_orders",
     "preview",
     "read_area",

@@ -15,7 +15,7 @@ from typing import Any
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.frames import flat
 
-__all__ = ["Area", "Zone", "read_area"]
+__all__ = ["Area", "Zone", "how_far", "read_area"]
 
 Point = tuple[float, float]
 
@@ -93,6 +93,19 @@ def _distance(corners: Sequence[Point], x: float, y: float) -> float:
         share = 0.0 if length == 0.0 else max(0.0, min(1.0, ((x - x1) * along + (y - y1) * across) / length))
         nearest = min(nearest, math.hypot(x - x1 - share * along, y - y1 - share * across))
     return nearest
+
+
+def how_far(distance: float) -> str:
+    """Return a *distance* [m] in words for people: none, however short, reads as nothing."""
+    if distance < 1.0:
+        return f"{max(100.0 * distance, 1.0):.0f} cm"
+    return (
+        f"{distance:.1f} m"
+        if distance < 10.0
+        else f"{distance:.0f} m"
+        if distance < 10e3
+        else f"{distance / 1e3:.0f} km"
+    )
 
 
 def read_area(text: str) -> Area:

@@ -111,12 +111,14 @@ class ComeToRest(Manoeuvre):
 
     Its own loop, which takes over next, fills its integral while it catches a craft that still turns from an
     experiment, and keeps that for as long as it works off a constant force: half a minute where there is little drag.
+
+    ``signal`` and ``force`` are those of the step that is next: what people watch.
     """
 
     kind, purpose = "come-to-rest", "transit"
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, signal: str = "psi", force: str = "N") -> None:
+        super().__init__(signal=signal, force=force)
         self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["x"]]
 
     @property

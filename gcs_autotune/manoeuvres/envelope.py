@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped, UsageError
-from gcs_autotune.manoeuvres.area import Area
+from gcs_autotune.manoeuvres.area import Area, how_far
 from gcs_autotune.watch import Room
 
 __all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
@@ -204,9 +204,8 @@ class Watch:
                 limit=limit,
             )
         if guard.name == OUTSIDE and self.envelope.area is not None:
-            by = f"{value:.1f} m" if value >= 1.0 else f"{max(100.0 * value, 1.0):.0f} cm"
             raise GuardTripped(
-                f"the craft is {by} outside {self.envelope.area.source}. The actuators were brought to "
+                f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were brought to "
                 "neutral. Take it to where there is more room, or give a larger area",
                 guard=guard.name,
                 value=value,

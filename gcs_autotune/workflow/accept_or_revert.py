@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better, told_over
 from gcs_autotune.link import Journal, ParameterTransaction
 from gcs_autotune.report import format_factor
@@ -78,7 +79,7 @@ def _prove(
         log.say("written and read back")
         context.come_about("step-after", STEP_AHEAD, last=True)
         if not context.law.controls_velocity:
-            context.runner.come_to_rest(PROVING)
+            context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
         after = context.fly(criteria.proof.step("step-after"), PROVING).trial
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:

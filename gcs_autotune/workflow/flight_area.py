@@ -6,7 +6,7 @@ import math
 
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
-from gcs_autotune.manoeuvres import Area, Zone
+from gcs_autotune.manoeuvres import Area, Zone, how_far
 from gcs_autotune.watch import Watcher
 
 __all__ = ["area_of_flight"]
@@ -43,11 +43,10 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
     area = both.around(*fix, now.x, now.y)
     beyond = area.beyond(now.x, now.y)
     if beyond > 0.0:
-        away = f"{beyond:.0f} m" if beyond < _FAR else f"{beyond / 1000.0:.0f} km"
         swapped = ". See whether its latitudes and longitudes are in the right order" * (beyond >= _FAR)
         where = f"{fix[0]:.5f} {fix[1]:.5f}"
         raise PreconditionFailed(
-            f"the vehicle, at {where}, is {away} outside {area.source}; nothing was armed{swapped}"
+            f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}; nothing was armed{swapped}"
         )
-    watcher.say(f"stays in {area.source}: {-max(z.beyond(now.x, now.y) for z in area.zones):.0f} m to its edge")
+    watcher.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
     return area

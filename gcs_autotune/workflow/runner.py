@@ -13,6 +13,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import replace
 
+from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import ComeToRest, Dive, Envelope, Flown, Manoeuvre, Sequencer
@@ -104,10 +105,13 @@ class ManoeuvreRunner:
         near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
         return not near
 
-    def come_to_rest(self, stage: str) -> None:
-        """Bring a craft that can stay where it is to rest, as the beginning of *stage*; a boat floats on."""
+    def come_to_rest(self, stage: str, axis: AxisKind) -> None:
+        """Bring a craft that can stay where it is to rest, as the beginning of *stage*, a step of *axis*.
+
+        A boat floats on.
+        """
         if not self._craft.firmware.floats:
-            self.attempt(ComeToRest(), stage)
+            self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
 FAR_OUT, NEARLY = 0.4, 0.9

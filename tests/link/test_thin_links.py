@@ -136,6 +136,16 @@ def test_a_line_with_room_for_ten_overrides_a_second_gets_ten(boat: ScriptedVehi
     assert boat.armed
 
 
+def test_a_link_that_has_become_late_but_keeps_up_is_not_told_that_its_queue_grows(boat: ScriptedVehicle) -> None:
+    link = MemoryLink(boat)
+    craft = open_craft(Session(link), wanted_rates=WANTED, arm_patience=3.0)
+    link._delay = 0.4
+    craft.session.pause(2.0)
+    craft.arm()
+    assert boat.armed
+    assert not any("bytes/s" in note for note in craft.session.notes)
+
+
 def test_a_wide_link_is_not_spared(boat: ScriptedVehicle) -> None:
     craft = open_craft(Session(MemoryLink(boat)), wanted_rates=WANTED, arm_patience=3.0)
     craft.arm()

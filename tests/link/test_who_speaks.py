@@ -93,7 +93,10 @@ def test_a_forger_who_spoke_first_is_told_as_one_of_two_and_not_as_old_firmware(
     with Session(link) as session, pytest.raises(NoReply) as caught:
         open_craft(session, arm_patience=3.0)
     said = str(caught.value)
-    assert f"the first heard, at {ELSEWHERE}, is held to, and {HOME} says so too" in said
+    assert "messages that claim to be from " in said
+    assert (
+        f"come from 2 addresses: {ELSEWHERE} and {HOME}. Only those from the first, {ELSEWHERE}, are believed" in said
+    )
     assert "has answered no question" in said and "firmware" not in said
     assert not boat.armed
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,13 @@ def test_a_craft_with_hardly_any_drag_is_brought_to_rest_by_a_light_hand(rate: f
     assert rest.outcome.reason == "it lies still"
     assert abs(pond.r) <= STILL[0]
     assert 2.0 < pond.clock.now() - begun < REST
+
+
+def test_what_comes_to_rest_before_a_step_in_depth_tells_its_depth_and_what_drives_that() -> None:
+    now = replace(at_rest(z=2.5), output={"N": 0.1, "Z": 0.3})
+    assert ComeToRest("z", "Z").progress(now).signal == "z"
+    assert (ComeToRest("z", "Z").progress(now).value, ComeToRest("z", "Z").progress(now).output) == (2.5, 0.3)
+    assert ComeToRest().progress(now).signal == "psi"
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,11 @@ from typing import Any, cast
 
 import pytest
 
+from gcs_autotune.axes import AXES
 from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal
+from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow import accept_or_revert as accept_or_revert_module
 from gcs_autotune.workflow.accept_or_revert import (
@@ -19,6 +21,7 @@ from gcs_autotune.workflow.accept_or_revert import (
     accept_or_revert,
     accept_or_revert_supplied,
 )
+from gcs_autotune.workflow.runner import ManoeuvreRunner
 
 
 def step(itae: float) -> StepMetrics:
@@ -96,7 +99,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         craft=SimpleNamespace(parameters=None, firmware=FIRMWARE["ardusub"]),
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
-        runner=SimpleNamespace(come_to_rest=lambda stage: done.append(f"rest in {stage}")),
+        runner=SimpleNamespace(come_to_rest=lambda stage, axis: done.append(f"rest in {stage}")),
         come_about=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
@@ -118,6 +121,21 @@ BEFORE = recorded(1.0, 30.0, 6.0)
 def ruler(trial: Trial, windows: Sequence[float]) -> StepMetrics:
     read.append(windows)
     return step(trial.meta["itae"])
+
+
+@pytest.mark.parametrize(("firmware", "axis", "seen"), [("ardusub", "depth", ["z Z"]), ("ardurover", "heading", [])])
+def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_floats_on(
+    firmware: str, axis: str, seen: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[str] = []
+    craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], armed=False)
+    watcher: Any = SimpleNamespace(say=print)
+    runner = ManoeuvreRunner(craft, Envelope(), watcher, print)
+    monkeypatch.setattr(
+        runner, "attempt", lambda manoeuvre, stage: flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
+    )
+    runner.come_to_rest("proving", AXES[axis])
+    assert flown == seen
 
 
 PROOF = SimpleNamespace(step=lambda name: name, settings=SimpleNamespace(duration=30.0))

@@ -62,6 +62,10 @@ def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: 
     with pytest.raises(PreconditionFailed, match=r"8\.76400, is 60 m outside the pond; nothing was armed$"):
         fly(harness, square(40.0, north=100.0))
     assert harness.found == ""
+    near = SitlHarness(tmp_path / "near")
+    with pytest.raises(PreconditionFailed, match=r" is 28 cm outside the pond; nothing was armed$"):
+        fly(near, square(40.0, north=40.3))
+    assert near.found == ""
 
 
 def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
@@ -72,7 +76,7 @@ def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
     harness.assert_neutral()
     rock = SitlHarness(tmp_path / "rock", **FENCED)
     rock.server.fence = [(5001, 4.0, *corner) for corner in square(400.0)] + [(5004, 5.0, *HOME)]
-    with pytest.raises(PreconditionFailed, match="is 5 m outside its own fence"):
+    with pytest.raises(PreconditionFailed, match=r"is 5\.0 m outside its own fence"):
         fly(rock, None)
 
 

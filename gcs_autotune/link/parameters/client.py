@@ -188,7 +188,7 @@ class Parameters:
         """Tell a vehicle that has no such parameter from one that has stopped answering, or is none."""
         if not self.known and self.session.contested:
             raise NoReply(
-                f"{self.session.contested}; the one held to has answered no question for parameters "
+                f"{self.session.contested}. That one has answered no question for parameters "
                 f"({', '.join(missing)}), so it may not be the vehicle. End the other program, or use a signed link"
             )
         known = next((name for name in self.known if name not in missing), None)
