@@ -40,6 +40,7 @@ __all__ = [
     "progress_bar",
     "run_directory",
     "see_axis_limits",
+    "see_files",
     "see_model_file",
     "uri_of",
     "watching",
@@ -334,6 +335,19 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
         yield replace(_connection(args, uri, signing), opened=transport)
 
 
+def see_files(*paths: Path | None) -> None:
+    """See that what is to be read is there at all: a typo waits for no import of what reads it.
+
+    Raises
+    ------
+    BadFile
+        Something is not.
+    """
+    for path in paths:
+        if path is not None and not path.exists():
+            raise BadFile(f"{path}: no such file or run directory")
+
+
 def see_model_file(path: Path | None) -> None:
     """See that a model file can be read at all, before anything is opened; what is in it is looked at later.
 
@@ -344,6 +358,7 @@ def see_model_file(path: Path | None) -> None:
     """
     if path is None:
         return
+    see_files(path)
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

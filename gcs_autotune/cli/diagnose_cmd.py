@@ -8,7 +8,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar
+from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar, see_files
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.plain_json import json_text
@@ -67,6 +67,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    if not args.list_effects:
+        see_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters)
     from rich.console import Console
     from rich.text import Text
 

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar
+from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar, see_files
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
@@ -133,6 +133,8 @@ def _run(args: argparse.Namespace) -> int:
     _see_method_is_known(args.method, "all", "list")
     if args.compare is not None and not _is_file(args.compare):
         _see_method_is_known(args.compare)
+    if args.method != "list":
+        see_files(*args.runs, *args.validate, args.start, args.parameters)
 
     from rich.console import Console
     from rich.text import Text

@@ -15,6 +15,7 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     connection_of,
+    see_files,
     uri_of,
     watching,
 )
@@ -84,6 +85,7 @@ def _fetch(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
+    see_files(*args.files, args.parameters)
     from rich.console import Console
 
     from gcs_autotune.logs import fresh_folder, survey, write_runs

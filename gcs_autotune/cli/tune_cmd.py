@@ -25,6 +25,7 @@ from gcs_autotune.cli.command import (
     envelope_from,
     run_directory,
     see_axis_limits,
+    see_files,
     see_model_file,
 )
 from gcs_autotune.cli.remote import attending
@@ -97,6 +98,7 @@ def _see(args: argparse.Namespace) -> None:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
     see_model_file(args.model)
+    see_files(args.gains, args.resume)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:

@@ -98,7 +98,8 @@ def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
         return None
     return Doubt(
         "delay-fitted",
-        f"a delay of {solution.value('delay'):.3f} s between input and motion was fitted (evidence {evidence:.0f})",
+        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted: with it BIC, the misfit "
+        f"weighed against the count of fitted numbers, is lower by {evidence:.0f}",
         "give --delay if you know it; a slow actuator looks like a delay too: free 'lag' in a form for it",
     )
 

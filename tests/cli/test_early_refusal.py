@@ -53,6 +53,10 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
         lines = [f"tune heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG]
         lines += [f"experiment heading {o} {v.replace('TAKEN', port)}" for o, v in WRONG[:7]]
         lines += [f"identify runs.csv {o}" for o in ("--dof yow", "--method ukv", "--compare ukv")]
+        lines += ["tune heading --gains nowhere.param", "tune heading --resume nowhere"]
+        lines += ["identify nowhere.csv", "identify broken.json --validate nowhere.csv"]
+        lines += ["diagnose nowhere.csv", "diagnose broken.json --simulation nowhere.csv", "figures nowhere.csv"]
+        lines += ["logs show nowhere.bin", "restore nowhere", "export nowhere.json --to csv"]
         lines += ["fly zig-zg", "fly zig-zag --heading nan", "fly --form yaw zig-zag"]
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM, *lines],

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import diagnosis_stories as diagnosed
 import numpy as np
@@ -14,6 +16,7 @@ from gcs_autotune.design.result import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, fit
+from gcs_autotune.identify.doubts import delay_fitted
 from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.identify.whiteness import remainder_of
@@ -21,6 +24,7 @@ from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, stud
 from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
 from gcs_autotune.report.study.study import verdict_headline
 from gcs_autotune.report.toolkit.axis_fit import (
+    candidate_table,
     cycle_table,
     estimate_table,
     model_sentences,
@@ -128,6 +132,39 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
     assert model_words(bent) == "quadratic damping, with thrust curve"
     assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
     assert ("share", "0.82 ± 0.03", "1", "quadratic share of the thrust at full command", "") in model_table(bent).rows
+
+
+def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() -> None:
+    fitted = stories.fit("linear")
+    plain = replace(fitted, model=replace(fitted.model, beta_quadratic=0.0))
+    dead = EffectInstance("dead-zone", "N", {"width": 0.144})
+    bent = EffectInstance("quadratic-actuator", "N", {"share": 0.8}, {"u_ref": 0.5})
+
+    def top(*effects: EffectInstance) -> float:
+        said = " ".join(model_sentences(replace(plain, effects=effects)))
+        return float(said.partition("Full output sustains ")[2].partition("°/s")[0])
+
+    assert top(dead) == pytest.approx((1.0 - 0.144) * top(), rel=0.01)
+    assert top(bent) == pytest.approx((0.2 + 0.8 / 0.5) * top(), rel=0.01)
+    assert "acts as if it did nothing below 0.144" in " ".join(model_sentences(replace(plain, effects=(dead,))))
+
+
+def test_damping_that_fits_best_but_pushes_is_said_to_be_why_another_was_chosen() -> None:
+    fitted = stories.fit("linear")
+    pushing = [
+        replace(c, model=replace(c.model, beta_quadratic=-2.2), bic=-9000.0) if c.structure == "affine" else c
+        for c in fitted.candidates
+    ]
+    remarks = {row[0]: row[-1] for row in candidate_table(replace(fitted, candidates=tuple(pushing))).rows}
+    assert remarks == {"linear": "chosen", "nonlinear": "", "affine": "negative damping"}
+
+
+def test_a_delay_is_told_to_what_is_known_of_it_and_what_speaks_for_it_has_a_name() -> None:
+    solution: Any = SimpleNamespace(free=("delay",), value=lambda name: 0.16108)
+    doubt = delay_fitted(solution, 7.6)
+    assert doubt is not None
+    assert "a delay of 0.16 s" in doubt.cause
+    assert "BIC" in doubt.cause and "lower by 8" in doubt.cause and "evidence" not in doubt.cause
 
 
 @pytest.mark.parametrize("gain", [140.0, float("inf")])

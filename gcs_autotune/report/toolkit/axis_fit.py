@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
 from rich.console import Group, RenderableType
 
-from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
 from gcs_autotune.identify import AxisFit, IsoEstimate, Parameter, Remainder, StructureFit, label_of
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
@@ -108,7 +109,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     if model.beta != 0.0 and fit.structure != "nonlinear":
         said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
-        top = abs(model.steady_velocity(1.0 - model.delta))
+        top = abs(model.steady_velocity(_acting_at_full(fit) - model.delta))
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
@@ -120,6 +121,16 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         f"the motion it was fitted to. {remainder_sentence(left, shown)}"
     )
     return tuple(said)
+
+
+def _acting_at_full(fit: AxisFit) -> float:
+    """Return what full output comes to in the model: a dead zone takes its width off that, too."""
+    output = np.ones(1)
+    for own in fit.effects:
+        law = EFFECTS[own.slug]
+        if isinstance(law, Characteristic):
+            output = law.acting(own, output)
+    return float(output[0])
 
 
 def explains(percent: float) -> str:
@@ -153,7 +164,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
             "propeller."
         )
     if own.slug == "dead-zone":
-        return f"The actuator does nothing below {number('width')} of full output (dead zone)."
+        return f"The actuator acts as if it did nothing below {number('width')} of full output (dead zone)."
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
     return f"Found of the actuator: {_effect_title(own)}, {values}."
 
@@ -250,18 +261,22 @@ def candidate_table(fit: AxisFit) -> Table:
     """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
     best = min((c.bic for c in fit.candidates), default=math.nan)
     unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
-    rows = tuple(_candidate_row(c, best, unit, fit.structure) for c in fit.candidates)
+    taken = min((c.bic for c in fit.candidates if c.structure == fit.structure), default=best)
+    rows = tuple(_candidate_row(c, best, unit, fit.structure, taken) for c in fit.candidates)
     return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
 
 
-def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str) -> tuple[str, ...]:
+def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str, taken: float) -> tuple[str, ...]:
+    """Return a row; of what fits better than the one *chosen*, whose BIC is *taken*, with why it is not that."""
+    pushes = min(candidate.model.beta, candidate.model.beta_quadratic) * candidate.model.alpha < 0.0
+    passed_over = "negative damping" if pushes and candidate.bic < taken else ""
     return (
         candidate.structure,
         structure_words(candidate.structure),
         format_quantity(candidate.rms, unit, 4),
         str(candidate.free_parameters),
         f"{candidate.bic - best + 0.0:.1f}",
-        "chosen" if candidate.structure == chosen else "",
+        "chosen" if candidate.structure == chosen else passed_over,
     )
 
 
