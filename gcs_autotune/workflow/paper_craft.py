@@ -23,8 +23,10 @@ _UNTUNED = 0.2
 """ATC_STR_RAT_FF as ArduRover sets it: that of no craft in particular."""
 _RADIUS, _LAG = 4.0, 1.5
 """Chosen: turning radius [m] at full rudder and time constant [s] of boats of 1 to 3 m, where nothing is known."""
-_ROV_RATE, _ROV_LAG = 0.8, 1.0
-"""Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise."""
+_ROV_RATE, _ROV_LAG = 1.9, 0.25
+"""Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise: in the middle of the
+published ones (Falcon 1.3, VideoRay 1.6, BlueROV2 3.9; Miskovic2010, tables 7.1, 7.9; Benzon2022, table A1). None of
+ArduSub's parameters tells it: they limit what its loops ask for, not what its thrusters give."""
 TIED = 1e9
 """Inertia and drag of what does not move."""
 _FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 1.0, "Z": 1.5}

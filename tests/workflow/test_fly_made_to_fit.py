@@ -82,6 +82,15 @@ def test_an_rov_is_previewed_as_it_is_flown_ahead_and_astern(tmp_path: Path) -> 
     assert (X.min(), X.max()) == (-0.67, 0.67)
 
 
+def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known_and_soon(tmp_path: Path) -> None:
+    settings = FlySettings("zig-zag", SitlHarness(tmp_path).settings())
+    paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0)
+    falcon, bluerov2 = 1.28, 3.91  # Miskovic2010, table 7.1; Benzon2022, table A1
+    assert falcon < paper.yaw.steady_velocity(1.0) < bluerov2
+    assert 0.1 < paper.yaw.alpha / paper.yaw.beta < 0.6
+    assert "an assumed turn rate of 109 deg/s" in paper.source
+
+
 def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself(tmp_path: Path) -> None:
     settings = FlySettings("doublets", SitlHarness(tmp_path).settings(), force="Z")
     heavy, light = (
