@@ -30,6 +30,7 @@ fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once what all processes would compile, where nothing is compiled yet; no settings of the user's count."""
     os.environ["GCS_AUTOTUNE_CONFIG"] = "none"
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: see gcs_autotune.cli.main
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
         compiling = [subprocess.Popen([sys.executable, "-c", each], cwd=ROOT) for each in WARM_UPS]

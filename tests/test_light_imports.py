@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,24 @@ TABLES = {
 }
 WIRE = ("pymavlink", "serial", "mavsdk", "gcs_autotune.link")
 NUMERICS = ("numpy", "scipy", "numba", "matplotlib", "control", "pymavlink", "serial")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in /proc")
+@pytest.mark.parametrize("theirs", [None, "2"])
+def test_a_command_computes_in_one_thread_unless_the_user_says_otherwise(theirs: str | None) -> None:
+    """Two threads wait for each other beside other programs: a diagnosis then took five times as long."""
+    counting = (
+        "import os\nfrom gcs_autotune.cli import main\nmain(['fly', '--list'])\nimport numpy\n"
+        "print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    environment |= {"OPENBLAS_NUM_THREADS": theirs} if theirs else {}
+    run = subprocess.run(
+        [sys.executable, "-c", counting], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    threads, asked = run.stdout.split()[-2:]
+    assert asked == (theirs or "1")
+    assert threads == "1" or theirs
 
 
 def imported(code: str, *arguments: str) -> set[str]:
