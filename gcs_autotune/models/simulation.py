@@ -61,9 +61,10 @@ class SimulatedMotion:
 def _series(b: float, a: float, c: float, force: float, nu: float, side: float, w: Array) -> None:
     """Fill ``w`` (5, DEGREE + 1) with Taylor coefficients on one side of ``nu = 0``.
 
-    Rows: velocity, homogeneous sensitivity, and the particular ones to ``d``, ``a``, ``c``.
+    Rows: velocity, homogeneous sensitivity, and the particular ones to ``d``, ``a``, ``c``, whose first coefficients
+    are left at the zeros that they come with.
     """
-    w[0, 0], w[1, 0], w[2, 0], w[3, 0], w[4, 0] = nu, 1.0, 0.0, 0.0, 0.0
+    w[0, 0], w[1, 0] = nu, 1.0
     k2 = 2.0 * side * c
     for n in range(DEGREE):
         square, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -148,7 +149,7 @@ def _sweep(
 
     ``w`` (8, DEGREE + 1) zeros to work in: allocating is the longest thing to compile.
     """
-    x, by_eta, by_nu = w[5], w[6], w[7]
+    x, by_eta, by_nu = w[5, :2], w[6, :7], w[7, :7]
     x[0], x[1] = p[5], p[6]
     by_eta[5], by_nu[6] = 1.0, 1.0
     delay, t, j, steps = p[4], t_out[0], 0, 0

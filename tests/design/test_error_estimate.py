@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.design import step_metrics
-from gcs_autotune.design.step_metrics import HALVES, INTERVAL, error_behind, noise_floor
+from gcs_autotune.design.step_metrics import error_behind, noise_floor
 
 Array = NDArray[np.float64]
 STEPS = 200
@@ -91,11 +91,6 @@ def test_a_tenth_more_noise_assumed_changes_little() -> None:
     assert more == pytest.approx(exact, rel=0.1)
 
 
-def test_without_noise_an_error_is_left_as_it_is() -> None:
-    error = np.sin(np.arange(50.0))
-    assert np.array_equal(error_behind(error, 0.0), error)
-
-
 def test_noise_about_nothing_is_hardly_an_error_and_a_jump_keeps_its_place() -> None:
     noise = np.random.default_rng(4).normal(0.0, 1.0, 400)
     assert float(np.std(error_behind(noise, 1.0))) < 0.3
@@ -112,30 +107,3 @@ def test_readings_of_a_moving_mean_are_taken_once_each() -> None:
     mean = np.convolve(white, np.full(5, 0.2), "valid")
     once, each = (read(t, mean, 0.05 / math.sqrt(5.0), noise_time=span) for span in (0.5, 0.0))
     assert once < 0.5 * each
-
-
-def fitted_behind(error: Array, std: float) -> Array:
-    """What :func:`error_behind` says of itself, each parabola fitted by least squares."""
-    found = error.copy()
-    for i in range(len(error)):
-        low, high, least = error[i] - INTERVAL * std, error[i] + INTERVAL * std, std
-        for half in (h for h in HALVES if 2 * h + 1 <= len(error)):
-            first = min(max(i - half, 0), len(error) - 2 * half - 1)
-            place = np.arange(first - i, first - i + 2 * half + 1) / half
-            powers = np.stack([np.ones_like(place), place, place**2], axis=1)
-            value = float(np.linalg.lstsq(powers, error[first : first + len(place)])[0][0])
-            own = std * math.sqrt(float(np.linalg.inv(powers.T @ powers)[0, 0]))
-            low, high = max(low, value - INTERVAL * own), min(high, value + INTERVAL * own)
-            if low > high:
-                break
-            if own < least:
-                found[i], least = value, own
-    return found
-
-
-@pytest.mark.parametrize("count", [4, 5, 8, 30, 301])
-@pytest.mark.parametrize("every", [1, 2])
-def test_each_sample_is_read_off_the_parabola_of_the_widest_neighbourhood_that_agrees(count: int, every: int) -> None:
-    t = np.arange(every * count) * 10.0 / count
-    error = (swing(t) + np.random.default_rng(6).normal(0.0, 0.02, len(t)))[::every]
-    assert error_behind(error, 0.02) == pytest.approx(fitted_behind(error, 0.02), abs=1e-9)

@@ -94,6 +94,39 @@ def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: fl
     assert kernel.plant_of(craft, Scenario(1.0, 5.0), dt, 0.0).substeps == substeps
 
 
+@pytest.mark.parametrize(("quadratic", "delta"), [(1.0, 0.0), (5.0, 0.2), (5.0, -0.2), (20.0, 0.0)])
+def test_square_drag_counts_at_the_speed_of_full_output(quadratic: float, delta: float) -> None:
+    top = (-0.3 + math.sqrt(0.09 + 4.0 * quadratic)) / (2.0 * quadratic)  # of which the constant force is a part
+    rate = (0.3 + 2.0 * quadratic * top) / 0.4
+    found = kernel.plant_of(SingleDof("yaw", "1", 0.4, 0.3, quadratic, delta), Scenario(1.0, 5.0), 0.17, 0.0)
+    assert found.substeps == math.ceil(0.17 * rate / 0.1)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_thrusters_share_steering_and_throttle_once_both_ask_for_more_than_there_is(sign: float) -> None:
+    shared = [kernel._mixed(sign * 0.8, throttle) for throttle in (0.0, 0.1, 0.2, 0.7)]
+    assert shared == pytest.approx([sign * u for u in (0.8, 0.8, 0.8, 0.8 / 1.5)])
+    assert kernel._mixed(sign * 1.5, 0.0) == sign * 1.5, "nobody to share with"
+    assert kernel._mixed(0.0, 0.7) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("least", [0.0, 0.2])
+@pytest.mark.parametrize("expo", [-1.0, -0.5, 0.0, 0.4, 1.0])
+def test_a_pulse_gives_the_thrust_asked_for_by_the_curve_of_thrust(sign: float, least: float, expo: float) -> None:
+    for throttle in (0.01, 0.3, 0.8, 1.0):
+        pulse = sign * kernel.shaped_throttle(sign * throttle, least, expo)
+        assert (1.0 - expo) * pulse + expo * pulse**2 == pytest.approx(least + (1.0 - least) * throttle)
+        assert 0.0 < pulse <= 1.0
+    assert kernel.shaped_throttle(0.0, least, expo) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_curve_of_thrust_out_of_its_range_is_none_and_one_beyond_its_top_stays_there(sign: float) -> None:
+    assert kernel.shaped_throttle(sign * 0.4, 0.0, 1.01) == kernel.shaped_throttle(sign * 0.4, 0.0, -1.01) == sign * 0.4
+    assert kernel.shaped_throttle(sign * 1.2, 0.0, -1.0) == sign
+
+
 def moved(**shape: float) -> ActuatorStep:
     """Return an actuator as the kernel reads it: perfect but for *shape*."""
     return ActuatorStep(1.0, 1e9, 1e9, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)._replace(**shape)
@@ -111,6 +144,7 @@ def acted(outputs: list[float], **shape: float) -> list[float]:
         ([0.5, 2.0], {"acts": 0.0, "limit": 0.1}, [0.5, 2.0]),
         ([0.5, 2.0, 0.7], {"limit": 0.6}, [0.5, 0.6, 0.6]),
         ([0.0, 1.0, 1.0, 0.5, 0.5], {"rate": 0.4}, [0.0, 0.4, 0.8, 0.5, 0.5]),
+        ([0.9, 1.5, 0.2], {"rate": 0.4}, [0.9, 1.3, 0.9]),
         ([0.2, 1.0, 1.0], {"lag": 0.5}, [0.2, 0.6, 0.8]),
         ([0.5, 0.6, 0.4, 0.1, 0.2], {"play": 0.1}, [0.4, 0.5, 0.5, 0.2, 0.2]),
         ([0.05, 0.5], {"play": 0.1}, [0.0, 0.4]),
@@ -124,6 +158,7 @@ def acted(outputs: list[float], **shape: float) -> list[float]:
         "none",
         "limit",
         "rate",
+        "rate from where it was",
         "lag",
         "play",
         "inside play",

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gcs_autotune.design import StepMetrics, combine, is_better, step_metrics
+from gcs_autotune.design.step_metrics import (
+    HALVES,
+    INTERVAL,
+    MIN_SAMPLES,
+    _without_spikes,
+    error_behind,
+    noise_floor,
+)
 from gcs_autotune.errors import NotInformative
 
 Array = NDArray[np.float64]
@@ -30,6 +39,165 @@ def wave(t: Array, damping: float, omega: float = 2.0) -> Array:
 def measure(t: Array, share: Array, step: float = 0.5, start: float = 0.2, **options: float) -> StepMetrics:
     target = np.where(t < 0.0, start, start + step)
     return step_metrics(t, target, start + step * share, np.zeros_like(t), **options)
+
+
+SHARES = np.array([0.0, 0.3, 0.7, 1.2, 1.1, 1.02, 0.98, 1.01, 1.03, 1.0, 1.0])
+"""Of a step that is read by hand, a second apart."""
+
+
+def by_hand(step: float, shares: Array = SHARES, begin: float = 100.0, **options: float) -> StepMetrics:
+    """Measure *shares* of a step of *step* after two samples at rest, the output moving with each of them."""
+    t = begin + np.arange(-2.0, len(shares))
+    target = np.where(t < begin, 3.0, 3.0 + step)
+    output = np.zeros(len(t))
+    output[:6] = -0.7, 0.9, 1.0, -1.0, -1.0, 0.0
+    return step_metrics(t, target, 3.0 + step * np.append([0.0, 0.0], shares), output, **options)
+
+
+@pytest.mark.parametrize("step", [2.0, -2.0])
+def test_a_step_of_eleven_samples_reads_as_by_hand(step: float) -> None:
+    found = by_hand(step)
+    assert found.itae == pytest.approx(0.7 + 2 * 0.3 + 3 * 0.2 + 4 * 0.1 + 5 * 0.02 + 6 * 0.02 + 7 * 0.01 + 8 * 0.03)
+    assert found.overshoot == pytest.approx(0.2)
+    assert found.rise == pytest.approx((2.0 + 0.2 / 0.5) - 0.1 / 0.3)
+    assert found.settling == 5.0
+    assert found.steady_error == pytest.approx(0.01), "of the last third, which begins after 6.7 s"
+    assert found.travel == pytest.approx((2.0 + 1.0) / 10.0), "what it did before is not counted"
+    assert found.oscillation == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("step", [2.0, -2.0])
+def test_what_lies_within_the_floor_is_taken_off_every_figure_but_the_steady_error(step: float) -> None:
+    found = by_hand(step, quantum=0.02 / 1.01)
+    beyond = np.maximum(np.abs(1.0 - SHARES) - 0.01, 0.0)
+    assert found.itae == pytest.approx(float(np.arange(11.0) @ beyond))
+    assert (found.overshoot, found.oscillation) == pytest.approx((0.19, 0.005))
+    assert found.settling == 5.0
+    assert found.steady_error == pytest.approx(0.01)
+    wide = by_hand(step, quantum=0.3 / 1.01)
+    assert wide.settling == 4.0, "its band is as wide as the floor"
+    assert (wide.oscillation, wide.overshoot) == pytest.approx((0.0, 0.05))
+    assert by_hand(step, np.minimum(SHARES, 0.95), quantum=0.2).overshoot == 0.0
+
+
+def test_samples_quicker_than_the_noise_are_thinned_from_the_last_one_on() -> None:
+    errors = np.abs(1.0 - SHARES)
+    every_second = 2.0 * (2 * errors[2] + 4 * errors[4] + 6 * errors[6] + 8 * errors[8])
+    assert by_hand(2.0, noise_time=2.0).itae == pytest.approx(every_second)
+    assert by_hand(2.0, noise_time=0.4).itae == by_hand(2.0).itae
+    thirds = [(1, errors[1]), (4, errors[4]), (7, errors[7]), (10, errors[10])]
+    by_thirds = sum(1.5 * (t * e + u * f) for (t, e), (u, f) in pairwise(thirds))
+    assert by_hand(2.0, noise_time=3.0).itae == pytest.approx(by_thirds)
+
+
+def test_a_craft_that_begins_on_its_way_or_never_gets_there_has_the_times_it_has() -> None:
+    under_way = np.array([0.4, 0.3, 0.7, 1.2, 1.1, 1.02, 0.98, 1.0, 1.0, 1.0, 1.0])
+    assert by_hand(2.0, under_way).rise == pytest.approx(2.4), "a tenth is there at once"
+    assert math.isnan(by_hand(2.0, 0.7 * SHARES).rise)
+    late = SHARES.copy()
+    late[8] = 1.06
+    assert by_hand(2.0, late).settling == 9.0, "at nine tenths of the time it counts"
+    late[9] = 1.06
+    assert math.isnan(by_hand(2.0, late).settling)
+    late[10] = 1.06
+    assert math.isnan(by_hand(2.0, late).settling)
+    assert by_hand(2.0, np.ones(9)).settling == 0.0
+
+
+def test_without_a_move_of_the_target_the_step_is_from_the_middle_of_the_first_three_positions() -> None:
+    t = np.arange(10.0)
+    position = np.array([0.2, 0.9, 0.3, 0.4, 0.6, 0.8, 1.3, 1.3, 1.3, 1.3])
+    found = step_metrics(t, np.full(10, 1.3), position, np.zeros(10))
+    assert found.steady_error == pytest.approx(0.0, abs=1e-12)
+    assert found.rise == pytest.approx((5.0 + 0.4 / 0.5) - 3.0)
+    assert found.overshoot == 0.0
+    lifted = step_metrics(t, np.full(10, 1.3), position + np.where(t == 9.0, 0.1, 0.0), np.zeros(10))
+    assert lifted.overshoot == pytest.approx(0.1, abs=1e-12), "of a step of one: the middle of the three is 0.3"
+
+
+def test_eight_samples_after_a_step_can_be_measured_and_seven_cannot() -> None:
+    assert MIN_SAMPLES == 8
+    assert by_hand(2.0, SHARES[:8]).rise > 0.0
+    with pytest.raises(NotInformative, match="only 7 samples after the step"):
+        by_hand(2.0, SHARES[:7])
+    t = np.arange(8.0)
+    assert step_metrics(t, np.ones(8), t / 7.0, t).overshoot == 0.0
+    with pytest.raises(NotInformative, match="a step of 7 samples"):
+        step_metrics(t[:7], np.ones(7), t[:7] / 7.0, t[:7])
+
+
+def test_a_step_just_beyond_twice_the_floor_is_measured() -> None:
+    assert noise_floor(0.1, 0.0) == 0.2 and noise_floor(0.1, 0.4) == pytest.approx(0.404)
+    assert by_hand(-2.0, noise_std=0.499).steady_error == pytest.approx(0.01)
+    with pytest.raises(NotInformative, match="larger step"):
+        by_hand(-2.0, noise_std=0.5)
+
+
+def test_time_may_stand_still_but_not_all_the_time_nor_run_backwards() -> None:
+    t, rise = np.arange(10.0), np.linspace(0.0, 1.0, 10)
+    twice = np.where(t == 4.0, 3.0, t)
+    assert step_metrics(twice, np.ones(10), rise, t).overshoot == 0.0
+    for wrong in (np.full(10, 3.0), np.where(t == 4.0, 2.9, t)):
+        with pytest.raises(NotInformative, match="forwards"):
+            step_metrics(wrong, np.ones(10), rise, t)
+    with pytest.raises(NotInformative, match="equally long"):
+        step_metrics(*[np.ones((10, 2))] * 4)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lone_sample_is_one_that_leaves_both_neighbours_by_a_quarter_while_they_agree(side: float) -> None:
+    plain = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 0.75])
+    for leap, is_lone in ((0.25, False), (0.375, True), (-0.25, False), (-0.375, True)):
+        values = side * (plain + np.where(np.arange(6) == 2, leap, 0.0))
+        assert np.array_equal(_without_spikes(values, side), side * plain if is_lone else values)
+    for apart, is_lone in ((0.125, True), (0.25, False)):
+        values = side * np.array([0.5, 0.5, 1.25, 0.5 + apart, 0.5 + apart])
+        assert bool(_without_spikes(values, side)[2] == side * (0.5 + 0.5 * apart)) is is_lone
+    ends = side * np.array([9.0, 0.0, 0.0, 0.0, -9.0])
+    assert np.array_equal(_without_spikes(ends, side), ends), "an end has one neighbour only"
+    assert np.array_equal(_without_spikes(2.0 * plain, 9.0), 2.0 * plain)
+
+
+def test_steps_are_joined_by_their_mean_and_their_worst() -> None:
+    other = StepMetrics(
+        itae=1.0, overshoot=0.02, rise=2.0, settling=5.0, steady_error=0.03, travel=0.5, oscillation=0.1
+    )
+    joined = StepMetrics(
+        itae=1.5, overshoot=0.05, rise=1.5, settling=4.0, steady_error=0.03, travel=0.4, oscillation=0.1
+    )
+    assert combine([GOOD, other]) == combine([other, GOOD]) == joined
+
+
+def test_without_noise_an_error_is_left_as_it_is() -> None:
+    error = np.sin(np.arange(50.0))
+    assert np.array_equal(error_behind(error, 0.0), error)
+
+
+def fitted_behind(error: Array, std: float) -> Array:
+    """What :func:`error_behind` says of itself, each parabola fitted by least squares."""
+    found = error.copy()
+    for i in range(len(error)):
+        low, high, least = error[i] - INTERVAL * std, error[i] + INTERVAL * std, std
+        for half in (h for h in HALVES if 2 * h + 1 <= len(error)):
+            first = min(max(i - half, 0), len(error) - 2 * half - 1)
+            place = np.arange(first - i, first - i + 2 * half + 1) / half
+            powers = np.stack([np.ones_like(place), place, place**2], axis=1)
+            value = float(np.linalg.lstsq(powers, error[first : first + len(place)])[0][0])
+            own = std * math.sqrt(float(np.linalg.inv(powers.T @ powers)[0, 0]))
+            low, high = max(low, value - INTERVAL * own), min(high, value + INTERVAL * own)
+            if low > high:
+                break
+            if own < least:
+                found[i], least = value, own
+    return found
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 30, 61])
+@pytest.mark.parametrize("every", [1, 2])
+def test_each_sample_is_read_off_the_parabola_of_the_widest_neighbourhood_that_agrees(count: int, every: int) -> None:
+    t = np.arange(every * count) * 10.0 / count
+    error = (1.0 - wave(t, 0.5, 3.0) + np.random.default_rng(6).normal(0.0, 0.02, len(t)))[::every]
+    assert error_behind(error, 0.02) == pytest.approx(fitted_behind(error, 0.02), abs=1e-9)
 
 
 def test_a_first_order_lag_has_its_textbook_numbers() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
+from numba import config
 
 from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws.kernel import fly
@@ -21,6 +22,7 @@ class Listener(SilentWatcher):
         self.said.append(text)
 
 
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is nothing to compile")
 @pytest.mark.parametrize("axis", ["heading", "yaw", "depth", "speed"])
 def test_the_cascade_that_flies_the_laws_of_an_axis_is_compiled(axis):
     axes = [f.axes[axis] for f in FIRMWARE.values() if axis in f.axes]

@@ -241,7 +241,6 @@ def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64])
     wish = clip(output, -actuator.limit, actuator.limit)
     if memory[0] == 0.0:
         memory[0], memory[1], memory[2] = 1.0, wish, wish
-        memory[3] = wish - clip(wish, -actuator.play, actuator.play)
     memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
     memory[2] += actuator.lag * (memory[1] - memory[2])
     memory[3] = min(max(memory[3], memory[2] - actuator.play), memory[2] + actuator.play)

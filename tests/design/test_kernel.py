@@ -302,6 +302,31 @@ def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constan
     assert hovering == pytest.approx([0.0] * 3)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "stages", [{"slew_output": 0.01}, {"output_cutoff": 0.3}, {"i": 0.4, "imax": 0.1}, {"hover": 0.4}], ids=str
+)
+def test_a_craft_at_rest_against_a_constant_force_stays_where_it_is_though_its_outputs_are_late_and_slow(
+    side: float, stages: dict[str, float]
+) -> None:
+    """What it sent before, and what slow outputs begin at, holds it as well."""
+    if "hover" in stages:
+        stages = {**stages, "hover": side * stages["hover"]}
+    pushed = {"step": 0.0, "settled": side * 0.3, "delta": side * 0.3, "alpha": 0.5, "late": 1.5}
+    position, output, _ = flown(6, plant=pushed, on_position=1.0, position_p=0.5, p=1.6, ff=0.4, **stages)
+    held = -side * 0.3 + stages.get("hover", 0.0)
+    held -= min(max(held, -0.1), 0.1) if "i" in stages else 0.0
+    assert output == pytest.approx([-side * 0.3] * 6, abs=1e-12)
+    assert position == pytest.approx([max(min(-held / 2.0 / 0.5, 0.5), -0.5)] * 6, abs=1e-12)
+
+
+def test_a_stage_that_a_law_does_not_name_is_not_there() -> None:
+    assert {name: value for name, value in Cascade()._asdict().items() if value != 0.0} == {
+        "lead_max": math.inf, "shape_time": 1.0, "velocity_max": math.inf, "scale": 1.0, "grows": 1.0, "most": 1.0,
+        "brakes": 1.0,
+    }  # fmt: skip
+
+
 def test_an_output_is_late_by_whole_and_part_loops() -> None:
     found = flown(5, plant={"alpha": 0.5, "step": 1.0, "late": 1.5}, cruise=1.0)[0]
     # acts: nothing, half of the first, all of it from there on
