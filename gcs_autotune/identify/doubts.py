@@ -129,7 +129,7 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 
 
 def _few_periods(f: Findings) -> Doubt | None:
-    if not f.relays or max(c.periods for c in f.relays) >= PERIODS:
+    if not f.relays or f.case.cut_short or max(c.periods for c in f.relays) >= PERIODS:
         return None
     most = max(c.periods for c in f.relays)
     return Doubt(
@@ -140,7 +140,7 @@ def _few_periods(f: Findings) -> Doubt | None:
 
 
 def _unsettled(f: Findings) -> Doubt | None:
-    if not f.relays or min(c.scatter for c in f.relays) <= SCATTER:
+    if not f.relays or f.case.cut_short or min(c.scatter for c in f.relays) <= SCATTER:
         return None
     worst = min(c.scatter for c in f.relays)
     cause = "the single period found" if np.isinf(worst) else f"extremes that scatter by {100 * worst:.0f} %"
@@ -429,7 +429,7 @@ def _outliers(solution: Solution) -> Doubt | None:
     return Doubt(
         "outliers",
         f"{100 * share:.1f} % of the samples lie far off the rest",
-        "identify again with loss='soft_l1', or mend the sensor",
+        "identify again with --robust (in Python loss='soft_l1'), or mend the sensor",
     )
 
 

@@ -150,7 +150,7 @@ class Relay(Manoeuvre):
         self._output = settings.output if settings.output is not None else settings.first_output
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
-        self._rule = rule
+        self._rule, self._enough = rule, False
         if settings.noise_std is not None:
             self._approach.skip(settings.noise_std)
         self._high = True
@@ -171,7 +171,10 @@ class Relay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began."""
+        """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began.
+
+        ``enough`` : a rule ended it, so that few periods are no fault of it.
+        """
         s = self._settings
         return {
             "dof": next(dof.name for dof in DOFS.values() if dof.force == s.force),
@@ -184,6 +187,7 @@ class Relay(Manoeuvre):
             "noise_std": self._approach.noise_std,
             "speed": self._approach.speed,
             "from_t": self._began,
+            "enough": self._enough,
         }
 
     def commands(self, now: Observation) -> Commands:
@@ -275,6 +279,7 @@ class Relay(Manoeuvre):
             return
         enough = self._rule.update(self, state.switchings) if self._rule is not None and state.proper else ""
         if enough:
+            self._enough = True
             self._end("completed", enough)
             return
         if state.settled:

@@ -111,7 +111,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         rule.weigh(context.run_in_background(assess, rule.question, first))
     if rule.known:
         log.say("identifying")
-        fit = log.fit = _without_cycles(_plain(context, [step, first]))
+        fit = log.fit = _plain(context, [step, first])
         return Identified(fit, [step, first])
     short = rule.another_size
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
@@ -120,7 +120,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
-    plain = log.fit = _without_cycles(_plain(context, trials))
+    plain = log.fit = _plain(context, trials)
     found = _with_curve(context, plain, trials, step)
     if found.left < BENT_UNEXPLAINED or not short:
         return replace(found, short=short)
@@ -130,14 +130,6 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
 
 BENT_UNEXPLAINED = 10.0
 """Chosen [percent]: what a model with a bent or dead actuator may leave; a whole record of a BlueROV2 leaves 7."""
-
-
-def _without_cycles(fit: AxisFit) -> AxisFit:
-    """Return *fit* without the doubts about limit cycles: one that was ended early on purpose has hardly any."""
-    return replace(fit, doubts=tuple(doubt for doubt in fit.doubts if doubt.slug not in OF_CYCLES))
-
-
-OF_CYCLES = ("few-periods", "unsettled")
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:

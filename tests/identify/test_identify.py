@@ -327,6 +327,9 @@ def test_no_relay_is_doubted_or_wished_for_where_none_flew(record: Record) -> No
     assert "relay" in " ".join(d.cure for d in doubted)
     assert told
     assert "few-periods" not in {d.slug for d in told}
+    enough = dataclasses.replace(trial, meta={"manoeuvre": "relay", "enough": True})
+    slugs_of_enough = {d.slug for d in fit_axis(enough, structure="affine").doubts}
+    assert not slugs_of_enough & {"few-periods", "unsettled"}, "it was ended on purpose"
     assert not any("relay" in d.cause + d.cure or "oscillation" in d.cause for d in told)
 
 

@@ -57,6 +57,7 @@ def test_a_rule_that_knows_enough_ends_it_before_five_periods_agree():
     switches = [m for m in flown.trial.marks if m.kind == "switch" and m.detail["x"] != 0.0]
     assert len(switches) == 3
     assert rule.begun == 1
+    assert flown.trial.meta["enough"], "so that whoever reads the record does not ask for more periods"
 
 
 def test_a_rule_that_never_knows_enough_leaves_it_to_the_five_periods_and_begins_again_with_each_size():

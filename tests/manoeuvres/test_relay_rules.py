@@ -44,7 +44,7 @@ def test_it_pushes_on_until_the_hysteresis_has_come_on_either_side_of_where_it_b
     assert [x for _, x in told(marks, "switch", "x")[:4]] == pytest.approx([0.0, 0.05, -0.05, 0.051])
     assert relay.asked == {
         "dof": "yaw", "signal": "psi", "force": "N", "C": 0.4, "x_a": H, "reference": 1.0, "throttle": 0.0,
-        "noise_std": 0.0, "speed": pytest.approx(0.0), "from_t": 0.0,
+        "noise_std": 0.0, "speed": pytest.approx(0.0), "from_t": 0.0, "enough": False,
     }  # fmt: skip
 
 

@@ -59,7 +59,6 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     monkeypatch.setattr(identification, "relay_for", relay_for)
     monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
-    monkeypatch.setattr(identification, "_without_cycles", lambda fit: fit)
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
     context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)

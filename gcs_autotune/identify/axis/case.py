@@ -45,6 +45,11 @@ class Case:
         return any(t.by_relay for t in self.trials)
 
     @property
+    def cut_short(self) -> bool:
+        """Whether a relay was ended on purpose, as enough was known: it has few periods, and need not have settled."""
+        return any(t.by_relay and bool(t.meta.get("enough")) for t in self.trials)
+
+    @property
     def more_levels(self) -> str:
         """What to do so that kinds of damping, or damping and delay, can be told apart."""
         if self.relay_flown:

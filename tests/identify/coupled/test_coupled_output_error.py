@@ -105,7 +105,7 @@ def test_soft_l1_bears_with_outliers(runs: list[Trial], fitted: Fit) -> None:
         values = np.where(rng.random(len(u)) < 0.03, u.values + 2.0, u.values)
         spoilt.append(replace(run, channels={**run.channels, "u": replace(u, values=values)}))
     plain, robust = (fit(spoilt, FORM, delay=0.0, loss=loss) for loss in ("linear", "soft_l1"))
-    assert "outliers" in {d.slug for d in plain.doubts}
+    assert "--robust" in {d.slug: d.cure for d in plain.doubts}["outliers"]
     assert robust.noise["u"] == pytest.approx(NOISE["u"], rel=0.15)
 
     def miss(found: Fit) -> float:
