@@ -298,6 +298,12 @@ def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constan
     far = flown(3, plant={"step": 0.0, "settled": 0.9}, on_position=1.0, position_p=1.0, p=1.0)
     assert far[0] == pytest.approx([0.5] * 3), "half a metre at most"
     assert far[1] == pytest.approx([-0.5] * 3)
+    for side in (1.0, -1.0):
+        limited = {"step": 0.0, "settled": side * 0.3}
+        slow = flown(1, plant=limited, on_position=1.0, position_p=0.5, p=1.0, velocity_max=0.2)
+        assert (slow[0], slow[1]) == (pytest.approx([side * 0.4]), pytest.approx([-side * 0.2])), (
+            "no faster than it may"
+        )
     hovering = out(3, plant={"step": 0.0}, on_position=1.0, position_p=1.0, p=1.0, i=0.5, imax=9.0, hover=0.4)
     assert hovering == pytest.approx([0.0] * 3)
 

@@ -43,6 +43,7 @@ def test_a_square_root_controller_is_linear_near_zero_and_smooth_where_the_root_
     for error in (1.1 * edge, 4.0 * edge):
         speed = kernel._sqrt_control(sign * error, p, limit)
         assert speed == pytest.approx(sign * math.sqrt(2.0 * limit * (error - 0.5 * edge)))
+    assert kernel._sqrt_control(sign, 0.4, 0.1) == pytest.approx(sign * math.sqrt(0.2 * (1.0 - 0.3125)))
     for no_p, no_limit in ((p, 0.0), (0.0, limit), (p, -1.0), (-1.0, limit)):
         assert kernel._sqrt_control(sign * 9.0, no_p, no_limit) == sign * 9.0 * no_p
 
@@ -189,7 +190,7 @@ def test_what_is_late_by_a_part_of_a_loop_acts_on_the_mean() -> None:
 
 
 def test_a_gyro_filter_is_a_butterworth_low_pass_and_nothing_near_half_the_rate() -> None:
-    for cutoff, rate in ((20.0, 400.0), (10.0, 50.0), (22.4, 50.0)):
+    for cutoff, rate in ((20.0, 400.0), (0.5, 50.0), (10.0, 50.0), (22.4, 50.0)):
         b, a = butter(2, cutoff, fs=rate)
         assert kernel.gyro_coefficients(cutoff, rate) == pytest.approx([*b, *a[1:]])
     for cutoff in (0.0, -1.0, 22.5, 30.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.linalg import cholesky, expm, solve_continuous_lyapunov
 from gcs_autotune.effects import rung
 from gcs_autotune.effects.actuator import play
 from gcs_autotune.effects.kernels import SETTLED, earlier, fading, following, limited
-from gcs_autotune.effects.narrow_band import Oscillator, whitened
+from gcs_autotune.effects.narrow_band import SETTLED as SETTLED_AT
+from gcs_autotune.effects.narrow_band import Oscillator, cost, driven, whitened
 
 T = np.array([0.5, 1.5, 1.9, 3.0, 4.0])
 U = np.array([0.3, -1.0, 0.8, 0.8, 0.2])
@@ -166,14 +168,8 @@ def test_a_spring_under_held_pushes_swings_as_an_integrator_says(omega: float, z
     assert velocity == pytest.approx(np.array(places)[:, 1], abs=1e-7)
 
 
-@pytest.mark.parametrize("rate", [False, True])
-@pytest.mark.parametrize("even", [False, True])
-def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool, even: bool) -> None:
-    """The covariance of all samples at once, from a Lyapunov equation; its triangular root whitens them."""
-    law = Oscillator(omega=1.7, zeta=0.15, lag=0.8, rate=rate, rho=3.0)
-    rng = np.random.default_rng(7)
-    n = 16
-    t = 0.2 * np.arange(n) if even else np.cumsum(rng.uniform(0.05, 0.4, n))
+def covariance_of(law: Oscillator, t: np.ndarray) -> np.ndarray:
+    """Return the covariance (n, n) of all samples at once, relative to the noise, from a Lyapunov equation."""
     A = np.array(
         [
             [0.0, law.omega, 0.0],
@@ -181,18 +177,65 @@ def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool, even: bool
             [1.0 / law.lag, 0.0, -1.0 / law.lag],
         ]
     )
-    drive = np.zeros((3, 3))
-    drive[1, 1] = 1.0
-    stationary = solve_continuous_lyapunov(A, -drive)
-    seen = np.array([1.0, 0.0, -1.0]) if rate else np.array([0.0, 0.0, 1.0])
+    stationary = solve_continuous_lyapunov(A, -np.diag([0.0, 1.0, 0.0]))
+    assert law.share == pytest.approx(stationary[2, 2] / stationary[0, 0])
+    seen = np.array([1.0, 0.0, -1.0]) if law.rate else np.array([0.0, 0.0, 1.0])
     stationary *= law.rho / (seen @ stationary @ seen)
-    C = np.eye(n)
-    for i in range(n):
-        for j in range(i + 1):
-            C[i, j] += seen @ expm(A * (t[i] - t[j])) @ stationary @ seen
-            C[j, i] = C[i, j]
-    L = cholesky(C, lower=True)
-    columns = rng.normal(size=(n, 2))
+    over = [expm(A * gap) for gap in np.diff(t)]
+    C = np.eye(len(t))
+    for j in range(len(t)):
+        state = stationary @ seen
+        C[j, j] += seen @ state
+        for i in range(j + 1, len(t)):
+            state = over[i - 1] @ state
+            C[i, j] = C[j, i] = seen @ state
+    return C
+
+
+LAW = Oscillator(omega=1.7, zeta=0.3, lag=0.8, rate=False, rho=3.0)
+GAPS = np.array([*np.random.default_rng(7).uniform(0.05, 0.4, 7), *[0.5] * 60, 0.8, 0.5, 0.5, 0.2, 0.2, 0.9])
+"""Uneven; even for so long that the gain is taken for the one it keeps; and uneven again."""
+
+
+@pytest.mark.parametrize("rate", [False, True])
+def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool) -> None:
+    """The triangular root of the covariance of all samples whitens them."""
+    law, t = replace(LAW, rate=rate), np.concatenate([[3.0], 3.0 + np.cumsum(GAPS)])
+    L = cholesky(covariance_of(law, t), lower=True)
+    columns = np.random.default_rng(8).normal(size=(len(t), 2))
     E, deviation = whitened(law, t, columns)
     assert deviation == pytest.approx(np.diag(L), rel=1e-8)
     assert pytest.approx(np.linalg.solve(L, columns), abs=1e-8) == E
+    kept = [i for i in range(1, len(t)) if deviation[i] == deviation[i - 1]]
+    assert kept[0] > SETTLED_AT, "a gain is kept after so many samples only"
+    assert len(kept) > 3
+
+
+@pytest.mark.parametrize("rate", [False, True])
+def test_a_gain_that_settles_within_a_few_samples_is_the_one_the_covariance_asks_for(rate: bool) -> None:
+    quick, even = Oscillator(omega=9.0, zeta=0.9, lag=0.1, rate=rate, rho=3.0), np.arange(26.0)
+    found = whitened(quick, even, np.zeros((26, 1)))[1]
+    assert found == pytest.approx(np.diag(cholesky(covariance_of(quick, even), lower=True)), rel=1e-8)
+
+
+@pytest.mark.parametrize("rate", [False, True])
+def test_the_likelihood_of_several_records_is_that_of_normal_samples_the_noise_level_at_its_best(rate: bool) -> None:
+    law, rng = replace(LAW, rate=rate), np.random.default_rng(9)
+    records = [(np.cumsum(rng.uniform(0.1, 0.5, n)), rng.normal(size=n)) for n in (5, 9)]
+    square, logs = 0.0, 0.0
+    for t, error in records:
+        C = covariance_of(law, t)
+        square += error @ np.linalg.solve(C, error)
+        logs += np.linalg.slogdet(C)[1]
+    assert cost(law, records) == pytest.approx(14 * np.log(square / 14) + logs)
+    plain = sum(error @ error for _, error in records)
+    assert cost(None, records) == pytest.approx(14 * np.log(plain / 14))
+    assert cost(None, [(np.arange(3.0), np.zeros(3))]) == pytest.approx(3 * np.log(1e-300)), "an error of none"
+    assert cost(None, []) == 0.0
+
+
+@pytest.mark.parametrize(("zeta", "damped"), [(0.0, 0.03), (0.02, 0.03), (0.2, 0.2)])
+def test_what_a_craft_rings_up_is_damped_by_three_hundredths_at_least(zeta: float, damped: float) -> None:
+    t, push = 0.4 * np.arange(6), np.array([0.3, 1.0, -1.0, 0.0, 0.5, 2.0])
+    found = driven(replace(LAW, zeta=zeta), t, push)
+    assert np.array_equal(found, rung(LAW.omega, damped, t, push))
