@@ -76,6 +76,8 @@ def test_what_lies_within_the_floor_is_taken_off_every_figure_but_the_steady_err
     assert found.steady_error == pytest.approx(0.01)
     wide = by_hand(step, quantum=0.3 / 1.01)
     assert wide.settling == 4.0, "its band is as wide as the floor"
+    edge = by_hand(step, np.array([0.0, 0.5, 1.5, 1.25, 0.75, *[1.0] * 6]), noise_std=0.25)
+    assert edge.settling == 3.0, "its edge is a part of the band"
     assert (wide.oscillation, wide.overshoot) == pytest.approx((0.0, 0.05))
     assert by_hand(step, np.minimum(SHARES, 0.95), quantum=0.2).overshoot == 0.0
 
@@ -190,6 +192,20 @@ def fitted_behind(error: Array, std: float) -> Array:
             if own < least:
                 found[i], least = value, own
     return found
+
+
+def test_neighbourhoods_double_in_two_strides_from_two_samples_to_256() -> None:
+    assert HALVES == tuple(sorted([*(2**k for k in range(1, 9)), *(3 * 2**k for k in range(7))]))
+    assert INTERVAL == 1.5
+
+
+@pytest.mark.parametrize("step", [2.0, -2.0])
+def test_the_error_over_time_is_that_behind_the_noise_in_shares_of_the_step(step: float) -> None:
+    shares = SHARES + 0.003 * np.cos(5.0 * np.arange(11.0))
+    behind = fitted_behind(1.0 - shares, 0.02)
+    expected = float(np.trapezoid(np.arange(11.0) * np.maximum(np.abs(behind) - 0.04, 0.0)))
+    assert by_hand(step, shares, noise_std=0.04).itae == pytest.approx(expected)
+    assert np.abs(behind - (1.0 - shares)).max() > 0.01
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 30, 61])
