@@ -89,6 +89,11 @@ def _matching(package: Path, pattern: str) -> list[Path]:
 
 
 _WATCHDOG = "gcs_autotune/link/vehicle/watchdog.py::Watchdog.__init__: "
+_LEAN = '_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}'
+_NO_ENTRY = '"_nrt": False, "no_cpython_wrapper": True'
+_ANY, _SAME = "Callable[[Callable[..., Any]], Callable[..., Any]]", "Callable[[_Function], _Function]"
+_NO_WRAPPER = 'njit(**{**_LEAN, "no_cpython_wrapper": True})'
+_OFF, _BOTH = ("True -> False",), ("True -> False", "False -> True")
 _COUPLED = "gcs_autotune/models/coupled/kernel.py::"
 EQUIVALENT: dict[str, str] = {
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
@@ -181,8 +186,6 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/identify/kalman/transition.py::measure: 0 -> 1 in if heading >= 0:": (
         "a state that is the heading comes first only where there is no velocity that a current could be turned into"
     ),
-    'gcs_autotune/design/step_metrics.py::module: True -> False in _LEAN: dict[str, Any] = {"cache": True, '
-    '"_nrt": False, "no_cfunc_wrapper": True}': "how it is compiled, and not what",
     "gcs_autotune/link/vehicle/watchdog.py::BootClock.from_ms: self.now >= t -> self.now > t": "the same time is set",
     **{
         f"gcs_autotune/link/vehicle/watchdog.py::BootClock.from_us: {change} in "
@@ -212,6 +215,62 @@ EQUIVALENT: dict[str, str] = {
             ("6 -> 7", "np.zeros((6, n))"),
             ("6 -> 7", "np.zeros((6, q))"),
         )
+    },
+    **{
+        f"gcs_autotune/{file}.py::module: {change} in {line}": "how it is compiled, and not what"
+        for file, line, changes in (
+            *((file, _LEAN, _BOTH) for file in ("models/simulation", "design/laws/kernel", "design/step_metrics")),
+            ("models/simulation", f"_lean: {_ANY} = {_NO_WRAPPER}", _OFF),
+            ("design/laws/kernel", f"compiled: {_ANY} = {_NO_WRAPPER}", _OFF),
+            ("models/simulation", "_compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)", _OFF),
+            ("models/coupled/kernel", _LEAN.replace('"cache": True, "_nrt": False', _NO_ENTRY), _BOTH),
+            ("models/coupled/kernel", f"_outer: {_SAME} = njit(cache=True, **_LEAN)", _OFF),
+            ("models/coupled/kernel", f"_inner: {_SAME} = njit(forceinline=True, **_LEAN)", _OFF),
+        )
+        for change in changes
+    },
+    "gcs_autotune/design/laws/kernel.py::_fly: leads -> True": "what leads is not looked at where nothing does",
+    "gcs_autotune/design/laws/kernel.py::_clip: value < low -> value <= low": "at the limit it is the limit",
+    "gcs_autotune/design/laws/kernel.py::plant_of: abs(model.steady_velocity(1.0 - model.delta)) -> "
+    "(model.steady_velocity(1.0 - model.delta))": "full output ahead gives no speed astern",
+    **{
+        f"gcs_autotune/models/simulation.py::{change}": why
+        for change, why in {
+            "_step: after * side -> (after) / (side)": "side is one or minus one",
+            "_series: 2.0 * side -> (2.0) / (side)": "side is one or minus one",
+            "_crossing: _value(w[0], middle) * side -> (_value(w[0], middle)) / (side)": "side is one or minus one",
+            "_step: after * side < 0.0 -> after * side <= 0.0": "where it ends at rest it crosses zero at the end",
+            "_step: rate * rest <= REACH -> rate * rest < REACH": "the longest step and the rest are the same then",
+            "_crossing: 60 -> 61 in for _ in range(60):": "the bisection has long converged",
+            "simulate_explicit: 8 -> 9 in np.zeros((8, DEGREE + 1)),": "room that is larger than what is used",
+            "simulate_explicit: 1 -> 2 in np.zeros((8, DEGREE + 1)),": "room that is larger than what is used",
+            "_step: force >= 0.0 -> force > 0.0": "at rest without a force it stays so, on either side",
+        }.items()
+    },
+    **{
+        f"gcs_autotune/design/step_metrics.py::error_behind: std > 0.0 -> {change}": (
+            "without noise a reading agrees with itself alone"
+        )
+        for change in ("True", "std >= 0.0")
+    },
+    "gcs_autotune/effects/narrow_band.py::_driven: 2 -> 3 in out = np.zeros((len(t), 2))": (
+        "room that is larger than what is used"
+    ),
+    **{
+        f"gcs_autotune/effects/narrow_band.py::_innovations: {change}": why
+        for change, why in {
+            "i > SETTLED -> i >= SETTLED": "one sample sooner or later the gain has settled alike, or has not",
+            "abs(s - before) < 1e-12 * s -> abs(s - before) <= 1e-12 * s": "a tie of roundings",
+            "1e-12 -> 2e-12 in settled = i > SETTLED and abs(s - before) < 1e-12 * s": "both are rounding",
+            "abs(dt - last) > 1e-9 -> abs(dt - last) >= 1e-9": "a nanosecond",
+            "1e-9 -> 2e-09 in if abs(dt - last) > 1e-9:": "a nanosecond",
+            "3 -> 4 in P, x, g = stationary.copy(), np.zeros((3, k)), np.zeros(3)": (
+                "room that is larger than what is used"
+            ),
+            "3 -> 4 in F, Q, A = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))": (
+                "room that is larger than what is used"
+            ),
+        }.items()
     },
 }
 """Fault (``Mutant.key``) -> why nobody could notice it: it changes nothing that anybody may rely on. Judged by hand."""

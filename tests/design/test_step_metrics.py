@@ -62,6 +62,8 @@ def test_a_step_of_eleven_samples_reads_as_by_hand(step: float) -> None:
     assert found.rise == pytest.approx((2.0 + 0.2 / 0.5) - 0.1 / 0.3)
     assert found.settling == 5.0
     assert found.steady_error == pytest.approx(0.01), "of the last third, which begins after 6.7 s"
+    longer = by_hand(step, np.append(SHARES, 1.0))
+    assert longer.steady_error == pytest.approx(0.03 / 4), "of the last four of twelve, after 7.3 s"
     assert found.travel == pytest.approx((2.0 + 1.0) / 10.0), "what it did before is not counted"
     assert found.oscillation == pytest.approx(0.015)
 
