@@ -208,6 +208,7 @@ EQUIVALENT: dict[str, str] = {
         for size, text in (
             ("6 -> 7", "np.zeros(6)"),
             ("12 -> 13", "np.zeros(12)"),
+            ("3 -> 4", "np.zeros(3, dtype=np.int64)"),
             ("3 -> 4", "np.zeros(3)"),
             ("3 -> 4", "np.zeros((3, 3))"),
             ("6 -> 7", "np.zeros((6, 3))"),
@@ -253,6 +254,17 @@ EQUIVALENT: dict[str, str] = {
         )
         for change in ("True", "std >= 0.0")
     },
+    "gcs_autotune/models/coupled/kernel.py::_carry: 1 -> 2 in column = free[P.delay] if P.delay >= 0 else -1": (
+        "no column is any number below 0"
+    ),
+    **{
+        f"gcs_autotune/models/coupled/kernel.py::_advance: {change}": "one step is made one step"
+        for change in ("1 -> 2 in if steps < 1:", "steps < 1 -> steps <= 1")
+    },
+    "gcs_autotune/models/coupled/kernel.py::_factor: x >= 0.0 -> x > 0.0": (
+        "at zero a size has no slope: either side's is taken"
+    ),
+    "gcs_autotune/effects/kernels.py::_fade: rate <= 0.0 -> rate < 0.0": "what does not fade is above any floor",
     "gcs_autotune/effects/narrow_band.py::_driven: 2 -> 3 in out = np.zeros((len(t), 2))": (
         "room that is larger than what is used"
     ),

@@ -78,6 +78,19 @@ def test_a_lag_between_stamps_has_the_exact_mean_on_every_piece(time_constant: f
         assert inside == max(1, int(np.ceil(asked - 1e-9)))
 
 
+def test_two_commands_at_one_stamp_are_one_and_a_piece_of_no_length_has_the_value_of_its_moment() -> None:
+    t, u = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 1.0, 5.0, -1.0])
+    stamps, values = following(t, u, 0.5, COARSE)
+    assert stamps[1] == stamps[2] == 1.0
+    assert values[1] == 0.0, "where the lag is then"
+    alone = following(t[[0, 2, 3]], u[[0, 2, 3]], 0.5, COARSE)
+    assert values[[0, 2, 3, 4]] == pytest.approx(alone[1])
+    slow, fading_off = limited(t, u, 2.0, COARSE), fading(t, u, 0.0, 3.0, 0.1, 0.2, COARSE)
+    assert slow[1] == pytest.approx(limited(t[[0, 2, 3]], u[[0, 2, 3]], 2.0, COARSE)[1])
+    assert fading_off[1][1] == pytest.approx(0.9 * u[1])
+    assert fading_off[1][[0, 2, 3]] == pytest.approx(fading(t[[0, 2, 3]], u[[0, 2, 3]], 0.0, 3.0, 0.1, 0.2, COARSE)[1])
+
+
 @pytest.mark.parametrize("rate", [0.4, 3.0])
 @pytest.mark.parametrize("resolution", [FINE, COARSE])
 def test_a_limited_rate_has_the_exact_mean_on_every_piece(rate: float, resolution: float) -> None:
