@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.link.vehicle.bandwidth import Demand, least
-from gcs_autotune.link.vehicle.congestion import is_queueing
+from gcs_autotune.link.vehicle.congestion import _judged, is_queueing
 from gcs_autotune.link.vehicle.latency import Latency
 from gcs_autotune.workflow.connection import telemetry_rates
 from sitl import open_vehicle
@@ -144,6 +145,14 @@ def test_a_link_that_has_become_late_but_keeps_up_is_not_told_that_its_queue_gro
     craft.arm()
     assert boat.armed
     assert not any("bytes/s" in note for note in craft.session.notes)
+
+
+def test_what_comes_back_after_the_load_hides_no_queue_that_it_made() -> None:
+    trips = ((0.0, 0.8), (0.2, 0.8), (1.2, 1.5), (1.8, 1.9), (5.0, 0.8))
+    latency: Any = SimpleNamespace(trips=lambda since: tuple(trip for trip in trips if trip[0] >= since))
+    load = _judged(latency, 0.8, 0.0, 1.0, 2.0, 900.0)
+    assert load.grown == pytest.approx(0.7)
+    assert not load.is_enough
 
 
 def test_a_wide_link_is_not_spared(boat: ScriptedVehicle) -> None:

@@ -104,14 +104,15 @@ def check_answers_come(
 _UPLINK_SECONDS = 2.0
 """Chosen: with a tenth less room than bytes the queue grows by more than ``QUEUE`` in so long."""
 _UPLINK_ASKING = 0.2
-_UPLINK_BEFORE = 3
+_UPLINK_FIRST = 0.3
+"""Chosen [s]: two askings, before a queue has grown by more than what it is told by."""
 _LATE_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class UplinkLoad:
-    """``sent`` bytes per second went up; ``grown`` [s] is how much longer the round trip was towards the end than right
-    before, and ``carried`` [bytes/s] what the link passed meanwhile, by how quickly that grew.
+    """``sent`` bytes per second went up; ``grown`` [s] is how much longer the round trip was towards the end than
+    without a queue, and ``carried`` [bytes/s] what the link passed meanwhile, by how quickly that grew.
     """
 
     sent: float
@@ -152,7 +153,6 @@ def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
 
 
 def _load_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> UplinkLoad:
-    before = _without_load(session, latency)
     begun, sent_before = session.clock.now(), session.port.sent
     streamer.crowd()
     try:
@@ -165,30 +165,22 @@ def _load_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
     ended = session.clock.now()
     sent = (session.port.sent - sent_before) / max(ended - begun, 1e-3)
     late = begun + (1.0 - _LATE_HALF) * (ended - begun)
-    if not math.isfinite(before):
+    if not math.isfinite(latency.quickest):
         return UplinkLoad(sent, 0.0, sent)  # it answers no TIMESYNC: nothing can be told
     session.wait_for(lambda: latency.trips(late) or None, DRAIN)
-    return _judged(latency, before, begun, late, ended, sent)
+    load = _judged(latency, latency.quickest, begun, late, ended, sent)
+    if load.is_enough or await_empty(session, latency):
+        return load
+    # Late without any load, too: a mobile network takes another way than when the quickest answer came. What counts is
+    # whether it became later still. A queue with an end, which no longer grows once it is full, was emptied above.
+    first = [trip for asked, trip in latency.trips(begun) if asked < begun + _UPLINK_FIRST]
+    return _judged(latency, min(first, default=latency.quickest), begun, late, ended, sent)
 
 
-def _without_load(session: Session, latency: Latency) -> float:
-    """Return the round trip [s] of now, before more is sent: a link that is merely late is so without a queue, too.
-
-    The quickest ever seen tells nothing of that: a mobile network may take another way since. NaN: it is not told.
-    """
-    begun = session.clock.now()
-    for _ in range(_UPLINK_BEFORE):
-        latency.ask()
-        session.pause(_UPLINK_ASKING)
-    if not latency.answered:
-        return math.nan
-    session.wait_for(lambda: latency.trips(begun) or None, DRAIN)
-    return min((trip for _, trip in latency.trips(begun)), default=latency.quickest)
-
-
-def _judged(latency: Latency, before: float, begun: float, late: float, ended: float, sent: float) -> UplinkLoad:
-    trips, last = latency.trips(begun), [trip for _, trip in latency.trips(late)]
-    grown = min(last) - before if last else DRAIN
+def _judged(latency: Latency, quick: float, begun: float, late: float, ended: float, sent: float) -> UplinkLoad:
+    trips = [(asked, trip) for asked, trip in latency.trips(begun) if asked <= ended]
+    last = [trip for asked, trip in trips if asked >= late]
+    grown = min(last) - quick if last else DRAIN
     asked, took = np.array(trips).reshape(-1, 2).T
     slope = float(np.polyfit(asked, took, 1)[0]) if len(trips) > 2 else grown / (ended - begun)
     return UplinkLoad(sent, grown, sent / (1.0 + max(slope, 0.0)))
