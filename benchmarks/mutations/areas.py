@@ -264,6 +264,16 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/models/coupled/kernel.py::_factor: x >= 0.0 -> x > 0.0": (
         "at zero a size has no slope: either side's is taken"
     ),
+    "gcs_autotune/identify/kalman/sweep.py::forward: abs(mean[j]) < 1e9 -> abs(mean[j]) <= 1e9": "a tie, far away",
+    "gcs_autotune/identify/kalman/sweep.py::forward: 6 -> 7 in M, M_inverse = np.zeros((6, 6)), "
+    "np.zeros((len(P.active), len(P.active)))": "room that is larger than what is used",
+    "gcs_autotune/identify/kalman/transition.py::sigma_step: 6 -> 7 in M, M_inverse = np.zeros((6, 6)), "
+    "np.zeros((len(P.active), len(P.active)))": "room that is larger than what is used",
+    "gcs_autotune/effects/kernels.py::_earlier: 1e70 -> 2e+70 in weight = 1.0 / (third * third + floor) ** 2 "
+    "if third * third + floor < 1e70 else 1e-140": "either weight is as good as none",
+    "gcs_autotune/effects/kernels.py::_earlier: third * third + floor < 1e70 -> third * third + floor <= 1e70": (
+        "either weight is as good as none"
+    ),
     "gcs_autotune/effects/kernels.py::_fade: rate <= 0.0 -> rate < 0.0": "what does not fade is above any floor",
     "gcs_autotune/effects/narrow_band.py::_driven: 2 -> 3 in out = np.zeros((len(t), 2))": (
         "room that is larger than what is used"

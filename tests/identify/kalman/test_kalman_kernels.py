@@ -497,6 +497,24 @@ def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> Non
     assert means[0] == pytest.approx(means[1], abs=1e-12)
 
 
+def test_a_delay_that_is_the_very_first_parameter_holds_the_inputs_back_as_any_other() -> None:
+    """The second input is given before the first sample and arrives after it."""
+    turned = ints(2, 1, 0, 3, 4, 5, 6)
+    first = BOAT._replace(delay=0, pars=ints(2, 2, 1, -1, -1))
+    means = []
+    for boat, theta, places, free in (
+        (BOAT, THETA, FREE_PLACES, FREE),
+        (first, THETA[turned], ints(2, 3), FREE[turned]),
+    ):
+        mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
+        forward(
+            boat, theta, places, free, mean, cov, np.array([-1.0, 0.0, 0.9]), INPUTS[:3], STAMPS, READ, CODES, R,
+            Q_STATES, WALK, DECAY, np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
+        )  # fmt: skip
+        means.append(mean)
+    assert means[0] == pytest.approx(means[1], abs=1e-12)
+
+
 def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positive_all_of_them() -> None:
     places = ints(0, 6, 5)
     mean, moved_to = np.concatenate([X, [0.9, 2.0, 0.4]]), np.concatenate([X, [1.7, -1.0, 1.2]])
