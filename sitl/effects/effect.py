@@ -58,13 +58,25 @@ class HullMotion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect. ``default``: None when it must be given; ``least``: smallest value that makes sense."""
+    """A parameter of an effect. ``default``: None when it must be given; ``least``, ``most``: what makes sense."""
 
     name: str
     unit: str
     meaning: str = ""
     default: float | None = None
     least: float = -math.inf
+    most: float = math.inf
+
+    def refusal(self, value: float) -> str:
+        """Return why *value* cannot be, in words; empty when it can."""
+        if not math.isfinite(value):
+            return f"{value:g} is no finite number"
+        in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
+        if value < self.least:
+            return f"{value:g} is too small, it is at least {self.least:g} {self.unit}{in_degrees}"
+        if value > self.most:
+            return f"{value:g} is too large, it is at most {self.most:g} {self.unit}{in_degrees}"
+        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +136,8 @@ class HiddenEffect:
         if missing:
             raise BadEffect(f"{self.slug} needs {', '.join(missing)}")
         for p in self.parameters:
-            if not p.least <= self.values[p.name] < math.inf:
-                raise BadEffect(f"{self.slug}.{p.name}={self.values[p.name]:g}: at least {p.least:g}, and finite")
+            if refusal := p.refusal(self.values[p.name]):
+                raise BadEffect(f"{self.slug}.{p.name}: {refusal}")
 
     def __getitem__(self, name: str) -> float:
         """Return a parameter."""

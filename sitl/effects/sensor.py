@@ -63,15 +63,19 @@ class SimulatedSensorPosition(HiddenEffect):
             setattr(reading, name, getattr(reading, name) + apart[name])
 
 
+_NEEDLE = 1.0
+"""Chosen [rad]: beyond it the needle shows the same on several headings; good compasses stay within 0.1."""
+
+
 class SimulatedCompassDeviation(HiddenEffect):
     """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
     meaning = "iron aboard turns the compass needle (goes with sine and cosine of the heading)"
     parameters = (
-        EffectParameter("B", "rad", default=0.0),
-        EffectParameter("C", "rad", default=0.0),
-        EffectParameter("A", "rad", "the lubber line's misalignment", 0.0),
+        EffectParameter("B", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
+        EffectParameter("C", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
+        EffectParameter("A", "rad", "the lubber line's misalignment", 0.0, least=-math.pi, most=math.pi),
     )
     on_vehicles = "psi"
 
