@@ -274,6 +274,25 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/effects/kernels.py::_earlier: third * third + floor < 1e70 -> third * third + floor <= 1e70": (
         "either weight is as good as none"
     ),
+    "gcs_autotune/identify/kalman/sweep.py::forward: 8 -> 9 in for _ in range(8):": "a pace is found before, or never",
+    **{
+        f"gcs_autotune/effects/kernels.py::_earlier: {change}": (
+            "where third differences are rounding every one of the cubics is right, however they are mixed"
+        )
+        for change in (
+            "y.min -> y.max in swing = y.max() - y.min()",
+            "h * h * h -> (h * h) / (h)",
+            "1e-7 -> 2e-07 in floor = (1e-7 * swing / (h * h * h)) ** 2 + 1e-100",
+            "1e-100 -> 2e-100 in floor = (1e-7 * swing / (h * h * h)) ** 2 + 1e-100",
+            "third * third + floor -> (third * third) - (floor)",
+        )
+    },
+    "gcs_autotune/effects/kernels.py::_nodes: 0.0 -> 1.0 in if len(gaps) and float(gaps.min()) >= usual > 0.0:": (
+        "a short way to the same stamps"
+    ),
+    "gcs_autotune/identify/kalman/transition.py::sigma_step: 2 -> 3 in ends = np.zeros((2, n))": (
+        "room that is larger than what is used"
+    ),
     "gcs_autotune/effects/kernels.py::_fade: rate <= 0.0 -> rate < 0.0": "what does not fade is above any floor",
     "gcs_autotune/effects/narrow_band.py::_driven: 2 -> 3 in out = np.zeros((len(t), 2))": (
         "room that is larger than what is used"

@@ -112,6 +112,10 @@ def test_a_fading_gain_has_the_exact_mean_on_every_piece(rate: float, floor: flo
     stamps, values = fading(T, U, T[0], 7.0, rate, floor, resolution)
     same_impulse(stamps, values, lambda t: faded(t, T[0], rate, floor), 7.0)
     assert (len(stamps) == len(T)) is (resolution == COARSE or rate == 0.0)
+    for u, begin, until in zip(U, T, [*T[1:], 7.0], strict=True):
+        if 1.0 - rate * (until - T[0]) > floor:  # pieces as long as the slope times their square is the resolution
+            asked = (until - begin) * np.sqrt(abs(u * rate) / resolution)
+            assert np.sum((stamps >= begin) & (stamps < until)) == max(1, int(np.ceil(asked - 1e-9)))
     if rate > 0.0:
         bottom = T[0] + (1.0 - floor) / rate
         assert np.sum((stamps >= bottom) & ~np.isin(stamps, T)) <= 1, "what is as weak as it gets is drawn in one piece"

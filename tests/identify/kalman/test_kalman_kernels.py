@@ -156,6 +156,12 @@ def test_a_step_gives_the_transition_of_the_whole_and_of_its_second_half(stop: f
         middle = moved(X, 0.0, 0.5 * stop, pace=12.0)
         half = differences(lambda z: moved(z, 0.5 * stop, stop, pace=12.0), middle)
         assert late == pytest.approx(half, abs=2e-6)
+        room, fastest = kernel.scratch(6, 0), []
+        for start, begin, end in ((X, 0.0, 0.5 * stop), (middle, 0.5 * stop, stop)):
+            fastest.append(
+                carried(THETA, start.copy(), np.zeros((6, 0)), begin, end, row_at(begin), NONE, 12.0, room)[1]
+            )
+        assert rate == pytest.approx(max(fastest), rel=1e-6)
 
 
 def test_both_ways_over_an_interval_are_taken() -> None:
@@ -502,17 +508,20 @@ def test_a_delay_that_is_the_very_first_parameter_holds_the_inputs_back_as_any_o
     turned = ints(2, 1, 0, 3, 4, 5, 6)
     first = BOAT._replace(delay=0, pars=ints(2, 2, 1, -1, -1))
     means = []
-    for boat, theta, places, free in (
-        (BOAT, THETA, FREE_PLACES, FREE),
-        (first, THETA[turned], ints(2, 3), FREE[turned]),
+    t_in = np.array([-1.0, 0.0, 0.9])
+    for boat, theta, places, free, given in (
+        (BOAT._replace(delay=-1), THETA, FREE_PLACES, FREE, t_in + THETA[2]),
+        (BOAT, THETA, FREE_PLACES, FREE, t_in),
+        (first, THETA[turned], ints(2, 3), FREE[turned], t_in),
     ):
         mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
         forward(
-            boat, theta, places, free, mean, cov, np.array([-1.0, 0.0, 0.9]), INPUTS[:3], STAMPS, READ, CODES, R,
+            boat, theta, places, free, mean, cov, given, INPUTS[:3], STAMPS, READ, CODES, R,
             Q_STATES, WALK, DECAY, np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
         )  # fmt: skip
         means.append(mean)
-    assert means[0] == pytest.approx(means[1], abs=1e-12)
+    assert means[1] == pytest.approx(means[0], abs=1e-12)
+    assert means[2] == pytest.approx(means[0], abs=1e-12)
 
 
 def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positive_all_of_them() -> None:
