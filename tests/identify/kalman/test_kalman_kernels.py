@@ -547,3 +547,35 @@ def test_the_very_first_parameter_may_be_a_current(current: tuple[int, int]) -> 
     for code in (0, 1):
         found = measure(boat, THETA, X, code, NONE, np.zeros(6))
         assert found == pytest.approx(X[3 + code] + THETA[0] * along[code])
+
+
+@pytest.mark.parametrize(("surge", "least"), [(0.8, 0.1), (40.0, 0.1), (0.8, 2.0)])
+def test_steps_that_met_more_than_twice_their_pace_are_made_again_and_the_pace_follows_the_rates(
+    surge: float, least: float
+) -> None:
+    """Again at 1.2 times the rate met (four times the pace where the motion ran away); then 1.5 times a rate above the
+    pace, or 0.7 of the pace, and never below the least."""
+    stamps = np.array([0.05, 0.5, 0.9, 1.6, 1.7])
+    start = np.concatenate([X[:3], [surge], X[4:]])
+    mean, cov, history = start.copy(), covariance(6), new_history(5, 3, 6, 6, full=True)
+    fastest = forward(
+        BOAT, THETA, ints(), NONE, mean, cov, T_IN, INPUTS, stamps, np.full((5, 3), np.nan), CODES, R, Q_STATES,
+        np.zeros(0), np.zeros(0), np.zeros((0, 6)), False, least, history, scratch(6),
+    )  # fmt: skip
+    pace, x, met, again, lost = least, start, 0.0, 0, 0
+    for s in range(1, 5):
+        for _ in range(8):
+            y, F, late = x.copy(), np.zeros((6, 6)), np.zeros((6, 6))
+            finite, rate, _ = step(
+                BOAT, THETA, *masses(THETA), y, F, late, stamps[s - 1], stamps[s], row_at(stamps[s - 1]), T_IN,
+                INPUTS, NONE, pace, scratch(6),
+            )  # fmt: skip
+            if finite and rate <= 2.0 * pace:
+                break
+            again, lost = again + 1, lost + (not finite)
+            pace = 1.2 * rate if finite else 4.0 * pace
+        x, met = y, max(met, rate)
+        pace = max(least, 1.5 * rate if rate > pace else 0.7 * pace)
+        assert history.mean[s] == pytest.approx(x, abs=1e-11, rel=1e-11)
+    assert fastest == pytest.approx(met, rel=1e-9)
+    assert (again > 0) is (least < 1.0) and (lost > 0) is (surge > 1.0)
