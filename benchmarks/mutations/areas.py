@@ -257,6 +257,10 @@ EQUIVALENT: dict[str, str] = {
     "gcs_autotune/models/coupled/kernel.py::_carry: 1 -> 2 in column = free[P.delay] if P.delay >= 0 else -1": (
         "no column is any number below 0"
     ),
+    "gcs_autotune/models/coupled/kernel.py::_factor: 1 -> 2 in column = first + i if first >= 0 else -1": (
+        "no column is any number below 0"
+    ),
+    "gcs_autotune/identify/kalman/sweep.py::forward: rate <= 2.0 * now -> rate < 2.0 * now": "a tie of two rates",
     **{
         f"gcs_autotune/models/coupled/kernel.py::_advance: {change}": "one step is made one step"
         for change in ("1 -> 2 in if steps < 1:", "steps < 1 -> steps <= 1")

@@ -141,6 +141,8 @@ def test_time_may_stand_still_but_not_all_the_time_nor_run_backwards() -> None:
     t, rise = np.arange(10.0), np.linspace(0.0, 1.0, 10)
     twice = np.where(t == 4.0, 3.0, t)
     assert step_metrics(twice, np.ones(10), rise, t).overshoot == 0.0
+    at_last = np.where(t == 9.0, 1.0, 0.0)
+    assert step_metrics(at_last, np.ones(10), rise, t).travel == pytest.approx(9.0)
     for wrong in (np.full(10, 3.0), np.where(t == 4.0, 2.9, t)):
         with pytest.raises(NotInformative, match="forwards"):
             step_metrics(wrong, np.ones(10), rise, t)

@@ -579,3 +579,14 @@ def test_steps_that_met_more_than_twice_their_pace_are_made_again_and_the_pace_f
         assert history.mean[s] == pytest.approx(x, abs=1e-11, rel=1e-11)
     assert fastest == pytest.approx(met, rel=1e-9)
     assert (again > 0) is (least < 1.0) and (lost > 0) is (surge > 1.0)
+
+
+def test_where_there_is_no_heading_a_craft_points_north_and_nothing_else_is_touched() -> None:
+    column = BOAT.column.copy()
+    column[11] = -1
+    boat, free = BOAT._replace(column=column), ints(-1, -1, -1, 6, 7, -1, -1)
+    for code, current, own in ((0, 3, 6), (1, 4, 7)):
+        H, wanted = np.full(8, 9.0), np.zeros(8)
+        wanted[[3 + code, own]] = 1.0
+        assert measure(boat, THETA, X, code, free, H) == pytest.approx(X[3 + code] + THETA[current])
+        assert np.array_equal(H, wanted)
