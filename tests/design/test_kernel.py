@@ -304,8 +304,9 @@ def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constan
         assert (slow[0], slow[1]) == (pytest.approx([side * 0.4]), pytest.approx([-side * 0.2])), (
             "no faster than it may"
         )
-    hovering = out(3, plant={"step": 0.0}, on_position=1.0, position_p=1.0, p=1.0, i=0.5, imax=9.0, hover=0.4)
-    assert hovering == pytest.approx([0.0] * 3)
+    for scale in (1.0, 0.5):
+        at_rest = {"on_position": 1.0, "position_p": 1.0, "p": 1.0, "i": 0.5, "imax": 9.0, "scale": scale}
+        assert out(3, plant={"step": 0.0}, **at_rest, hover=0.4) == pytest.approx([0.0] * 3)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

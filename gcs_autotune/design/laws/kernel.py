@@ -301,7 +301,7 @@ def _fly(
     if on_position:
         # It has stood here for long: the integral holds the craft's constant force as far as it may, and the craft
         # stands off by what makes the proportional terms hold the rest.
-        rest = plant.settled / loop.scale - loop.hover
+        rest = (plant.settled - loop.hover) / loop.scale
         if loop.i > 0.0 and not frozen:
             integral = clip(-rest, -loop.imax, loop.imax)
         target = -(rest + integral) / max(loop.ff + loop.p, 1e-9)
