@@ -9,7 +9,8 @@ through all sizes down to the bias it holds against, can; it has been flown anyw
 
 And no thruster pulls with the square of its command up to full: its motor runs out of voltage, its propeller out of
 water. A square law fitted to small oscillations promises half again the force there is. A step whose output went beyond
-the oscillations tells where the thrust levels off.
+the oscillations tells where the thrust levels off, and so do three sizes of oscillation. These three points a dead band
+and a curve, each with a level, fit alike: the dead band they tell is where the thrust begins to count.
 """
 
 from __future__ import annotations
@@ -81,15 +82,16 @@ def fit_thrust_curve(
         return None
     curve = fitted(runs, plain, CURVE)
     if curve is None or not pays(curve, plain, CURVE) or not _SHARES[0] < number(curve, CURVE).value < _SHARES[1]:
-        return _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
+        dead = _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
+        return None if dead is None else _with_more(runs, plain, dead, [LEVEL], DEAD)
     if step is None and len(runs) < _SIZES:
         return curve
     together = runs if step is None else [*runs, step]
     bent = fitted(together, plain, CURVE)
     if bent is None:
         return curve
-    beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
-    found = _with_more(together, plain, bent, [DEAD, LEVEL] if beyond else [DEAD])
+    beyond = step is None or _goes_beyond(step, runs, plain.model.axis.force)
+    found = _with_more(together, plain, bent, [DEAD, LEVEL] if beyond else [DEAD], CURVE)
     banded = None if step is None or not with_band else _with_neutral_band(runs, plain, curve, bent, step)
     if banded is not None and _likelihood(banded) > _likelihood(found):
         return banded
@@ -181,10 +183,12 @@ def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
     return [_Band(force, 0.5 * (low + high), (high - low) / math.sqrt(12.0)) for low, high in ends if low > 0.0]
 
 
-def _with_more(runs: Sequence[Trial], plain: AxisFit, bent: Fit, more: Sequence[str]) -> Fit:
-    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *bent*."""
-    slugs: tuple[str, ...] = (CURVE,)
-    best, more = bent, list(more)
+def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit, more: Sequence[str], has: str) -> Fit:
+    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *simple*, which
+    *has* one effect.
+    """
+    slugs: tuple[str, ...] = (has,)
+    best, more = simple, list(more)
     while more:
         tried = [(slug, fitted(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
         paying = [(left(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]

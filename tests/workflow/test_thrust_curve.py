@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -11,7 +12,8 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Parameter, fit_axis
+from gcs_autotune.identify import AxisFit, Parameter, fit_axis, with_actuator
+from gcs_autotune.report.toolkit.axis_fit import model_sentences
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification, thrust_curve
 from gcs_autotune.workflow.identification import Identified, again_with_step
@@ -36,14 +38,15 @@ def dying_swing(share: float, dead: float) -> Trial:
 
 
 def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float], *, lost: float = 1.0) -> Trial:
-    """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it.
+    """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it."""
+    v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
+    return turned(name, u, v * (1.0 - share + share * np.abs(v)), meta)
 
-    Heading and command are recorded at 25 Hz.
-    """
+
+def turned(name: str, u: np.ndarray, thrust: np.ndarray, meta: dict[str, float]) -> Trial:
+    """Integrate the turn under a *thrust* (n,) [shares of full]; heading and commands *u* are recorded at 25 Hz."""
     dt, n = DT, len(u)
     t = dt * np.arange(n)
-    v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
-    thrust = v * (1.0 - share + share * np.abs(v))
     psi, r = np.zeros(n), 0.0
     for k in range(1, n):
         r += dt * (thrust[k - 1] - DRAG * abs(r) * r) / ALPHA
@@ -109,13 +112,31 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
 def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, step, found, monkeypatch):
     """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
     fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
-    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits[slugs])
+    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits.get(slugs))
     plain = a_fit(90.0)
     curve = fit_thrust_curve([None] * sizes, plain, step)
     assert (curve is fits["dead-zone",]) is found
     if found:
         said = told(curve, plain)
         assert said == "the three oscillations speak of an actuator that does nothing below 14.4% of full"
+
+
+@pytest.mark.slow
+def test_three_sizes_of_a_thruster_that_levels_off_tell_the_inertia_by_the_force_at_full_output():
+    """Thrust over command of a T200 (Benzon2022): its slope at middle outputs is half again the mean slope to full."""
+    runs = []
+    for name, output, half_period in (("relay-1", 0.3, 0.8), ("relay-2", 0.6, 0.6), ("relay-3", 0.9, 0.5)):
+        u = oscillation(name, output, half_period, 0.0)["N"].values.repeat(20)
+        odd = 8.9 * u + 176.0 * u**3 - 404.1 * u**5 + 389.9 * u**7 - 140.3 * u**9
+        runs.append(turned(name, u, odd / 30.4, {"C": output}))
+    plain = fit_axis(runs, dof="yaw")
+    found = fit_thrust_curve(runs, plain)
+    assert found is not None
+    said = " ".join(model_sentences(with_actuator(found, plain)))
+    inertia = float(re.search(r"by the force at full output the inertia is (\S+)", said)[1])
+    assert inertia == pytest.approx(ALPHA, rel=0.05)
+    top = float(re.search(r"Full output sustains (\S+)°/s", said)[1])
+    assert top == pytest.approx(np.degrees(np.sqrt(1.0 / DRAG)), rel=0.05)
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -109,10 +109,17 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     if model.beta != 0.0 and fit.structure != "nonlinear":
         said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
-        top = abs(model.steady_velocity(_acting_at_full(fit) - model.delta))
+        acting = _acting_at_full(fit.effects)
+        top = abs(model.steady_velocity(acting - model.delta))
         if math.isfinite(top):
             said.append(f"Full output sustains {format_quantity(top, unit)}.")
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
+    if model.input_unit == "1" and abs(acting - 1.0) > _MUCH:
+        said.append(
+            f"Full output makes {format_number(acting)} of the force the table counts in: by the force at full output "
+            f"the inertia is {format_value(*_inertia_at_full(fit))} {pretty_unit(_inertia_of(fit).unit)}, as far as "
+            "the actuator goes between the sizes flown as it does here."
+        )
     trace = fit.traces[0] if fit.traces else None
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
     shown = trace.unit if trace is not None and trace.unit else axis.position_unit
@@ -123,14 +130,40 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _acting_at_full(fit: AxisFit) -> float:
+_MUCH = 0.02
+"""Chosen: a difference of full output from the table's unit of force that is worth a sentence."""
+
+
+def _acting_at_full(effects: Sequence[EffectInstance]) -> float:
     """Return what full output comes to in the model: a dead zone takes its width off that, too."""
     output = np.ones(1)
-    for own in fit.effects:
+    for own in effects:
         law = EFFECTS[own.slug]
         if isinstance(law, Characteristic):
             output = law.acting(own, output)
     return float(output[0])
+
+
+def _inertia_of(fit: AxisFit) -> Parameter:
+    return fit.parameters[fit.model.axis.parameter_names()[0]]
+
+
+def _inertia_at_full(fit: AxisFit) -> tuple[float, float]:
+    """Return the inertia in shares of the force at full output, and its standard error.
+
+    Of a craft's own numbers it is the one that does not change with the characteristic that stands before the model.
+    """
+    inertia, acting = fit.model.alpha, _acting_at_full(fit.effects)
+    slopes = dict.fromkeys(fit.parameters, 0.0)
+    slopes[fit.model.axis.parameter_names()[0]] = 1.0 / acting
+    for k, own in enumerate(fit.effects):
+        for name, value in ((n, v) for n, v in own.values.items() if label_of(own, n) in slopes):
+            small = 1e-4 * max(abs(value), 1e-2)
+            moved = [*fit.effects[:k], own.with_values({name: value - small}), *fit.effects[k + 1 :]]
+            slope = (acting - _acting_at_full(moved)) / small
+            slopes[label_of(own, name)] = -inertia * slope / acting**2
+    by = np.array(list(slopes.values()))
+    return inertia / acting, math.sqrt(max(float(by @ fit.covariance @ by), 0.0))
 
 
 def explains(percent: float) -> str:
@@ -165,6 +198,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
         )
     if own.slug == "dead-zone":
         return f"The actuator acts as if it did nothing below {number('width')} of full output (dead zone)."
+    if own.slug == "saturation":
+        return f"The actuator pushes no harder beyond {number('limit')} of full output (saturation)."
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
     return f"Found of the actuator: {_effect_title(own)}, {values}."
 
