@@ -96,6 +96,14 @@ _NO_WRAPPER = 'njit(**{**_LEAN, "no_cpython_wrapper": True})'
 _OFF, _BOTH = ("True -> False",), ("True -> False", "False -> True")
 _COUPLED = "gcs_autotune/models/coupled/kernel.py::"
 EQUIVALENT: dict[str, str] = {
+    "gcs_autotune/link/vehicle/setpoint_streamer.py::SetpointStreamer._is_released: True -> False in return True": (
+        "waited for is anything but None"
+    ),
+    'gcs_autotune/frames.py::module: TypeVar("Number", float, NDArray[np.float64]) -> TypeVar(float, "Number", '
+    "NDArray[np.float64])": "for the type checker only, which refuses it",
+    "gcs_autotune/design/margins.py::_are_stable: closed[:, -1] != 0.0 -> closed[:, -1] == 0.0": (
+        "each is then asked by itself, with the same answer"
+    ),
     "gcs_autotune/mavlink/tlog.py::TlogReader.__init__: self.truncated = False -> pass": (
         "set at the end of every iteration; documented as complete only then"
     ),

@@ -235,6 +235,17 @@ def test_an_output_that_is_not_known_or_not_half_of_the_command_does_not_count_a
     assert PulseResponse(followed, followed, 0.02, 0.1, 0.01, 0.0).unheeded is None
 
 
+@pytest.mark.parametrize(("compared", "reversed_"), [(-4.0, True), (-2.0, False), (4.0, False)])
+def test_one_pulse_that_moved_it_the_wrong_way_is_believed_where_both_together_say_so(
+    compared: float, reversed_: bool
+) -> None:
+    """The first pulse, a command of 0.15, is seen to move it the wrong way; the other is not to be seen."""
+    wrong, unseen = Pulse(0.15, -0.05, 0.005, -0.05, 0.15, 1.0), Pulse(-0.15, 0.0, 0.005, 0.0, -0.15, 1.0)
+    response = PulseResponse(wrong, unseen, 0.02, 0.01 * compared, 0.01, 0.0)
+    assert response.signs == (-1, 0)
+    assert response.is_reversed is reversed_
+
+
 def test_a_speed_nobody_knows_is_no_speed() -> None:
     craft = PondCraft()
     craft.speed = math.nan

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.mavlink.signing import StampStore
+from gcs_autotune.mavlink.signing import StampStore, state_folder
 
 SECOND = 100_000
 """Signing time is counted in units of 10 us."""
@@ -45,3 +45,13 @@ def test_a_file_that_cannot_be_kept_is_told_of_once_and_stops_nothing(tmp_path: 
     said = store.trouble
     store.reach(5 * SECOND)
     assert store.trouble == said
+
+
+@pytest.mark.parametrize(("system", "folder"), [("win32", "local"), ("linux", "state"), ("darwin", "state")])
+def test_what_outlives_a_run_is_kept_where_each_system_keeps_such_things(
+    system: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert state_folder() == tmp_path / folder / "gcs-autotune"
