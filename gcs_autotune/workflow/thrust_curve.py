@@ -9,8 +9,7 @@ through all sizes down to the bias it holds against, can; it has been flown anyw
 
 And no thruster pulls with the square of its command up to full: its motor runs out of voltage, its propeller out of
 water. A square law fitted to small oscillations promises half again the force there is. A step whose output went beyond
-the oscillations tells where the thrust levels off, and so do three sizes of oscillation. These three points a dead band
-and a curve, each with a level, fit alike: the dead band they tell is where the thrust begins to count.
+the oscillations tells where the thrust levels off, and so do three sizes of oscillation that speak of a dead band.
 """
 
 from __future__ import annotations
@@ -90,7 +89,7 @@ def fit_thrust_curve(
     bent = fitted(together, plain, CURVE)
     if bent is None:
         return curve
-    beyond = step is None or _goes_beyond(step, runs, plain.model.axis.force)
+    beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
     found = _with_more(together, plain, bent, [DEAD, LEVEL] if beyond else [DEAD], CURVE)
     banded = None if step is None or not with_band else _with_neutral_band(runs, plain, curve, bent, step)
     if banded is not None and _likelihood(banded) > _likelihood(found):

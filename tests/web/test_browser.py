@@ -130,7 +130,7 @@ def at_sea() -> Iterator[str]:
         port = free.getsockname()[1]
     patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=8", "--param", "FS_TIMEOUT=12")
     listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "8")
-    words = [sys.executable, "-m", "sitl", "blueboat", *listening, *patience]
+    words = [sys.executable, "-m", "sitl", "charlie", *listening, *patience]
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -12,8 +11,7 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Parameter, fit_axis, with_actuator
-from gcs_autotune.report.toolkit.axis_fit import model_sentences
+from gcs_autotune.identify import AxisFit, Parameter, fit_axis
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification, thrust_curve
 from gcs_autotune.workflow.identification import Identified, again_with_step
@@ -121,22 +119,16 @@ def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, s
         assert said == "the three oscillations speak of an actuator that does nothing below 14.4% of full"
 
 
-@pytest.mark.slow
-def test_three_sizes_of_a_thruster_that_levels_off_tell_the_inertia_by_the_force_at_full_output():
-    """Thrust over command of a T200 (Benzon2022): its slope at middle outputs is half again the mean slope to full."""
-    runs = []
-    for name, output, half_period in (("relay-1", 0.3, 0.8), ("relay-2", 0.6, 0.6), ("relay-3", 0.9, 0.5)):
-        u = oscillation(name, output, half_period, 0.0)["N"].values.repeat(20)
-        odd = 8.9 * u + 176.0 * u**3 - 404.1 * u**5 + 389.9 * u**7 - 140.3 * u**9
-        runs.append(turned(name, u, odd / 30.4, {"C": output}))
-    plain = fit_axis(runs, dof="yaw")
-    found = fit_thrust_curve(runs, plain)
-    assert found is not None
-    said = " ".join(model_sentences(with_actuator(found, plain)))
-    inertia = float(re.search(r"by the force at full output the inertia is (\S+)", said)[1])
-    assert inertia == pytest.approx(ALPHA, rel=0.05)
-    top = float(re.search(r"Full output sustains (\S+)°/s", said)[1])
-    assert top == pytest.approx(np.degrees(np.sqrt(1.0 / DRAG)), rel=0.05)
+def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
+    fits = {
+        ("quadratic-actuator",): a_fit(91.0, quadratic_actuator=0.4),
+        ("dead-zone",): a_fit(93.3, dead_zone=0.141),
+        ("saturation", "dead-zone"): a_fit(95.5, saturation=0.771, dead_zone=0.167),
+    }
+    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits.get(slugs))
+    found = fit_thrust_curve([None] * 3, a_fit(89.7))
+    assert found is fits["saturation", "dead-zone"]
+    assert "does nothing below 16.7% of full, and pushes no harder beyond 77%" in told(found, a_fit(89.7))
 
 
 @pytest.mark.slow
