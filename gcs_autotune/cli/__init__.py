@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
-    # other programs (a ground station, a simulator) the two wait for each other: a diagnosis takes five times as long.
+    # other programs (a ground station, a simulator) the two wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if arguments[:1] == [sitl_cmd.COMMAND.name]:
         return sitl_cmd.hand_over(arguments[1:])

@@ -99,13 +99,9 @@ def how_far(distance: float) -> str:
     """Return a *distance* [m] in words for people: none, however short, reads as nothing."""
     if distance < 1.0:
         return f"{max(100.0 * distance, 1.0):.0f} cm"
-    return (
-        f"{distance:.1f} m"
-        if distance < 10.0
-        else f"{distance:.0f} m"
-        if distance < 10e3
-        else f"{distance / 1e3:.0f} km"
-    )
+    if distance < 10.0:
+        return f"{distance:.1f} m"
+    return f"{distance:.0f} m" if distance < 10e3 else f"{distance / 1e3:.0f} km"
 
 
 def read_area(text: str) -> Area:

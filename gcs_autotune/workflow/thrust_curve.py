@@ -81,8 +81,7 @@ def fit_thrust_curve(
         return None
     curve = fitted(runs, plain, CURVE)
     if curve is None or not pays(curve, plain, CURVE) or not _SHARES[0] < number(curve, CURVE).value < _SHARES[1]:
-        dead = _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
-        return None if dead is None else _with_more(runs, plain, dead, [LEVEL], DEAD)
+        return _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
     if step is None and len(runs) < _SIZES:
         return curve
     together = runs if step is None else [*runs, step]
@@ -98,9 +97,12 @@ def fit_thrust_curve(
 
 
 def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
-    """Return the model with a dead zone and no curve, if it pays: a curve alone need not come near that."""
+    """Return the model with a dead zone and no curve, if it pays, levelling off where that pays, too.
+
+    A curve alone need not come near that.
+    """
     dead = fitted(runs, plain, DEAD)
-    return dead if dead is not None and pays(dead, plain, DEAD) else None
+    return _with_more(runs, plain, dead, [LEVEL], DEAD) if dead is not None and pays(dead, plain, DEAD) else None
 
 
 def _likelihood(fit: Fit) -> float:

@@ -149,6 +149,29 @@ def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() ->
     assert "acts as if it did nothing below 0.144" in " ".join(model_sentences(replace(plain, effects=(dead,))))
 
 
+def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_in_it() -> None:
+    """By hand: a / (1 - w), whose variance is that of a, of w, and what both have in common."""
+    plain, width, own, common = stories.fit("linear"), 0.3, 0.02, 0.5
+    at, inertia = list(plain.parameters).index("alpha_r"), plain.model.alpha
+    covariance = np.zeros((len(plain.parameters) + 1,) * 2)
+    covariance[at, at], covariance[-1, -1] = (0.01 * inertia) ** 2, own**2
+    covariance[at, -1] = covariance[-1, at] = common * 0.01 * inertia * own
+    name = "dead-zone@N.width"
+    fitted = replace(
+        plain,
+        effects=(EffectInstance("dead-zone", "N", {"width": width}),),
+        parameters={**plain.parameters, name: Parameter(name, width, "1", own)},
+        covariance=covariance,
+    )
+    said = " ".join(model_sentences(fitted))
+    told = said.partition("by the force at full output the inertia is ")[2].split()
+    relative = np.array([0.01, own / (1.0 - width)])
+    error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
+    assert "Full output makes 0.7 of the force the table counts in" in said
+    assert float(told[0]) == pytest.approx(inertia / (1.0 - width), rel=0.02)
+    assert float(told[2]) == pytest.approx(error, rel=0.1)
+
+
 def test_damping_that_fits_best_but_pushes_is_said_to_be_why_another_was_chosen() -> None:
     fitted = stories.fit("linear")
     pushing = [

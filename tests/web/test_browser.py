@@ -6,7 +6,7 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ class Page:
     def shows(self, selector: str, text: str, timeout: float = LONG) -> None:
         self.shows_one_of(((selector, text),), timeout)
 
-    def shows_one_of(self, wanted: Iterable[tuple[str, str]], timeout: float = LONG) -> None:
+    def shows_one_of(self, wanted: Sequence[tuple[str, str]], timeout: float = LONG) -> None:
         """Wait until one of the selectors shows its text."""
         first, *others = [self.page.locator(selector, has_text=text).first for selector, text in wanted]
         try:

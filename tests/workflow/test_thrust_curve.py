@@ -36,15 +36,14 @@ def dying_swing(share: float, dead: float) -> Trial:
 
 
 def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float], *, lost: float = 1.0) -> Trial:
-    """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it."""
-    v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
-    return turned(name, u, v * (1.0 - share + share * np.abs(v)), meta)
+    """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it.
 
-
-def turned(name: str, u: np.ndarray, thrust: np.ndarray, meta: dict[str, float]) -> Trial:
-    """Integrate the turn under a *thrust* (n,) [shares of full]; heading and commands *u* are recorded at 25 Hz."""
+    Heading and command are recorded at 25 Hz.
+    """
     dt, n = DT, len(u)
     t = dt * np.arange(n)
+    v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
+    thrust = v * (1.0 - share + share * np.abs(v))
     psi, r = np.zeros(n), 0.0
     for k in range(1, n):
         r += dt * (thrust[k - 1] - DRAG * abs(r) * r) / ALPHA
