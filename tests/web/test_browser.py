@@ -19,7 +19,7 @@ from .serving import ROOT, served
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-LONG = 120_000.0
+LONG = 200_000.0
 """Milliseconds that a run may take on a busy machine."""
 
 
@@ -121,15 +121,17 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
 
 @pytest.fixture
 def at_sea() -> Iterator[str]:
-    """The link to a vehicle that keeps a clock of its own, eight times ours, and is asked about as a real one is.
+    """The link to a vehicle that keeps a clock of its own, four times ours, and is asked about as a real one is.
 
-    Its failsafes are eight times as patient: a pause beside other processes is as long in our time as ever.
+    Its failsafes are four times as patient: a pause beside other processes is as long in our time as ever. At eight
+    times our clock, beside two busy processes, commands came so unevenly that oscillations never settled, and the boat
+    swung on until she was 300 m away.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=8", "--param", "FS_TIMEOUT=12")
-    listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "8")
+    patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=4", "--param", "FS_TIMEOUT=6")
+    listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "4")
     words = [sys.executable, "-m", "sitl", "charlie", *listening, *patience]
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
         assert vehicle.stderr is not None
