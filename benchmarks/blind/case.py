@@ -36,6 +36,8 @@ LEAST_RATIO, MOST_RATIO = 1.25, 6.0
 """Held-out error of the plain model over the noise; 1.25: the true extension lowers it by 20 %."""
 LEAST_DOUBLE, MOST_DOUBLE = 1.5, 5.0
 """The same of the smaller one of two effects."""
+LEAST_NATS = 10.0
+"""Log-likelihood that the runs given (the last is kept apart) must hold for an effect, all numbers known."""
 LEAST_NOISE, MOST_NOISE = 0.003, 0.1
 """Noise in shares of what each signal does."""
 LEAST_FACTOR, MOST_FACTOR = 1.1, 2.0
@@ -291,6 +293,8 @@ def _given(rng: Rng, slug: str | None, count: int, *, told: bool = True) -> Case
         return None
     levels = {n: noise * s for n, s in sizes.items()}
     effects = [] if slug is None else [hidden]
+    if effects and not _shows(voyage, effects, levels):
+        return None
     files = _fly(voyage, effects, levels)
     ratio = float(np.hypot(1.0, max(weights, default=0.0) / noise))
     case = _case(rng, voyage, effects, files, ratio, noise, levels)
@@ -362,6 +366,8 @@ def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: boo
     if not LEAST_NOISE <= noise <= MOST_NOISE:
         return None
     levels = {n: noise * s for n, s in sizes.items()}
+    if not _shows(voyage, hidden, levels):
+        return None
     files = _fly(voyage, hidden, levels)
     ratio = _misfit(voyage, files, sizes) / noise
     return _case(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
@@ -465,6 +471,16 @@ def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
 
 def _misfit(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float]) -> float:
     return misfit(voyage.craft, files[:-1], files[-1:], sizes, drag=voyage.plain != "none")
+
+
+def _shows(voyage: _Voyage, hidden: Sequence[Hidden], levels: Mapping[str, float]) -> bool:
+    """Return whether the runs that are given tell of *hidden* at all, to somebody who knows every number.
+
+    The last run is kept apart, and a limit that only its commands reach leaves no trace in the others.
+    """
+    given = zip(_fly(voyage, hidden)[:-1], _fly(voyage, [])[:-1], strict=True)
+    told = sum(float(np.sum(((f[n] - o[n]) / size) ** 2)) for f, o in given for n, size in levels.items()) / 2.0
+    return not told < LEAST_NATS
 
 
 def _veiling(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float], wanted: float) -> float:

@@ -72,6 +72,13 @@ def test_a_case_counts_when_the_plain_model_errs_a_quarter_more_than_the_noise(s
     assert case.slugs == (slug,)
 
 
+@pytest.mark.parametrize("index", range(4))
+def test_a_limit_is_reached_in_a_run_that_is_given_and_not_in_the_one_kept_apart_only(index: int) -> None:
+    case = draw_case("honest-and-effect", 74, index, "saturation")
+    place, numbers = case.truth["saturation"]
+    assert max(np.abs(run[place].values).max() for run in case.runs) > numbers["limit"]
+
+
 @pytest.mark.parametrize("slug", TRACK)
 def test_a_track_case_has_positions_and_heading_only_and_counts_by_where_it_leads(slug: str) -> None:
     case = draw_case("track", 3, 0, slug)
