@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -128,7 +129,12 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
     curve = EffectInstance("quadratic-actuator", "N", {"share": 0.824}, {"u_ref": 1.0})
     plain = stories.fit()
     share = Parameter("quadratic-actuator@N.share", 0.824, "1", 0.031)
-    bent = replace(plain, effects=(curve,), parameters={**plain.parameters, share.name: share})
+    bent = replace(
+        plain,
+        effects=(curve,),
+        parameters={**plain.parameters, share.name: share},
+        covariance=np.diag([*np.diag(plain.covariance), share.std**2]),
+    )
     assert model_words(bent) == "quadratic damping, with thrust curve"
     assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
     assert ("share", "0.82 ± 0.03", "1", "quadratic share of the thrust at full command", "") in model_table(bent).rows
@@ -136,7 +142,9 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
 
 def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() -> None:
     fitted = stories.fit("linear")
-    plain = replace(fitted, model=replace(fitted.model, beta_quadratic=0.0))
+    plain = replace(
+        fitted, model=replace(fitted.model, beta_quadratic=0.0), covariance=np.zeros_like(fitted.covariance)
+    )
     dead = EffectInstance("dead-zone", "N", {"width": 0.144})
     bent = EffectInstance("quadratic-actuator", "N", {"share": 0.8}, {"u_ref": 0.5})
 
@@ -147,6 +155,20 @@ def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() ->
     assert top(dead) == pytest.approx((1.0 - 0.144) * top(), rel=0.01)
     assert top(bent) == pytest.approx((0.2 + 0.8 / 0.5) * top(), rel=0.01)
     assert "acts as if it did nothing below 0.144" in " ".join(model_sentences(replace(plain, effects=(dead,))))
+
+
+def test_a_curve_is_not_followed_beyond_the_largest_output_that_was_flown() -> None:
+    """By hand: a square law under quadratic damping makes the speed proportional to the output, and so its error."""
+    fitted = stories.fit()
+    model = replace(fitted.model, beta=0.0, delta=0.0)
+    square = EffectInstance("quadratic-actuator", "N", {"share": 1.0}, {"u_ref": 1.0})
+    flown = replace(fitted, model=model, effects=(square,), extra={**fitted.extra, "largest": {"N": 0.6}})
+    said = " ".join(model_sentences(flown)).partition("60 % of full output, the most that was flown, sustains ")[2]
+    drag = fitted.parameters["beta_rr"]
+    speed = math.degrees(0.6 / math.sqrt(model.beta_quadratic))
+    assert float(said.split()[0]) == pytest.approx(speed, rel=0.01)
+    assert float(said.split()[2].partition("°")[0]) == pytest.approx(speed * 0.5 * drag.std / drag.value, rel=0.1)
+    assert "Full output sustains" not in " ".join(model_sentences(flown))
 
 
 def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_in_it() -> None:

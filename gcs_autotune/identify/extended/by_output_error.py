@@ -128,6 +128,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Soluti
             "signals": list(solution.noise),
             "inputs": dict(problem.data_summary.inputs),
             "swing": dict(problem.data_summary.full),
+            "largest": dict(problem.data_summary.amplitude),
             "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,

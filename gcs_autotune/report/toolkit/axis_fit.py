@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from rich.console import Group, RenderableType
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
 from gcs_autotune.identify import AxisFit, IsoEstimate, Parameter, Remainder, StructureFit, label_of
+from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
@@ -24,6 +26,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_value,
     listed,
     pretty_unit,
+    to_people,
 )
 
 __all__ = [
@@ -109,16 +112,16 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     if model.beta != 0.0 and fit.structure != "nonlinear":
         said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
-        acting = _acting_at_full(fit.effects)
-        top = abs(model.steady_velocity(acting - model.delta))
-        if math.isfinite(top):
-            said.append(f"Full output sustains {format_quantity(top, unit)}.")
+        said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
+    acting = _acting(fit.effects, 1.0)
     if model.input_unit == "1" and abs(acting - 1.0) > _MUCH:
+        at_full = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, 1.0))
+        per_force = pretty_unit(fit.parameters[axis.parameter_names()[0]].unit)
         said.append(
             f"Full output makes {format_number(acting)} of the force the table counts in: by the force at full output "
-            f"the inertia is {format_value(*_inertia_at_full(fit))} {pretty_unit(_inertia_of(fit).unit)}, as far as "
-            "the actuator goes between the sizes flown as it does here."
+            f"the inertia is {format_value(*at_full)} {per_force}, as far as the actuator goes "
+            "between the sizes flown as it does here."
         )
     trace = fit.traces[0] if fit.traces else None
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
@@ -134,36 +137,51 @@ _MUCH = 0.02
 """Chosen: a difference of full output from the table's unit of force that is worth a sentence."""
 
 
-def _acting_at_full(effects: Sequence[EffectInstance]) -> float:
-    """Return what full output comes to in the model: a dead zone takes its width off that, too."""
-    output = np.ones(1)
+def _top_speed(fit: AxisFit, unit: str) -> list[str]:
+    """Return the speed that full output sustains, or the largest output flown: beyond it a fitted curve is a guess."""
+    flown = float(fit.extra.get("largest", {}).get(fit.model.axis.force, 1.0)) if fit.effects else 1.0
+    output = flown if flown < 1.0 - _MUCH else 1.0
+    # The trim is no part of what the craft can do: the constant that steady_velocity adds is taken off before.
+    top, error = _with_error(fit, lambda m, effects: abs(m.steady_velocity(_acting(effects, output) - m.delta)))
+    if not math.isfinite(top):
+        return []
+    shown, factor = to_people(unit)
+    speed = f"{format_value(top * factor, error * factor)}{'' if shown.startswith('°') else ' '}{pretty_unit(shown)}"
+    if output == 1.0:
+        return [f"Full output sustains {speed}."]
+    return [f"{format_share(output)} of full output, the most that was flown, sustains {speed}; more was not tried."]
+
+
+def _acting(effects: Sequence[EffectInstance], output: float) -> float:
+    """Return what *output* comes to in the model: a dead zone takes its width off that, too."""
+    acting = np.full(1, output)
     for own in effects:
         law = EFFECTS[own.slug]
         if isinstance(law, Characteristic):
-            output = law.acting(own, output)
-    return float(output[0])
+            acting = law.acting(own, acting)
+    return float(acting[0])
 
 
-def _inertia_of(fit: AxisFit) -> Parameter:
-    return fit.parameters[fit.model.axis.parameter_names()[0]]
+def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance]], float]) -> tuple[float, float]:
+    """Return what *told* makes of the model and its actuator's effects, with its standard error to first order."""
+    fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
+    value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
+    for k, (name, own) in enumerate(fit.parameters.items()):
+        if not own.std > 0.0:
+            continue
+        small = 1e-4 * max(abs(own.value), own.std)
+        model, effects = fit.model, list(fit.effects)
+        if k < len(fields):
+            model = replace(model, **{fields[k]: getattr(model, fields[k]) + small})
+        else:
+            effects = [_moved(e, name, small) for e in effects]
+        slopes[k] = (told(model, effects) - value) / small
+    return value, math.sqrt(max(float(slopes @ fit.covariance @ slopes), 0.0))
 
 
-def _inertia_at_full(fit: AxisFit) -> tuple[float, float]:
-    """Return the inertia in shares of the force at full output, and its standard error.
-
-    Of a craft's own numbers it is the one that does not change with the characteristic that stands before the model.
-    """
-    inertia, acting = fit.model.alpha, _acting_at_full(fit.effects)
-    slopes = dict.fromkeys(fit.parameters, 0.0)
-    slopes[fit.model.axis.parameter_names()[0]] = 1.0 / acting
-    for k, own in enumerate(fit.effects):
-        for name, value in ((n, v) for n, v in own.values.items() if label_of(own, n) in slopes):
-            small = 1e-4 * max(abs(value), 1e-2)
-            moved = [*fit.effects[:k], own.with_values({name: value - small}), *fit.effects[k + 1 :]]
-            slope = (acting - _acting_at_full(moved)) / small
-            slopes[label_of(own, name)] = -inertia * slope / acting**2
-    by = np.array(list(slopes.values()))
-    return inertia / acting, math.sqrt(max(float(by @ fit.covariance @ by), 0.0))
+def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
+    """Return *effect* with the number of that *label* moved, if it is one of its own."""
+    return effect.with_values({n: v + by for n, v in effect.values.items() if label_of(effect, n) == label})
 
 
 def explains(percent: float) -> str:
