@@ -35,9 +35,12 @@ if TYPE_CHECKING:
     )
     from gcs_autotune.mavlink.operator_control import (
         CONTROL_STATUS_NAMES,
+        MANUAL_INPUT_NAMES,
         REQUEST_OPERATOR_CONTROL,
         ControlStatus,
+        ManualInput,
         control_status,
+        manual_input,
     )
     from gcs_autotune.mavlink.packed_parameters import PackedParameters, unpack_parameters
     from gcs_autotune.mavlink.params_file import load_params, save_params, save_qgc_params
@@ -49,7 +52,8 @@ _HOMES = {
     "split_frames",
     "names": "StatusText TextLog VehicleIdentity enum_name firmware_version message_fields message_number type_name "
     "unique_id",
-    "operator_control": "CONTROL_STATUS_NAMES REQUEST_OPERATOR_CONTROL ControlStatus control_status",
+    "operator_control": "CONTROL_STATUS_NAMES MANUAL_INPUT_NAMES REQUEST_OPERATOR_CONTROL ControlStatus ManualInput "
+    "control_status manual_input",
     "packed_parameters": "PackedParameters unpack_parameters",
     "params_file": "load_params save_params save_qgc_params",
     "signing": "LINK_ID Refusal Signer SigningKey StampStore is_signed refusals",
@@ -60,10 +64,12 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
 __all__ = [
     "CONTROL_STATUS_NAMES",
     "LINK_ID",
+    "MANUAL_INPUT_NAMES",
     "REQUEST_OPERATOR_CONTROL",
     "ControlStatus",
     "Frame",
     "Framer",
+    "ManualInput",
     "Message",
     "PackedParameters",
     "Packer",
@@ -84,6 +90,7 @@ __all__ = [
     "frame_length",
     "is_signed",
     "load_params",
+    "manual_input",
     "mavlink",
     "message_fields",
     "message_number",

@@ -1,25 +1,38 @@
-"""Operator control (MAVLink's development set): which station a vehicle obeys, as it says itself.
+"""Operator control (MAVLink's development set): which station a vehicle obeys and who steers it, as it says itself.
 
-CONTROL_STATUS is in no dialect of pymavlink yet, so it is read here from the frame. It has been on the wire in two
-forms; the checksum, which covers the fields' names, tells them apart.
+CONTROL_STATUS and MANUAL_INPUT_STATUS are in no dialect of pymavlink yet, so they are read here from the frame. The
+first has been on the wire in two forms; the checksum, which covers the fields' names, tells them apart. The second was
+proposed as MANUAL_CONTROL_STATUS.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from gcs_autotune.mavlink.framing import Message, mavlink
 
-__all__ = ["CONTROL_STATUS_NAMES", "REQUEST_OPERATOR_CONTROL", "ControlStatus", "control_status"]
+__all__ = [
+    "CONTROL_STATUS_NAMES",
+    "MANUAL_INPUT_NAMES",
+    "REQUEST_OPERATOR_CONTROL",
+    "ControlStatus",
+    "ManualInput",
+    "control_status",
+    "manual_input",
+]
 
 CONTROL_STATUS_NAMES = ("CONTROL_STATUS", "UNKNOWN_512")
 """What frames of it are called, by a pymavlink that knows it and by one that does not."""
+MANUAL_INPUT_NAMES = ("MANUAL_INPUT_STATUS", "UNKNOWN_515")
 REQUEST_OPERATOR_CONTROL = 32100
 """MAV_CMD_REQUEST_OPERATOR_CONTROL; the vehicle passes one of another station on to the one in control."""
 _HEADER, _CHECKSUM = 10, 2
 _TAKEOVER_ALLOWED = 2
 _FORMS = {21: (1, 0), 184: (0, 1)}
 """CRC_EXTRA of the form -> places of gcs_main (once sysid_in_control) and of flags in its payload."""
+_MANUAL_INPUT_EXTRA = 128
+_RC = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +43,43 @@ class ControlStatus:
     takeover_allowed: bool
 
 
+@dataclass(frozen=True, slots=True)
+class ManualInput:
+    """Whose sticks count: ``station`` (system, component) of a MAVLink input device, (0, 0): none; ``is_receiver``: the
+    vehicle's own RC receiver alone."""
+
+    station: tuple[int, int]
+    is_receiver: bool
+
+
 def control_status(message: Message) -> ControlStatus | None:
     """Return what a CONTROL_STATUS says; None when it is damaged, or of a form that is not known."""
+    found = _checked(message, _FORMS)
+    if found is None:
+        return None
+    extra, payload = found
+    station, flags = _FORMS[extra]
+    return ControlStatus(payload[station], bool(payload[flags] & _TAKEOVER_ALLOWED))
+
+
+def manual_input(message: Message) -> ManualInput | None:
+    """Return what a MANUAL_INPUT_STATUS says; None when it is damaged, or of a form that is not known."""
+    found = _checked(message, (_MANUAL_INPUT_EXTRA,))
+    if found is None:
+        return None
+    source, system, component = found[1][:3]
+    return ManualInput((system, component), source == _RC)
+
+
+def _checked(message: Message, extras: Collection[int]) -> tuple[int, bytes] | None:
+    """Return which of the CRC_EXTRA *extras* the frame was made with, and its payload; None when with none of them."""
     raw = bytes(message.get_msgbuf() or b"")
     if len(raw) < _HEADER + _CHECKSUM or raw[0] != 0xFD:
         return None
     end = _HEADER + raw[1]
     told = int.from_bytes(raw[end : end + _CHECKSUM], "little")
-    payload = raw[_HEADER:end].ljust(2, b"\0")  # zeros at its end are not sent
-    for extra, (station, flags) in _FORMS.items():
+    payload = raw[_HEADER:end].ljust(3, b"\0")  # zeros at its end are not sent
+    for extra in extras:
         if mavlink.x25crc(raw[1:end] + bytes([extra])).crc == told:
-            return ControlStatus(payload[station], bool(payload[flags] & _TAKEOVER_ALLOWED))
+            return extra, payload
     return None

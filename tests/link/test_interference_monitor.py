@@ -174,22 +174,31 @@ FORMS = {
 }
 
 
-class ControlStatusMessage:
-    """CONTROL_STATUS (512), which pymavlink does not have, as the vehicle sends it."""
+class UnknownMessage:
+    """A message that pymavlink does not have, as the vehicle sends it."""
 
-    def __init__(self, station: int, flags: int = 1, form: str = "as it is", *, damaged: bool = False) -> None:
-        self._extra, make = FORMS[form]
-        self._payload = make(station, flags).rstrip(b"\0") or b"\0"
-        self._damaged = damaged
+    def __init__(self, number: int, extra: int, payload: bytes, *, damaged: bool = False) -> None:
+        self._number, self._extra, self._damaged = number, extra, damaged
+        self._payload = payload.rstrip(b"\0") or b"\0"
 
     def get_type(self) -> str:
-        return "CONTROL_STATUS"
+        return f"UNKNOWN_{self._number}"
 
     def pack(self, mav: Any) -> bytes:
-        head = bytes([len(self._payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent, 0, 2, 0])  # 512: 0x000200
+        number = self._number.to_bytes(3, "little")
+        head = bytes([len(self._payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent, *number])
         mav.seq = (mav.seq + 1) % 256
         crc = mavlink.x25crc(head + self._payload + bytes([self._extra])).crc ^ self._damaged
         return b"\xfd" + head + self._payload + crc.to_bytes(2, "little")
+
+
+def control_status(station: int, flags: int = 1, form: str = "as it is", *, damaged: bool = False) -> UnknownMessage:
+    extra, make = FORMS[form]
+    return UnknownMessage(512, extra, make(station, flags), damaged=damaged)
+
+
+def manual_input(source: int, system: int = 0, component: int = 0, *, damaged: bool = False) -> UnknownMessage:
+    return UnknownMessage(515, 128, bytes([source, system, component]), damaged=damaged)
 
 
 @pytest.mark.parametrize("form", list(FORMS))
@@ -200,7 +209,7 @@ def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: S
     craft.arm()
     fly(craft)
     assert craft.other_stations.in_control is None
-    boat.send(ControlStatusMessage(252, form=form))
+    boat.send(control_status(252, form=form))
     fly(craft)
     assert any("GCS (system 252, component 190) is in control of it" in note for note in craft.session.notes)
     assert any("does not give it away" in note for note in craft.session.notes)
@@ -211,18 +220,53 @@ def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: S
 
 
 def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(flying: MavlinkCraft, boat: Any) -> None:
-    boat.send(ControlStatusMessage(252, damaged=True))
-    boat.send(ControlStatusMessage(255))
+    boat.send(control_status(252, damaged=True))
+    boat.send(control_status(255))
     fly(flying)
     assert not any("in control" in note for note in flying.session.notes)
-    boat.send(ControlStatusMessage(0))
+    boat.send(control_status(0))
     fly(flying)
     assert any("nobody is in control of it now" in note for note in flying.session.notes)
-    boat.send(ControlStatusMessage(252, flags=3))
+    boat.send(control_status(252, flags=3))
     fly(flying)
     assert any("gives it away for asking" in note for note in flying.session.notes)
     boat.mode = 4
     assert "says that GCS (system 252, component 190) is in control" in trip(flying, "mode")
+
+
+def test_whose_sticks_the_vehicle_says_count_is_told_beside_who_overrides(flying: MavlinkCraft, boat: Any) -> None:
+    boat.send(manual_input(2, 252, 190))
+    fly(flying)
+    assert any("GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in n for n in flying.session.notes)
+    boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
+    boat.overrides.update({1: (1700, boat.time + 60.0)})
+    said = trip(flying, "sticks")
+    assert "says that GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in said
+
+
+def test_a_station_that_shares_our_system_id_is_told_apart_by_its_component(flying: MavlinkCraft, boat: Any) -> None:
+    boat.send(manual_input(2, 255, 100))
+    fly(flying)
+    assert any("(system 255, component 100) steers it" in note for note in flying.session.notes)
+
+
+def test_a_vehicle_that_says_its_own_receiver_steers_is_quoted_when_our_overrides_cease_to_arrive(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
+    boat.send(manual_input(1))
+    fly(flying)
+    boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
+    boat.parameters["RC_OVERRIDE_TIME"] = 1.0
+    assert "the vehicle says that its own RC receiver steers it (MANUAL_INPUT_STATUS)" in trip(flying, "sticks")
+
+
+def test_sticks_that_are_ours_or_told_by_a_damaged_message_are_no_matter(flying: MavlinkCraft, boat: Any) -> None:
+    boat.send(manual_input(2, 252, 190, damaged=True))
+    boat.send(manual_input(2, 255, 190))
+    fly(flying)
+    assert not any("steers it" in note for note in flying.session.notes)
+    boat.mode = 4
+    assert "steers it" not in trip(flying, "mode")
 
 
 def test_another_station_s_wish_for_control_is_told_and_nothing_given_away(flying: MavlinkCraft, boat: Any) -> None:

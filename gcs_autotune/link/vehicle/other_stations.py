@@ -3,7 +3,7 @@
 Nothing that they say is acted on. But when the vehicle does something that we did not ask for, the operator must
 know whose doing it was. Three traces tell: the orders themselves, where a router repeats them to everybody; the
 vehicle's COMMAND_ACK, which names the station it answers; and failing these, who was there at all. A vehicle that tells
-who is in control of it (CONTROL_STATUS) is quoted.
+who is in control of it (CONTROL_STATUS) and whose sticks count (MANUAL_INPUT_STATUS) is quoted.
 """
 
 from __future__ import annotations
@@ -15,12 +15,15 @@ from dataclasses import dataclass
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import (
     CONTROL_STATUS_NAMES,
+    MANUAL_INPUT_NAMES,
     REQUEST_OPERATOR_CONTROL,
     ControlStatus,
     Frame,
+    ManualInput,
     Message,
     control_status,
     enum_name,
+    manual_input,
     mavlink,
     type_name,
 )
@@ -30,6 +33,8 @@ __all__ = ["Order", "OtherStations"]
 _KEPT = 100
 _RECENT = 10.0
 """Chosen [s]: a station that has said nothing for so long (ten heartbeats) is no suspect any more."""
+
+_STICKS = frozenset({"MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"})
 
 _TARGETS = {"MANUAL_CONTROL": "target"}
 """Message -> field that names whom it is for, where that is not ``target_system``."""
@@ -70,6 +75,7 @@ class OtherStations:
     stations : (system, component) -> what it says it is, e.g. ``GCS``; ``""`` before its first heartbeat.
     orders : the last orders heard, oldest first.
     in_control : the station that the vehicle says it obeys, None where it says nothing.
+    steering : whose sticks the vehicle says count, None where it says nothing.
     radio : what a telemetry radio told of itself last (RADIO_STATUS), in words; empty when there is none.
     """
 
@@ -79,16 +85,20 @@ class OtherStations:
         self.stations: dict[tuple[int, int], str] = {}
         self.orders: deque[Order] = deque(maxlen=_KEPT)
         self.in_control: ControlStatus | None = None
+        self.steering: ManualInput | None = None
         self.radio = ""
         for name in CONTROL_STATUS_NAMES:
             session.listen(name, self._on_control_status)
+        for name in MANUAL_INPUT_NAMES:
+            session.listen(name, self._on_manual_input)
         session.listen("COMMAND_LONG", self._on_asked_for_control)
         session.routing.overhear(self._on_foreign)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
         """Return, in words, who ordered any of *kinds* (of the parameter *name*) since link time *since* [s]."""
-        return self._suspect(kinds, since, name) + self._own_word()
+        steered = self._steered_by() if _STICKS & set(kinds) else ""
+        return self._suspect(kinds, since, name) + self._own_word() + steered
 
     def _own_word(self) -> str:
         """Return, in words, whom the vehicle says it obeys, where that is not us."""
@@ -97,6 +107,29 @@ class OtherStations:
             return ""
         who = self._called_system(told.station) if told.station else "no station"
         return f"; the vehicle says that {who} is in control of it (CONTROL_STATUS)"
+
+    def _steered_by(self) -> str:
+        """Return, in words, whose sticks the vehicle says count, where these are not ours."""
+        told = self.steering
+        if told is None or not (told.is_receiver or self._is_foreign(told)):
+            return ""
+        who = "its own RC receiver" if told.is_receiver else self._called(*told.station)
+        return f"; the vehicle says that {who} steers it (MANUAL_INPUT_STATUS)"
+
+    def _is_foreign(self, told: ManualInput) -> bool:
+        packer = self._session.port.packer
+        return told.station[0] != 0 and told.station != (packer.system, packer.component)
+
+    def _on_manual_input(self, message: Message) -> None:
+        told = manual_input(message)
+        if told is None or told == self.steering:
+            return
+        self.steering = told
+        if self._is_foreign(told):
+            self._session.notes.append(
+                f"the vehicle says that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS): let go of the "
+                "joystick there"
+            )
 
     def _called_system(self, system: int) -> str:
         return self._called(system, self._component(system, 0)) if self._is_known(system) else f"system {system}"
