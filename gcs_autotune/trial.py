@@ -155,6 +155,13 @@ class Trial:
         ------
         MissingChannel
             It has no such channel. UsageError: one is no share of full.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run
+        >>> run = example_run().with_full_scale({"N": 23.0})
+        >>> run["N"].unit, round(float(max(run["N"].values)), 3)
+        ('N m', 2.3)
         """
         forces = {}
         for name, size in full.items():
@@ -172,6 +179,13 @@ class Trial:
         ------
         UsageError
             pandas is not installed.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run
+        >>> table = example_run().to_pandas()
+        >>> list(table.columns), len(table)
+        (['N[1]', 'psi[rad]', 'r[rad/s]'], 600)
         """
         pandas = pandas_module()
         columns = [pandas.Series(c.values, index=c.t, name=f"{c.name}[{c.unit}]") for c in self.channels.values()]
@@ -181,7 +195,15 @@ class Trial:
         return table
 
     def between(self, start: float, end: float) -> Trial:
-        """Return the part of the trial with ``start <= t <= end``."""
+        """Return the part of the trial with ``start <= t <= end`` [s].
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run
+        >>> part = example_run().between(10.0, 20.0)
+        >>> part.start, part.end
+        (10.0, 20.0)
+        """
         return replace(
             self,
             channels={n: c.between(start, end) for n, c in self.channels.items()},

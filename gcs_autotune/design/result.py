@@ -166,7 +166,18 @@ class Proposal:
 
     def plot(self, ax: Axes | None = None) -> Figure | Axes:
         """Draw the step as predicted with the old gains and with the new, in SI units, on *ax* (returned) or in a new
-        figure."""
+        figure.
+
+        Examples
+        --------
+        >>> from matplotlib.figure import Figure
+        >>> from gcs_autotune.api import design, example_run, fit
+        >>> gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
+        >>> proposal = design(fit(example_run(), "linear", dof="yaw"), "heading", gains, speed=1.5)
+        >>> ax = Figure().subplots()
+        >>> proposal.plot(ax) is ax
+        True
+        """
         from gcs_autotune.design.pictures import plot_step
 
         return plot_step(self, ax)
@@ -178,6 +189,14 @@ class Proposal:
         ------
         UsageError
             pandas is not installed.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import design, example_run, fit
+        >>> gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
+        >>> proposal = design(fit(example_run(), "linear", dof="yaw"), "heading", gains, speed=1.5)
+        >>> bool(proposal.to_pandas().loc["ATC_STR_ANG_P", "new"] == proposal.new["ATC_STR_ANG_P"])
+        True
         """
         names = ("parameter", "old", "new", "low", "high", "reason")
         rows = [{n: getattr(c, n) for n in names} for c in self.changes]
@@ -203,7 +222,16 @@ class Proposal:
         return html_block(title, tables, self.notes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form (without the prediction's time series)."""
+        """Return the JSON form (without the prediction's time series).
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import design, example_run, fit
+        >>> gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
+        >>> proposal = design(fit(example_run(), "linear", dof="yaw"), "heading", gains, speed=1.5)
+        >>> [change["parameter"] for change in proposal.to_dict()["changes"]] == list(proposal.new)
+        True
+        """
         return {
             "schema": 1,
             "axis": self.axis,

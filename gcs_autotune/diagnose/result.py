@@ -254,7 +254,14 @@ class Diagnosis:
         return () if self.numbers is None else self.numbers.wrong
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form of ``diagnose --json``."""
+        """Return the JSON form of ``diagnose --json``.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import diagnose, example_run
+        >>> diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]).to_dict()["verdict"]
+        'no-effect'
+        """
         plain: dict[str, Any] = plain_data(
             {
                 "schema": 1,
@@ -316,6 +323,14 @@ class Diagnosis:
         ------
         UsageError
             There is no such trace.
+
+        Examples
+        --------
+        >>> from matplotlib.figure import Figure
+        >>> from gcs_autotune.api import diagnose, example_run
+        >>> ax = Figure().subplots()
+        >>> diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]).plot(ax, signal="r") is ax
+        True
         """
         from gcs_autotune.diagnose.pictures import plot_residuals
 
@@ -328,6 +343,13 @@ class Diagnosis:
         ------
         UsageError
             pandas is not installed.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import diagnose, example_run
+        >>> table = diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]).to_pandas()
+        >>> list(table["cause"])
+        ['quadratic-drag']
         """
         names = ("step", "cause", "place", "gain", "p_value", "evidence")
         return pandas_module().DataFrame([{n: getattr(r, n) for n in names} for r in self.ranking], columns=list(names))
@@ -364,7 +386,14 @@ class Diagnosis:
         )
 
     def to_json(self) -> str:
-        """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
+        """Return :meth:`to_dict` as JSON text, unknown numbers as null.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import diagnose, example_run
+        >>> '"verdict": "no-effect"' in diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]).to_json()
+        True
+        """
         return json_text(self.to_dict()).rstrip("\n")
 
 

@@ -217,7 +217,15 @@ class Fit:
         return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
 
     def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
-        """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`."""
+        """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run, fit
+        >>> told = fit(example_run(), "linear", dof="yaw", delay=0.0).validate(example_run(seed=2))
+        >>> bool(told.fit_percent > 95.0)
+        True
+        """
         from gcs_autotune.identify.free_run import validate
 
         return validate(self.model, runs)
@@ -229,7 +237,16 @@ class Fit:
         stamps: ArrayLike | None = None,
         start: Mapping[str, float] | None = None,
     ) -> Trial:
-        """Return what the model makes of *inputs*; see :func:`gcs_autotune.identify.simulation.simulated`."""
+        """Return what the model makes of *inputs*; see :func:`gcs_autotune.identify.simulation.simulated`.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run, fit
+        >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
+        >>> motion = found.simulate({"N": ([0.0, 10.0], [0.1, 0.1])}, start={"psi": 0.5})
+        >>> sorted(motion.channels), motion["r"].unit, float(motion["psi"].values[0])
+        (['N', 'psi', 'r'], 'rad/s', 0.5)
+        """
         from gcs_autotune.identify.simulation import simulated
 
         return simulated(self, inputs, stamps=stamps, start=start)
@@ -249,6 +266,14 @@ class Fit:
         ------
         UsageError
             The fit has no such trace.
+
+        Examples
+        --------
+        >>> from matplotlib.figure import Figure
+        >>> from gcs_autotune.api import example_run, fit
+        >>> ax = Figure().subplots()
+        >>> fit(example_run(), "linear", dof="yaw", delay=0.0).plot(ax, signal="psi") is ax
+        True
         """
         from gcs_autotune.identify.pictures import fit_picture, plot_trace
 
@@ -262,6 +287,13 @@ class Fit:
         ------
         UsageError
             pandas is not installed.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run, fit
+        >>> table = fit(example_run(), "linear", dof="yaw", delay=0.0).to_pandas()
+        >>> table.loc["beta_r", "unit"], bool(table.loc["beta_r", "low"] < 0.5 < table.loc["beta_r", "high"])
+        ('s/rad', True)
         """
         rows = [
             {
@@ -289,11 +321,27 @@ class Fit:
         )
 
     def to_json(self) -> str:
-        """Return :meth:`to_dict` as JSON text, unknown numbers as null."""
+        """Return :meth:`to_dict` as JSON text, unknown numbers as null.
+
+        Examples
+        --------
+        >>> import json
+        >>> from gcs_autotune.api import example_run, fit
+        >>> json.loads(fit(example_run(), "linear", dof="yaw", delay=0.0).to_json())["dof"]
+        'yaw'
+        """
         return json_text(self.to_dict()).rstrip("\n")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more."""
+        """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more.
+
+        Examples
+        --------
+        >>> from gcs_autotune.api import example_run, fit
+        >>> told = fit(example_run(), "linear", dof="yaw", delay=0.0).to_dict()
+        >>> round(told["parameters"]["beta_r"]["value"], 1), told["doubts"]
+        (0.5, [])
+        """
         data = {
             "schema": 1,
             "dof": self.dof,
