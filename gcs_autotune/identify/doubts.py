@@ -25,6 +25,7 @@ from gcs_autotune.identify.solution import Solution, fit_percents
 from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.models import SingleDof
 from gcs_autotune.rounding import format_value
+from gcs_autotune.sname import DOFS
 
 __all__ = [
     "COLOUR",
@@ -352,12 +353,22 @@ def _not_converged(solution: Solution) -> Doubt | None:
 def _at_bound(solution: Solution) -> Doubt | None:
     if not solution.at_bound:
         return None
-    names = ", ".join(solution.at_bound)
-    return Doubt(
-        "at-bound",
-        f"{names} stopped at a bound: the runs would have it beyond; it was taken as known there",
-        "widen the bound, or leave the parameter out if it stands at zero",
-    )
+    values = dict(zip(solution.form.parameters, solution.theta, strict=True))
+    damping = {
+        f"{dof.force}_{n}" for dof in map(DOFS.get, solution.form.dofs) if dof for n in (dof.velocity, 2 * dof.velocity)
+    }
+    none = [n for n in solution.at_bound if n in damping and values[n] == 0.0]
+    held = [n for n in solution.at_bound if n not in none]
+    causes, cures = [], []
+    if none:
+        causes.append(f"{', '.join(none)} stopped at zero, beyond which damping would push: these runs show none of it")
+        cures.append("where other damping is found beside it, nothing; else fly slower and faster runs")
+    if held:
+        causes.append(
+            f"{', '.join(held)} stopped at a bound: the runs would have it beyond; it was taken as known there"
+        )
+        cures.append("widen the bound, or leave the parameter out")
+    return Doubt("at-bound", "; ".join(causes), "; ".join(cures))
 
 
 def _not_excited(solution: Solution) -> Doubt | None:

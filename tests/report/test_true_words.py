@@ -163,7 +163,7 @@ def test_a_curve_is_not_followed_beyond_the_largest_output_that_was_flown() -> N
     model = replace(fitted.model, beta=0.0, delta=0.0)
     square = EffectInstance("quadratic-actuator", "N", {"share": 1.0}, {"u_ref": 1.0})
     flown = replace(fitted, model=model, effects=(square,), extra={**fitted.extra, "largest": {"N": 0.6}})
-    said = " ".join(model_sentences(flown)).partition("60 % of full output, the most that was flown, sustains ")[2]
+    said = " ".join(model_sentences(flown)).partition("An output of 60 % sustains ")[2]
     drag = fitted.parameters["beta_rr"]
     speed = math.degrees(0.6 / math.sqrt(model.beta_quadratic))
     assert float(said.split()[0]) == pytest.approx(speed, rel=0.01)
@@ -186,7 +186,7 @@ def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_
         covariance=covariance,
     )
     said = " ".join(model_sentences(fitted))
-    told = said.partition("by the force at full output the inertia is ")[2].split()
+    told = said.partition("by the force it makes the inertia is ")[2].split()
     relative = np.array([0.01, own / (1.0 - width)])
     error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
     assert "Full output makes 0.7 of the force the table counts in" in said

@@ -134,6 +134,8 @@ def _over_bound(p: Parameter) -> str:
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
         return "not told from zero"
+    if p.status == "at_bound" and p.value == 0.0:
+        return "none found"
     return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 

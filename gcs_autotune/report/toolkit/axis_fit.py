@@ -114,14 +114,15 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     if model.input_unit == "1":
         said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
-    acting = _acting(fit.effects, 1.0)
-    if model.input_unit == "1" and abs(acting - 1.0) > _MUCH:
-        at_full = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, 1.0))
+    output = _most_flown(fit)
+    acting = _acting(fit.effects, output)
+    if model.input_unit == "1" and abs(acting - output) > _MUCH:
+        by_it = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, output))
         per_force = pretty_unit(fit.parameters[axis.parameter_names()[0]].unit)
         said.append(
-            f"Full output makes {format_number(acting)} of the force the table counts in: by the force at full output "
-            f"the inertia is {format_value(*at_full)} {per_force}, as far as the actuator goes "
-            "between the sizes flown as it does here."
+            f"{_of_full(output)} makes {format_number(acting)} of the force the table counts in: by the force it makes "
+            f"the inertia is {format_value(*by_it)} {per_force}, as far as the actuator goes between the sizes flown "
+            "as it does here."
         )
     trace = fit.traces[0] if fit.traces else None
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
@@ -138,18 +139,26 @@ _MUCH = 0.02
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
-    """Return the speed that full output sustains, or the largest output flown: beyond it a fitted curve is a guess."""
-    flown = float(fit.extra.get("largest", {}).get(fit.model.axis.force, 1.0)) if fit.effects else 1.0
-    output = flown if flown < 1.0 - _MUCH else 1.0
+    """Return the speed that the largest output flown sustains."""
+    output = _most_flown(fit)
     # The trim is no part of what the craft can do: the constant that steady_velocity adds is taken off before.
     top, error = _with_error(fit, lambda m, effects: abs(m.steady_velocity(_acting(effects, output) - m.delta)))
     if not math.isfinite(top):
         return []
     shown, factor = to_people(unit)
     speed = f"{format_value(top * factor, error * factor)}{'' if shown.startswith('°') else ' '}{pretty_unit(shown)}"
-    if output == 1.0:
-        return [f"Full output sustains {speed}."]
-    return [f"{format_share(output)} of full output, the most that was flown, sustains {speed}; more was not tried."]
+    more = "" if output == 1.0 else "; more was not flown"
+    return [f"{_of_full(output)} sustains {speed}{more}."]
+
+
+def _most_flown(fit: AxisFit) -> float:
+    """Return the largest output flown where a curve was fitted, for beyond it the curve is a guess; else full, 1."""
+    flown = float(fit.extra.get("largest", {}).get(fit.model.axis.force, 1.0)) if fit.effects else 1.0
+    return flown if flown < 1.0 - _MUCH else 1.0
+
+
+def _of_full(output: float) -> str:
+    return "Full output" if output == 1.0 else f"An output of {format_share(output)}"
 
 
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
