@@ -120,6 +120,14 @@ def _measurement_update(cov: Array, K: Array, H: Array, r: float) -> None:
             cov[j, i] = value
 
 
+@njit(cache=True)
+def _keep(matrix: Array, place: Array) -> None:
+    """Copy *matrix* to *place*. An assignment to a slice, which may fail in words, takes seconds to compile."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            place[i, j] = matrix[i, j]
+
+
 @njit(cache=True, nogil=True)
 def forward(
     P: Program,
@@ -181,17 +189,18 @@ def forward(
             h = stamps[s] - stamps[s - 1]
             for i in range(n):
                 x[i] = reference[s - 1, i] if fixed else mean[i]
+                before[i] = x[i]
             first = row
             finite, rate = False, 0.0
             for _ in range(8):
-                before[:] = x
                 finite, rate, row = step(
                     P, theta, M, M_inverse, x, F, late, stamps[s - 1], stamps[s], first, t_in, inputs, free, now, W
                 )
                 if finite and rate <= 2.0 * now:
                     break
                 now = 1.2 * rate if finite else 4.0 * now
-                x[:] = before
+                for i in range(n):
+                    x[i] = before[i]
             if not finite:
                 return -1.0 - s
             now = max(max_rate, 1.5 * rate if rate > now else 0.7 * now)
@@ -215,8 +224,8 @@ def forward(
                     if not fixed:
                         theta[places[i]] = mean[n + i]
             if full:
-                history.F[s] = F
-                history.late[s] = late
+                _keep(F, history.F[s])
+                _keep(late, history.late[s])
         for i in range(len(codes)):
             if np.isnan(Y[s, i]):
                 continue
@@ -252,11 +261,13 @@ def forward(
             history.e[s, i] = error
             history.S[s, i] = variance
             if full:
-                history.K[s, i] = K
-                history.H[s, i] = H
+                for j in range(N):
+                    history.K[s, i, j] = K[j]
+                    history.H[s, i, j] = H[j]
         if full:
-            history.mean[s] = mean
-            history.covariance[s] = cov
+            _keep(cov, history.covariance[s])
+            for j in range(N):
+                history.mean[s, j] = mean[j]
     return fastest
 
 

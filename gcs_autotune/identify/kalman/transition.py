@@ -134,24 +134,28 @@ def step(
             for j in range(n):
                 late[i, j] = 0.5 * D[i, j] - 0.125 * square[i, j] + 0.0625 * cube[i, j] + (1.0 if i == j else 0.0)
         return True, rate, row
-    x[:] = begin
-    middle = 0.5 * (t + stop)
+    middle, fastest, row = 0.5 * (t + stop), 0.0, first
     early, second = np.zeros((n, N)), np.zeros((n, N))
     for i in range(n):
+        x[i] = begin[i]
         early[i, i] = 1.0
         second[i, i] = 1.0
-    finite, before, row, _ = carry(
-        P, theta, M, M_inverse, x, early, t, middle, first, t_in, inputs, free, max_rate, MAX_STEPS, W
-    )
-    if not finite:
-        return False, before, row
-    finite, rate, row, _ = carry(
-        P, theta, M, M_inverse, x, second, middle, stop, row, t_in, inputs, free, max_rate, MAX_STEPS, W
-    )
-    late[:, :] = second[:, :n]
-    F[:, :] = np.dot(late, early)
-    F[:, n:] += second[:, n:]
-    return finite, max(before, rate), row
+    for half in range(2):
+        S, begins, ends = (early, t, middle) if half == 0 else (second, middle, stop)
+        finite, rate, row, _ = carry(
+            P, theta, M, M_inverse, x, S, begins, ends, row, t_in, inputs, free, max_rate, MAX_STEPS, W
+        )
+        fastest = max(fastest, rate)
+        if not finite:
+            return False, fastest, row
+    for i in range(n):
+        for j in range(n):
+            late[i, j] = second[i, j]
+    whole = np.dot(late, early)
+    for i in range(n):
+        for j in range(N):
+            F[i, j] = whole[i, j] + (second[i, j] if j >= n else 0.0)
+    return True, fastest, row
 
 
 SPREAD_2 = 3.0
@@ -249,5 +253,6 @@ def sigma_step(
             cov[j, i] = cross[i, j]
     for i in range(n, N):
         cov[i, i] += walk[i - n] * h
-    x[:] = better
+    for i in range(n):
+        x[i] = better[i]
     return True

@@ -68,6 +68,10 @@ _inner: Callable[[_Function], _Function] = njit(forceinline=True, **_LEAN)
 words per call it takes a quarter of the time, and gives the same bits. Nobody calls them from Python, and a wrapper
 that could would be half of what there is to compile. One inlined is stored with what it is inlined into."""
 
+_pasted: Callable[[_Function], _Function] = njit(inline="always", **_LEAN)
+"""The same, for what one caller has: inlined before types are known, and never compiled for itself. Where a function is
+long or pasted into several, finding the types anew takes longer than that: measured, each of those here."""
+
 
 class Program(NamedTuple):
     """A form as arrays. ``active`` (k,) degrees of freedom; ``column`` (12,) place of eta and nu in the state, -1
@@ -382,7 +386,7 @@ def evaluate(
                 B[2 * k + i, free[P.lag]] = -f[2 * k + i] / T
 
 
-@_inner
+@_pasted
 def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deriv: bool, W: Scratch) -> None:
     """Add all terms to ``W.force``, with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
     rows, pars, scales, coefs, factors, place = P.rows, P.pars, P.scales, P.coefs, P.factors, P.column
@@ -428,7 +432,7 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
             by_p *= share
 
 
-@_inner
+@_pasted
 def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
     """Take ``C(nu) nu`` off ``W.force``, with *deriv* its derivative off ``W.by_x``."""
     momentum, c, unit, column = W.momentum, W.c, W.unit, W.column
@@ -458,7 +462,7 @@ def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
             by_x[i, place[j]] -= c[i]
 
 
-@_inner
+@_pasted
 def _rate(A: Array) -> float:
     """Return a measure of the fastest rate [1/s] that does not depend on the units of the states."""
     largest = 0.0
@@ -574,8 +578,9 @@ def _carry(
         if jump:
             if deriv and column >= 0:
                 # What the rate jumps by. A span of none gives it: `evaluate` inlined here would be compiled again.
-                _advance(P, theta, M, M_inverse, x, S, inputs[row], free, 0.0, plain, max_rate, W.before, W)
-                _advance(P, theta, M, M_inverse, x, S, inputs[row + 1], free, 0.0, plain, max_rate, W.f, W)
+                for k in range(2):
+                    rates = W.before if k == 0 else W.f
+                    _advance(P, theta, M, M_inverse, x, S, inputs[row + k], free, 0.0, plain, max_rate, rates, W)
                 for i in range(len(x)):
                     S[i, column] += W.before[i] - W.f[i]
             row += 1
@@ -583,7 +588,7 @@ def _carry(
 
 
 carry = _outer(_carry)
-_carried = _inner(_carry)
+_carried = _pasted(_carry)
 """The same inlined, for simulations: to hand over the hundreds of words that ``P`` and ``W`` are, once a sample, is a
 third of their time."""
 
