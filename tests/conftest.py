@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,14 +18,19 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 WARM_UPS = (
-    "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])",
-    """
+    ("-c", "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])"),
+    (
+        "-c",
+        """
 from gcs_autotune.identify import fit
 from gcs_autotune.workflow.jit_warmup import _swing
 fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 """,
+    ),
 )
 """Compile what most tests need, and the filters (half a minute, which two processes would spend each), side by side."""
+REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
+"""Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -33,8 +39,10 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: see gcs_autotune.cli.main
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
-        compiling = [subprocess.Popen([sys.executable, "-c", each], cwd=ROOT) for each in WARM_UPS]
-        assert [process.wait() for process in compiling] == [0] * len(WARM_UPS)
+        wanted = WARM_UPS if sys.dont_write_bytecode else (*WARM_UPS, REWRITE)
+        making = [subprocess.Popen([sys.executable, *each], cwd=ROOT, stdout=subprocess.DEVNULL) for each in wanted]
+        ended = [process.wait() for process in making]
+        assert not any(ended[: len(WARM_UPS)])  # a test that cannot be collected is told by whoever runs it
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -45,12 +53,13 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Keep the tests of a file with a module fixture in one process, so that it is made once; spread all others."""
+    """Keep together the tests of a file that make something once for all, a module fixture or a compiled function."""
     if config.getvalue("dist") != "load":
         return None
     from xdist.scheduler import LoadScopeScheduling
 
-    sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if 'scope="module"' in p.read_text()}
+    once = re.compile(r'scope="module"|^@njit', re.MULTILINE)
+    sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if once.search(p.read_text())}
 
     class Sharing(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -85,11 +86,16 @@ def vehicle_process(listen: str) -> Iterator[None]:
             assert process.wait(10.0) in (0, -15)
 
 
-@pytest.mark.parametrize("wire", [udp, serial], ids=lambda w: w.__name__)
-def test_the_same_tune_over_a_real_link(tmp_path, wire):
+OURS = [sys.executable, "-m", "gcs_autotune"]
+BRIEF = [sys.executable, str(Path(__file__).parents[1] / "brief_program.py")]
+"""The same with designs of few evaluations: the whole is flown over one wire."""
+
+
+@pytest.mark.parametrize(("wire", "program"), [(udp, OURS), (serial, BRIEF)], ids=["udp", "serial"])
+def test_the_same_tune_over_a_real_link(tmp_path, wire, program):
     run = tmp_path / "run"
     with wire() as (listen, connect), vehicle_process(listen):
-        tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", connect, "--yes"]
+        tune = [*program, "tune", "heading", "--connect", connect, "--yes"]
         done = subprocess.run(
             [*tune, "--out", str(run), "--step-duration", "8"], capture_output=True, text=True, timeout=100, check=False
         )
@@ -107,7 +113,7 @@ def test_the_same_tune_over_a_real_link(tmp_path, wire):
 
 
 def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "gcs_autotune", *arguments]
+    command = [*OURS, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
@@ -115,7 +121,7 @@ def test_after_a_power_cut_in_mid_proof_restore_puts_the_old_gains_back(tmp_path
     """Over TCP, which a tune that is killed breaks: identification, design, writing and a proof begun come before."""
     run = tmp_path / "run"
     with tcp() as (listen, connect), vehicle_process(listen):
-        tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", connect, "--yes"]
+        tune = [*BRIEF, "tune", "heading", "--connect", connect, "--yes"]
         with subprocess.Popen(
             [*tune, "--out", str(run), "--step-duration", "8"], stderr=subprocess.PIPE, text=True
         ) as process:

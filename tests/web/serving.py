@@ -12,11 +12,15 @@ from gcs_autotune.web import CommandLine, ServeSettings, serve
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).with_name("scripted_run.py")
+BRIEF = ROOT / "tests" / "brief_program.py"
 
 
 @contextmanager
 def served(runs: Path, *, scripted: bool, host: str = "127.0.0.1") -> Iterator[str]:
-    """Yield the link of a server that keeps its runs in *runs*; *scripted*: with a stand-in for what flies."""
+    """Yield the link of a server that keeps its runs in *runs*; *scripted*: with a stand-in for what flies.
+
+    What flies designs in few evaluations: ``tests/closed_loop/test_real_links.py`` flies our own command line.
+    """
     words = [sys.executable, "-m", "tests.web.serving", str(runs), "scripted" if scripted else "real", host]
     with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
@@ -33,5 +37,5 @@ def say(text: str) -> None:
 
 
 if __name__ == "__main__":
-    program = CommandLine((sys.executable, str(SCRIPT))) if sys.argv[2] == "scripted" else None
+    program = CommandLine((sys.executable, str(SCRIPT if sys.argv[2] == "scripted" else BRIEF)))
     serve(ServeSettings(sys.argv[3], 0, Path(sys.argv[1])), say, program)
