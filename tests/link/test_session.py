@@ -148,6 +148,34 @@ def test_the_operators_stop_is_raised_by_the_next_pump(boat: ScriptedVehicle) ->
         session.pump()
 
 
+class RealLink(MemoryLink):
+    """Memory that says its time is the machine's, and notes how long it was waited at once."""
+
+    is_simulated = False
+
+    def __init__(self, boat: ScriptedVehicle) -> None:
+        super().__init__(boat)
+        self.waits: list[float] = []
+
+    def read(self, timeout: float) -> bytes:
+        self.waits.append(timeout)
+        return super().read(timeout)
+
+
+def test_in_the_machines_own_time_no_silence_keeps_a_stop_waiting(boat: ScriptedVehicle) -> None:
+    link = RealLink(boat)
+    asked: list[int] = []
+    with Session(link, interrupt=lambda: bool(asked)) as session:
+        session.discover()
+        session.pause(0.5)
+        assert max(link.waits) <= 0.02
+        asked.append(1)
+        begun = session.clock.now()
+        with pytest.raises(OperatorStopped):
+            session.pause(10.0)
+        assert session.clock.now() - begun <= 0.02
+
+
 def test_a_shield_keeps_the_stop_until_it_is_down(boat: ScriptedVehicle) -> None:
     pressed = False
     session = Session(MemoryLink(boat), interrupt=lambda: pressed)
