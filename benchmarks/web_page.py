@@ -1,8 +1,9 @@
 """What the page costs: processor, lateness of the loop that holds the sticks, STOP to the first neutral override.
 
-``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4]`` (goals: under 3 % of a core at 10 Hz with
-four viewers, no tick late by more than 5 ms for it, STOP under 50 ms at worst of 200, page under 300 kB, memory level
-over an hour's lines).
+``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4] [--browser]`` (goals: under 3 % of a core at
+10 Hz with four viewers, no tick late by more than 5 ms for it, STOP under 50 ms at worst of 200, page under 300 kB,
+memory level over an hour's lines). With ``--browser`` one more viewer is the page itself, in Chromium: its memory is
+told, too, and STOP counts from a click on it.
 
 The server is the one of ``gcs-autotune serve``; what it starts is this file again, as a run: ticks at 25 Hz told to the
 real ``RemoteWatcher``; or, for STOP, the real craft on a real link to the simulator, flying by the real sequencer.
@@ -15,11 +16,14 @@ import asyncio
 import http.client
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -197,7 +201,54 @@ class Viewers:
                 assert self._news.wait(30.0), f"'{beginning}' was not said, but {self.said[-3:]}"
 
 
-def cost(seconds: float, viewers: int) -> None:
+class Page:
+    """The page in Chromium, as somebody sees it."""
+
+    def __init__(self, page: Any) -> None:
+        self._page = page
+        self._tools = page.context.new_cdp_session(page)
+        self._tools.send("Performance.enable")
+        page.evaluate(
+            "() => addEventListener('click', (event) => { window.clicked = performance.timeOrigin + event.timeStamp })"
+        )
+
+    def memory(self) -> float:
+        """What its script holds after the garbage is collected [MB]."""
+        self._tools.send("HeapProfiler.collectGarbage")
+        told = {m["name"]: m["value"] for m in self._tools.send("Performance.getMetrics")["metrics"]}
+        return float(told["JSHeapUsedSize"]) / 1e6
+
+    def stop(self) -> float:
+        """Click on STOP and return when, by ``time.monotonic``."""
+        self._page.click("#stop")
+        return float(self._page.evaluate("window.clicked")) / 1e3 - (time.time() - time.monotonic())
+
+
+@contextmanager
+def chromium(port: int, *, wanted: bool) -> Iterator[Page | None]:
+    """Yield the page of the server at *port* in Chromium, None where that is not *wanted*."""
+    if not wanted:
+        yield None
+        return
+    from playwright.sync_api import sync_playwright
+
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto(f"http://127.0.0.1:{port}/")
+        yield Page(page)
+        browser.close()
+
+
+def thirds(sizes: list[float]) -> str:
+    """Say how *sizes* [MB] went."""
+    third = max(len(sizes) // 3, 1)
+    second, last = max(sizes[third : 2 * third]), max(sizes[2 * third :])
+    return f"{sizes[0]:.1f} MB at first, at most {second:.1f} in the second third and {last:.1f} in the last"
+
+
+def cost(seconds: float, viewers: int, *, in_browser: bool) -> None:
     with tempfile.TemporaryDirectory() as folder:
         server = Server(Path(folder))
         found = {}
@@ -222,19 +273,20 @@ def cost(seconds: float, viewers: int) -> None:
                   f"worst {each[-1]:.2f} of {len(each)}")  # fmt: skip
         print(f"telling a tick: median {took[len(took) // 2]:.0f} us, worst {took[-1]:.0f} (goal: 5 ms late at most)")
         watching = Viewers(server.port, viewers)
-        out = server.start("udpin:hour")
-        sizes = []
-        while not (out / "late.json").exists():
-            time.sleep(0.5)
-            sizes.append(server.memory())
-        third = max(len(sizes) // 3, 1)
-        second, last = max(sizes[third : 2 * third]), max(sizes[2 * third :])
-        print(f"memory over an hour's ticks: {sizes[0]:.0f} MB at first, at most {second:.0f} in the second third and "
-              f"{last:.0f} in the last; {watching.bytes / 1e6:.0f} MB sent")  # fmt: skip
+        with chromium(server.port, wanted=in_browser) as page:
+            out = server.start("udpin:hour")
+            sizes, shown = [], []
+            while not (out / "late.json").exists():
+                time.sleep(0.5)
+                sizes.append(server.memory())
+                shown += [page.memory()] if page is not None else []
+        print(f"memory over an hour's ticks, server: {thirds(sizes)}; {watching.bytes / 1e6:.0f} MB sent")
+        if shown:
+            print(f"memory over an hour's ticks, page in Chromium: {thirds(shown)}")
         server.close()
 
 
-def stops(count: int, viewers: int) -> None:
+def stops(count: int, viewers: int, *, in_browser: bool) -> None:
     vehicle = subprocess.Popen(
         [sys.executable, "-m", "sitl", "charlie", "--listen", "tcp:127.0.0.1:5797"], stdout=subprocess.DEVNULL
     )
@@ -243,22 +295,25 @@ def stops(count: int, viewers: int) -> None:
             server = Server(Path(folder))
             watching = Viewers(server.port, viewers)
             time.sleep(2.0)
-            out = server.start("tcp:127.0.0.1:5797")
-            connection = http.client.HTTPConnection("127.0.0.1", server.port)
-            delays, heard = [], 0
-            for k in range(count):
-                _, heard = watching.hear("swinging", heard)
-                time.sleep(0.3 + 0.013 * (k % 31))  # anywhere in a tick
-                begun = time.monotonic()
-                server.post("/stop", {}, connection)
-                if k == count - 1:
-                    (out / "enough").touch()
-                text, heard = watching.hear("neutral ", heard)
-                (sent,) = json.loads(text.partition(" ")[2])
-                delays.append(1e3 * (sent - begun))
+            with chromium(server.port, wanted=in_browser) as page:
+                out = server.start("tcp:127.0.0.1:5797")
+                connection = http.client.HTTPConnection("127.0.0.1", server.port)
+                delays, heard = [], 0
+                for k in range(count):
+                    _, heard = watching.hear("swinging", heard)
+                    time.sleep(0.3 + 0.013 * (k % 31))  # anywhere in a tick
+                    begun = time.monotonic() if page is None else page.stop()
+                    if page is None:
+                        server.post("/stop", {}, connection)
+                    if k == count - 1:
+                        (out / "enough").touch()
+                    text, heard = watching.hear("neutral ", heard)
+                    (sent,) = json.loads(text.partition(" ")[2])
+                    delays.append(1e3 * (sent - begun))
             delays.sort()
-            print(f"STOP, from the POST to the first neutral override on the wire: median {delays[count // 2]:.1f} ms, "
-                  f"worst {delays[-1]:.1f} of {count} (goal 50)")  # fmt: skip
+            since = "POST" if page is None else "click in Chromium"
+            print(f"STOP, from the {since} to the first neutral override on the wire: "
+                  f"median {delays[count // 2]:.1f} ms, worst {delays[-1]:.1f} of {count} (goal 50)")  # fmt: skip
             server.close()
     finally:
         vehicle.terminate()
@@ -270,12 +325,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--stops", type=int, default=20)
     parser.add_argument("--viewers", type=int, default=4)
+    parser.add_argument("--browser", action="store_true", help="the page in Chromium, too: STOP counts from a click")
     args = parser.parse_args()
     static = Path("gcs_autotune/web/static")
     sizes = sum(p.stat().st_size for p in static.iterdir())
     print(f"page: {sizes / 1e3:.1f} kB in {len(list(static.iterdir()))} files (goal 300)")
-    cost(args.seconds, args.viewers)
-    stops(args.stops, args.viewers)
+    cost(args.seconds, args.viewers, in_browser=args.browser)
+    stops(args.stops, args.viewers, in_browser=args.browser)
 
 
 if __name__ == "__main__":
