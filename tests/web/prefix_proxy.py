@@ -12,20 +12,23 @@ from urllib.parse import urlsplit
 
 @contextmanager
 def behind(link: str, prefix: str) -> Iterator[str]:
-    """Yield the link under which the server at *link* is seen behind *prefix* (``/with/slashes``)."""
+    """Yield the link under which the server at *link* is seen behind *prefix* (``/with/slashes``); then all is cut."""
     at = urlsplit(link)
+    under_way: set[socket.socket] = set()
 
     class Passing(StreamRequestHandler):
         def handle(self) -> None:
             with suppress(OSError), socket.create_connection((str(at.hostname), int(at.port or 80))) as upstream:
                 head = self._head(prefix)
                 if head:
+                    under_way.add(upstream)
                     upstream.sendall(head)
                     onward = threading.Thread(target=_pump, args=(self.rfile.read1, upstream))
                     onward.start()
                     _pump(upstream.recv, self.connection)
                     self.connection.shutdown(socket.SHUT_RDWR)
                     onward.join()
+                under_way.discard(upstream)
 
         def _head(self, prefix: str) -> bytes:
             """Read one request's head and return it as it goes on: one request a connection, or a WebSocket."""
@@ -50,6 +53,9 @@ def behind(link: str, prefix: str) -> Iterator[str]:
         yield f"http://127.0.0.1:{server.server_address[1]}{prefix}/"
         server.shutdown()
         thread.join()
+        for upstream in tuple(under_way):
+            with suppress(OSError):
+                upstream.shutdown(socket.SHUT_RDWR)
 
 
 def _pump(read: object, sink: socket.socket) -> None:

@@ -26,7 +26,7 @@ LONG = 200_000.0
 class Page:
     """A page that remembers what went wrong on it and whom it called."""
 
-    def __init__(self, browser: Any, link: str, **context: Any) -> None:
+    def __init__(self, browser: Any, link: str, *, wait: bool = True, **context: Any) -> None:
         self.context = browser.new_context(**context)
         self.context.set_default_timeout(LONG)
         self.page = self.context.new_page()
@@ -38,7 +38,7 @@ class Page:
         self.page.on("websocket", lambda socket: self.called.add(urlsplit(socket.url).netloc))
         self.link = link
         self.page.goto(link)
-        self.is_up()
+        self.is_up() if wait else None
 
     def is_up(self) -> None:
         """Wait until the page has heard from its server, which has no run or one that is over."""
@@ -303,6 +303,25 @@ def test_a_reload_changes_nothing_about_the_run_and_shows_it_again(asking: Page)
     asking.shows("#stage", "first self-oscillation, flown")  # no tick for a while: it is not under way any more
     asking.page.click("#stop")
     assert "as it was found" in asking.stopped()
+
+
+def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_about_the_run(
+    visit: Any, scripted: str
+) -> None:
+    with behind(scripted, "/ashore") as link:  # a network that goes away
+        page = visit(link)
+        page.start()
+        page.shows("#question-text", "Go ahead?")
+    page.shows("#alarm", "A run under way goes on without this page")
+    page.page.close()
+    page.troubles.clear()  # the browser said as much
+    closed = visit(scripted, wait=False)
+    closed.shows("#question-text", "Go ahead?")
+    closed.page.close()
+    late = visit(scripted, wait=False)
+    late.shows("#question-text", "Go ahead?")
+    late.page.click("#yes")
+    late.shows("#end-title", "done")
 
 
 def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
