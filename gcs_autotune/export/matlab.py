@@ -31,7 +31,7 @@ def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     )
     rows = " ".join(str(r + 1) for r in equations.rows)
     text = f"""function dx = {equations.identifier}(~, state, input)
-% {equations.name.upper()}  MotionEquations of motion identified by gcs-autotune.
+% {equations.name.upper()}  Equations of motion identified by gcs-autotune.
 %   state = [x y z phi theta psi u v w p q r]', SNAME axes, SI units, radians;
 %   input = [{" ".join(inputs)}]'.
 %   delay [s]: {", ".join(f"{c} {equations.delay[c]:g}" for c in inputs)}; lag [s]: {

@@ -322,6 +322,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
     late.shows("#question-text", "Go ahead?")
     late.page.click("#yes")
     late.shows("#end-title", "done")
+    assert "ATC_STR_RAT_P 0.2 -> 0.4" in late.page.inner_text("#put-back")
 
 
 def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
