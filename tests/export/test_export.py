@@ -117,7 +117,7 @@ def test_fossens_class_moves_as_our_model_does():
 def test_matlabs_file_has_the_same_equations():
     file = a_boat()
     text = export_model(file, "matlab").text
-    assert text.startswith("function dx = my_boat(~, state, input)\n% MY_BOAT  Equations of motion identified by")
+    assert text.startswith("function dx = my_boat(~, state, input)\n% MY BOAT  Equations of motion identified by")
     rng = np.random.default_rng(1)
     nu, inputs = np.array([1.2, -0.3, 0.0, 0.0, 0.0, 0.4]), {"X": 30.0, "N": -4.0}
     M, tau = np.zeros((6, 6)), np.zeros(6)

@@ -325,6 +325,19 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
     assert "ATC_STR_RAT_P 0.2 -> 0.4" in late.page.inner_text("#put-back")
 
 
+def test_a_question_that_is_there_before_the_page_knows_that_it_may_answer_can_be_answered(asking: Page) -> None:
+    late = asking.context.new_page()
+    held: list[Any] = []
+    late.route("**/about", lambda route: held.append(route))
+    late.goto(asking.link)
+    late.locator("#question-text", has_text="Go ahead?").wait_for()
+    assert not late.is_enabled("#yes")
+    held[0].continue_()
+    late.click("#yes")
+    asking.shows("#end-title", "done")
+    assert "ATC_STR_RAT_P 0.2 -> 0.4" in asking.page.inner_text("#put-back")
+
+
 def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
     second = asking.context.new_page()
     second.goto(asking.link)

@@ -40,15 +40,15 @@ for (const kind of ["keydown", "keyup"]) {
 
 // --- questions ------------------------------------------------------------------------------------------------------
 
-let asked = null;
+let asked = null, answering = null;
 async function answer(yes) {
-  const id = asked;
+  const id = answering = asked;
   if (id === null) return;
-  $("yes").disabled = $("no").disabled = true;
+  show();
   const told = await post("answer", { id, yes });
   if (!told.ok) {
     refused = `the answer did not arrive: ${told.error}`;
-    $("yes").disabled = $("no").disabled = false;
+    answering = null;
     show();
   }
 }
@@ -58,7 +58,8 @@ $("no").onclick = () => answer(false);
 function showQuestion() {
   const question = running() ? state.question : null;
   $("question").hidden = !question;
-  if (!question) { asked = null; return; }
+  if (!question) { asked = answering = null; return; }
+  $("yes").disabled = $("no").disabled = !mayTouch || answering === question.id;
   say("question-text", question.text);
   $("intentions").hidden = !state.intentions || Boolean(state.now);
   $("offer").hidden = !state.proposal;
@@ -67,7 +68,6 @@ function showQuestion() {
   asked = question.id;
   $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
   $("intentions-list").replaceChildren(...(state.intentions ? items(state.intentions.texts) : []));
-  $("yes").disabled = $("no").disabled = !mayTouch;
   $("question").tabIndex = -1;
   $("question").focus();
 }
@@ -243,7 +243,7 @@ function take(delta) {
   const before = state.run && state.run.name;
   state = apply(state, delta);
   if (delta.whole || delta.fresh || delta["+rows"] || delta.room || delta.track) fresh = true;
-  if ((state.run && state.run.name) !== before) { wantStop = 0; refused = ""; shownWords = -1; }
+  if ((state.run && state.run.name) !== before) { wantStop = 0; refused = ""; shownWords = -1; answering = null; }
   if (!running()) { wantStop = 0; }
   requestAnimationFrame(show);
 }
