@@ -10,7 +10,7 @@ with what it came to on the second.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
-from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
     Fitted,
     Problem,
@@ -343,11 +343,26 @@ def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectIn
 
 
 def may_be_told(slug: str) -> bool:
-    """Whether a filter can judge an effect: what acts on commands or in the equation of motion, at all times."""
+    """Whether a search under process noise looks for an effect: what acts on commands or in the equation of motion, at
+    all times.
+    """
     entry = EFFECTS[slug]
-    if entry.is_disturbance or entry.happens_at or entry.family == "data errors":
-        return False
-    return bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
+    return entry.family != "data errors" and not entry.happens_at and _is_motion(slug)
+
+
+def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
+    """Whether a filter can judge an effect that was found otherwise: one that happens at a time, or one of the records'
+    errors at a column of *inputs*, too. When something happened is no question for its tangent; what it is worth once
+    the time is known is.
+    """
+    if EFFECTS[effect.slug].family == "data errors":
+        return all(n in inputs for n in columns_of(effect.place))
+    return _is_motion(effect.slug)
+
+
+def _is_motion(slug: str) -> bool:
+    entry = EFFECTS[slug]
+    return not entry.is_disturbance and bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
 
 
 def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:

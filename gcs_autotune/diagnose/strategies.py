@@ -136,11 +136,13 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
         state, step = blocked_cv(state, step) or (state, step)
     taken: tuple[SearchStep, ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
-        # Beneath a force that wanders every pair looks as good as the next, and there are many.
+        # Beneath a force that wanders every pair looks as good as the next, and there are many; but two causes without
+        # any weather look like a force that wanders, too, and only they leave nothing when both are known.
         state, adrift = wanders(state)
         try:
-            state, ahead = (state, None) if adrift else _look_ahead(state, step, stage)
-            taken = ahead or taken
+            state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
+            if ahead is not None and not (adrift and not leaves_nothing(state.problem, ahead[-1].judged[0].fitted)):
+                taken = ahead
         except OutOfTime as over:  # what was asked about the water is kept: it is long
             state = replace(state, cut=(*state.cut, str(over)))
     accepted = taken[-1].accepted
@@ -202,12 +204,14 @@ class _Path:
         return end.cost + bic_penalty(end, present)
 
 
-def _look_ahead(state: SearchState, step: SearchStep, stage: str) -> tuple[SearchState, tuple[SearchStep, ...] | None]:
+def _look_ahead(
+    state: SearchState, step: SearchStep, stage: str, farthest: int
+) -> tuple[SearchState, tuple[SearchStep, ...] | None]:
     """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
 
     Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
     pays by itself. The likeliest causes are each followed by the best next one, by likelihood alone; the best of these
-    pairs, if it does not pay either, by a third.
+    pairs, if it does not pay either, by a third (up to *farthest*).
     """
     paths: list[_Path] = []
     for one in [j for j in step.judged if j.evidence > 0.0][:FOLLOWED]:
@@ -220,7 +224,7 @@ def _look_ahead(state: SearchState, step: SearchStep, stage: str) -> tuple[Searc
         whole = state.judged(end.effect, end.fitted, state.fitted, tried)
         if winner_of([whole], tried, state.fitted) is not None:
             return state, _accepted(path, whole)
-        state, path = _followed(state, path, stage) if length < FARTHEST else (state, None)
+        state, path = _followed(state, path, stage) if length < farthest else (state, None)
     return state, None
 
 

@@ -15,10 +15,11 @@ from gcs_autotune.diagnose.attested import WORTH, Attested
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
     WeatherSearch,
-    may_be_told,
+    may_be_weighed,
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.result import ErrorReduction, MissingCurve, MissingForce, Ranked, Value
+from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
 from gcs_autotune.identify import Doubt, Fitted, WanderingFit
@@ -76,7 +77,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         return None
     if whiteness_of(tests_of(state.problem, state.fitted)) > WHITE:
         return None
-    if any(not may_be_told(e.slug) for e in state.causes):
+    if any(not may_be_weighed(e, state.question.form.inputs) for e in state.causes):
         return None
     state, _ = wanders(state)
     search = None if state.beneath is None else state.beneath[1]
@@ -114,7 +115,9 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
         return False
     samples = sum(len(e) for _, e, _ in other.innovations)
     price = 0.5 * (other.unknowns - search.fit.unknowns) * math.log(max(samples, 2))
-    return other.total - price > search.fit.total
+    # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
+    turned = search.fit.theta[0] < 0.0 < other.theta[0]
+    return other.total - price > search.fit.total - (0.5 * ALIKE if turned else 0.0)
 
 
 def _no_weather(search: WeatherSearch) -> Doubt:

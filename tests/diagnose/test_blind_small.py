@@ -34,6 +34,17 @@ def test_what_is_in_no_book_gets_no_confident_name() -> None:
     assert outcome.strictly_right, the(outcome)
 
 
+def test_two_causes_that_only_pay_together_are_named_though_they_look_like_a_force_that_wanders() -> None:
+    outcome = play("double", 75, 9, "")
+    assert outcome.strictly_right, the(outcome)
+
+
+def test_what_a_search_without_weather_names_is_weighed_beside_the_force_that_wanders() -> None:
+    outcome = play("weather", 75, 11, "clean")
+    assert outcome.strictly_right, the(outcome)
+    assert "not-under-process-noise" in outcome.doubts, "no change of mass tempts any more: another case is wanted"
+
+
 @pytest.mark.parametrize(
     ("kind", "slug"),
     [("wrong-numbers", ""), ("wrong-numbers-and-effect", "dead-zone"), ("honest", ""), ("simulation", "")],

@@ -14,7 +14,13 @@ from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.attested import interval_of
-from gcs_autotune.diagnose.process_noise import _errs_after_commands, search_under_process_noise, weathered_form
+from gcs_autotune.diagnose.process_noise import (
+    _errs_after_commands,
+    may_be_weighed,
+    search_under_process_noise,
+    weathered_form,
+)
+from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
     Problem,
@@ -193,6 +199,23 @@ def test_a_rate_that_follows_within_three_samples_is_told_to_show_no_inertia(set
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("slug", "place", "may"),
+    [
+        ("sign-error", "N@run1", True),
+        ("sign-error", "psi", False),
+        ("mass-change", "yaw", True),
+        ("quadratic-drag", "yaw", True),
+        ("compass-deviation", "psi", False),
+        ("wave-disturbance", "yaw", False),
+    ],
+)
+def test_a_filter_weighs_what_acts_on_commands_and_motion_and_the_errors_in_a_command(
+    slug: str, place: str, may: bool
+) -> None:
+    assert may_be_weighed(EffectInstance(slug, place, {}), {"N"}) is may
+
+
 def test_calm_water_ends_as_it_did_without_process_noise() -> None:
     found = diagnose(towed(("dead-zone", "N", {"width": 0.2})), effects=["quadratic-drag", "dead-zone"])
     assert found.verdict == "effect-found"
