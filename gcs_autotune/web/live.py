@@ -29,6 +29,8 @@ _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "le
 """What is kept as it came, the last one counting."""
 _LONGEST = 2000
 """Chosen: characters kept of a sentence."""
+_OVER = ""
+"""What a viewer is handed when there is nothing more to come."""
 
 
 class Live:
@@ -120,9 +122,18 @@ class Live:
             yield self._anew(queue)
             while True:
                 told = await queue.get()
+                if told == _OVER:
+                    return
                 yield self._anew(queue) if told is None else told
         finally:
             self._viewers.discard(queue)
+
+    def close(self) -> None:
+        """Let every viewer go: the server ends."""
+        for queue in self._viewers:
+            while not queue.empty():
+                queue.get_nowait()
+            queue.put_nowait(_OVER)
 
     def _anew(self, queue: asyncio.Queue[str | None]) -> str:
         """Return the whole document for a viewer, who is owed no delta before it."""

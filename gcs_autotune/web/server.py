@@ -84,12 +84,17 @@ class _Server(uvicorn.Server):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Stop the run; further signals only say that it is being put back: that is never cut short."""
         if not self._control.is_running:
-            super().handle_exit(sig, frame)
+            self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
         self._say(
             "still putting things back; please wait" if self._wanted else "stopping: putting things back as found"
         )
         self._wanted = True
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let go of who looks first: an open stream would be waited for, then cut off with a complaint."""
+        self._control.live.close()
+        await super().shutdown(sockets)
 
     async def on_tick(self, counter: int) -> bool:
         """Ten times a second: end when it was wanted and nothing is under way any more."""

@@ -97,3 +97,19 @@ def test_there_is_an_end_to_how_many_may_look() -> None:
         assert "whole" in await told(live.watch())
 
     asyncio.run(scene())
+
+
+def test_at_the_end_viewers_are_let_go_and_not_waited_for() -> None:
+    async def scene() -> None:
+        live = Live()
+        viewer, behind = live.watch(), live.watch()
+        await told(viewer)
+        await told(behind)
+        live.put("now", {})
+        live.tell()
+        live.close()
+        assert [text async for text in viewer] == []
+        assert [text async for text in behind] == []
+        assert "whole" in await told(live.watch())
+
+    asyncio.run(scene())

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -25,14 +26,20 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them
 
 
 class Serving:
-    """A server with a scripted run under way."""
+    """A server with a scripted run under way, or without one (``run`` is the folder of runs then)."""
 
-    def __init__(self, runs: Path) -> None:
+    def __init__(self, runs: Path, *, begins: bool = True) -> None:
         words = [sys.executable, "-m", "tests.web.serving", str(runs), "scripted", "127.0.0.1"]
         self.process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         assert self.process.stdout is not None
         self.port = int(self.process.stdout.readline().split("/")[2].rpartition(":")[2])
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60.0)
+        if not begins:
+            self.run = runs
+            connection.request("GET", "/events")
+            connection.getresponse().readline()
+            self.viewer = connection  # a page that looks until the server is gone
+            return
         started = {"job": "tune", "axis": "heading", "connect": "udpin:127.0.0.1:14550"}
         connection.request("POST", "/start", json.dumps(started), HEADERS)
         self.run = runs / json.loads(connection.getresponse().read())["name"]
@@ -56,6 +63,17 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
     assert output.rstrip().endswith("page closed")
     assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
     assert serving.process.returncode == 0
+
+
+@posix
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_where_no_run_is_under_way_closes_the_page_in_a_word(tmp_path: Path, sign: signal.Signals) -> None:
+    serving = Serving(tmp_path, begins=False)
+    serving.process.send_signal(sign)
+    with closing(serving.viewer):
+        assert serving.ended() == "page closed\n"
+    assert serving.process.returncode == 0
+    assert list(tmp_path.iterdir()) == []
 
 
 @posix
