@@ -118,5 +118,6 @@ def test_changes_are_relative_and_silent_where_they_mean_nothing():
 
 def test_units_and_moments_are_written_for_people():
     assert pretty_unit("N m s^2/rad^2") == "N m s²/rad²"
+    assert pretty_unit("1 s^2/(m rad)") == "s²/(m rad)"
     assert format_moment("2026-11-20T20:12:09+00:00") == "2026-11-20 20:12 UTC"
     assert format_moment("yesterday") == "yesterday"

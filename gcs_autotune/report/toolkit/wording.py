@@ -161,8 +161,10 @@ def format_moment(when: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``."""
-    return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
+    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``, and a share
+    of full output times something that something.
+    """
+    return "" if unit == "1" else unit.removeprefix("1 ").replace("^2", "²").replace("^3", "³")
 
 
 def listed(names: Sequence[str]) -> str:
