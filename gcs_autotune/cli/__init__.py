@@ -33,7 +33,7 @@ from gcs_autotune.cli import (
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
 from gcs_autotune.cli.tune_cmd import tune_settings
-from gcs_autotune.errors import EXIT_CODES, AutotuneError, UsageError, exit_code
+from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.registry import nearest_of
 
@@ -80,12 +80,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         if used := config.used_by(args):
             told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
             sys.stderr.write(f"{visible(f'settings of {config.path}: {told}')}\n")
-        return COMMANDS[args.command].run(args)
+        code = COMMANDS[args.command].run(args)
+        sys.stdout.flush()
+        return code
     except AutotuneError as error:
         if getattr(args, "verbose", False):
             traceback.print_exc()
         sys.stderr.write(f"gcs-autotune: {visible(str(error))}\n")
         return exit_code(error)
+    except KeyboardInterrupt:  # at the desk: what flies takes signals itself, and cleans up
+        if getattr(args, "verbose", False):
+            traceback.print_exc()
+        sys.stderr.write("\ngcs-autotune: ended by Ctrl-C\n")
+        return exit_code(OperatorStopped())
+    except BrokenPipeError:  # who reads standard output has had enough (`| head`)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return exit_code(AutotuneError())
 
 
 class _Parser(argparse.ArgumentParser):

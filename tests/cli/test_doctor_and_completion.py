@@ -9,6 +9,8 @@ import select
 import shutil
 import socket
 import subprocess
+import sys
+from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega
@@ -240,6 +242,26 @@ def test_a_failure_tells_where_it_came_from_only_when_asked(capsys, tmp_path):
     told = capsys.readouterr().err
     assert "Traceback" in told
     assert told.splitlines()[-1].startswith("gcs-autotune: ")
+
+
+def test_ctrl_c_at_the_desk_is_one_line_and_code_130(capsys, tmp_path, monkeypatch):
+    def cut_off(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(COMMANDS, "identify", replace(COMMANDS["identify"], run=cut_off))
+    assert main(["identify", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == "\ngcs-autotune: ended by Ctrl-C\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes as POSIX has them")
+def test_a_reader_who_has_had_enough_ends_it_without_a_word():
+    with subprocess.Popen(
+        [sys.executable, "-m", "gcs_autotune", "fly", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(60.0) == 1
 
 
 def test_no_colour_is_sent_where_the_environment_wants_none(monkeypatch):
