@@ -106,10 +106,21 @@ class FilterBank:
         self._columns = np.array([n + self.free.index(x) if x in self.free else -1 for x in names], dtype=np.int64)
         self._codes = np.array([_CODES.index(x) for x in self.signals], dtype=np.int64)
         self._max_rates = [1.0] * len(self.tracks)
+        self._needed = list(self._max_rates)
 
     def with_free(self, free: Sequence[str]) -> FilterBank:
         """Return a bank of the same records with other parameters in the state."""
         return FilterBank(self.form, [t.record for t in self.tracks], free)
+
+    def ease(self) -> bool:
+        """Make steps no finer than the last pass needed from here on; return whether that changes anything.
+
+        Passes that are compared take the same steps, so what one of them needs all later ones take. A trial of a craft
+        without inertia would have them a hundred times finer for ever.
+        """
+        finer = self._max_rates != self._needed
+        self._max_rates = list(self._needed)
+        return finer
 
     def run(
         self,
@@ -169,7 +180,8 @@ class FilterBank:
             if fastest < 0.0:
                 return None
             if wanders.all():
-                self._max_rates[i] = max(self._max_rates[i], float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)))
+                self._needed[i] = max(float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)), 1.0)
+                self._max_rates[i] = max(self._max_rates[i], self._needed[i])
             seen = ~np.isnan(history.S)
             e, S = history.e[seen], history.S[seen]
             if not np.all(np.isfinite(e)) or not np.all(S > 0.0):

@@ -312,6 +312,7 @@ class WanderingProblem:
         steps = coordinates.first_steps(x)
         damping, information = 1e-3, np.eye(len(x))
         for _ in range(0 if only_log_likelihood else rounds):
+            here = coordinates.eased(x, here)
             gradient, information = coordinates.score(x, here, steps)
             scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
             steps = np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12)
@@ -514,6 +515,11 @@ class _Coordinates:
         each = np.array([float(_log_density(e, S, self.freedom).sum()) for _, e, S in found])
         total = float(each.sum())
         return (found, total, each) if math.isfinite(total) else None
+
+    def eased(self, x: Array, here: _Point) -> _Point:
+        """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
+        _, effects, water = self.unpack(x)
+        return (self.at(x) or here) if self.problem.bank(effects, water.smoothing).ease() else here
 
     def score(self, x: Array, here: _Point, steps: Array) -> tuple[Array, Array]:
         """Return gradient and expected information by differences of passes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.identify.kalman import filter_bank
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel
 
@@ -72,6 +74,28 @@ def test_a_force_that_wanders_begins_anew_in_every_run_at_its_own_spread() -> No
     fit = problem.fit(*BEGIN, rounds=3)
     assert fit is not None
     assert fit.log_likelihood[0] == pytest.approx(fit.log_likelihood[1], rel=1e-9)
+
+
+def test_a_trial_of_a_craft_without_inertia_leaves_no_fine_steps_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Begun beside an inertia hundred times too small, every later pass of a fit took hundred times as long."""
+    asked: list[float] = []
+    forward = filter_bank.forward
+
+    def noted(*arguments: Any) -> float:
+        asked.append(arguments[17])
+        return float(forward(*arguments))
+
+    monkeypatch.setattr(filter_bank, "forward", noted)
+    problem = problem_of([run(1)])
+    assert problem.run(np.array([GAIN, -200.0]), (), BEGIN[2]) is not None
+    fit = problem.fit(*BEGIN)
+    assert asked[1] > 200.0  # [1/s], what steps are short against
+    assert max(asked[2:]) < 10.0
+    alone = problem_of([run(1)]).fit(*BEGIN)
+    assert fit is not None and alone is not None
+    assert fit.theta == pytest.approx(alone.theta, rel=1e-6)
 
 
 def test_the_smoother_sees_the_push_of_every_moment() -> None:
