@@ -333,7 +333,7 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         kind = "moment" if DOFS[missing.dof].angular else "force"
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
         found.append(
-            f"a {kind} of {missing.size:.3g} {missing.unit} (standard deviation{share}) is missing in {missing.dof}; "
+            f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
             f"it changes within {missing.memory:.3g} s"
         )
         told = [c for c in missing.curves.values() if c.share > TOLD]
@@ -356,6 +356,10 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
     return tuple(found)
+
+
+def _of(missing: MissingForce) -> str:
+    return "of full output" if missing.unit == "1" else missing.unit
 
 
 def _shortfall_of(unnamed: Attested) -> str:
@@ -401,7 +405,7 @@ def next_of(missing: MissingForce | None) -> str | None:
     if best.share <= TOLD or best.over not in TELLING:
         return (
             f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
-            f"{missing.unit} hides what is smaller than a few shares of it"
+            f"{_of(missing)} hides what is smaller than a fraction of it"
         )
     return TELLING[best.over]
 

@@ -15,11 +15,14 @@ from runs_in_the_tank import towed
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.attested import interval_of
 from gcs_autotune.diagnose.process_noise import (
+    WeatherSearch,
     _errs_after_commands,
     may_be_weighed,
     search_under_process_noise,
     weathered_form,
 )
+from gcs_autotune.diagnose.result import MissingForce
+from gcs_autotune.diagnose.weathered import words_of
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -104,6 +107,13 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     assert 0.05 < found.missing.size < 0.3
     assert any("is missing in yaw" in line for line in found.left.findings)
     assert found.to_dict()["missing"]["curves"]
+
+
+def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
+    missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
+    nothing = cast(WeatherSearch, SimpleNamespace(named=(), judged=()))
+    assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
+    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
 
 
 def as_from_a_log(runs: list[Trial]) -> tuple[Problem, Fitted]:
