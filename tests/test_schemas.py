@@ -110,6 +110,7 @@ def troubles_in(folder: Path) -> dict[str, list[str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
 def test_every_file_that_a_tune_a_zig_zag_and_a_diagnosis_leave_holds_to_a_schema(tmp_path: Path) -> None:
     tuned, flown = tmp_path / "tuned", tmp_path / "flown"
     assert main(["tune", "heading", "--connect=sitl:charlie?seed=1", "--quiet", f"--out={tuned}"]) == 0

@@ -10,14 +10,14 @@ import pytest
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.logs import load_runs
 from gcs_autotune.workflow import Unattended, experiment
-from tests.workflow.sitl_harness import Ear, SitlHarness
+from tests.workflow.sitl_harness import SLOW_LOOP, Ear, SitlHarness
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(("name", "axis", "dof"), [("videoray", "heading", "yaw"), ("falcon", "depth", "heave")])
 def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: str, dof: str) -> None:
-    harness = SitlHarness(tmp_path, name)
+    harness = SitlHarness(tmp_path, name, **SLOW_LOOP)
     experiment(harness.settings(axis), Unattended(), Ear(harness.said), "2026-11-20T12:00:00")
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert f"Experiment: {axis}" in page

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
+
+from gcs_autotune.report.flight import page as flight_page
+from gcs_autotune.report.tune import page as tune_page
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -10,13 +15,24 @@ def with_brief_designs(briefly: None) -> None:
     """The command at its full length is flown in ``tests/cli/test_command_line.py``."""
 
 
+DRAWN = ((tune_page, "draw_pictures"), (flight_page, "_signals"), (flight_page, "_fits"), (flight_page, "_tracks"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures() -> Iterator[None]:
+    """Leave the pictures out of reports, a quarter of many a job, but where a file looks at them and says so."""
+    with pytest.MonkeyPatch.context() as patch:
+        for page, name in DRAWN:
+            patch.setattr(page, name, lambda *story: [])
+        yield
+
+
 @pytest.fixture
 def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Take the gains as matched, without refining them, and leave the pictures out of the report."""
+    """Take the gains as matched, without refining them."""
     taken_plainly(monkeypatch)
 
 
 def taken_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do as :func:`plainly`."""
     monkeypatch.setattr("gcs_autotune.design.proposal.refine", lambda problem, chosen, duration: chosen)
-    monkeypatch.setattr("gcs_autotune.report.tune.page.draw_pictures", lambda story: ())

@@ -20,6 +20,11 @@ from .test_fly import Stops
 ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures() -> None:
+    """They are drawn here: a page is looked at."""
+
+
 def plan(harness: SitlHarness, text: str) -> FlightPlan:
     path = harness.directory.parent / "plan.toml"
     path.write_text(text)

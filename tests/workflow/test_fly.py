@@ -63,6 +63,11 @@ def figures(run: Any) -> dict[str, float]:
     return {f.slug: f.reading.value for f in sheet.figures}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures() -> None:
+    """They are drawn here: a page is looked at."""
+
+
 @pytest.fixture(scope="module")
 def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
     harness = SitlHarness(tmp_path_factory.mktemp("charlie"))

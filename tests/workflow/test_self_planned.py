@@ -116,6 +116,11 @@ def test_from_the_command_line_a_first_run_in_depth_is_as_short_as_nobody_knows_
     assert load_trial(next((out / "trials").glob("*doublets.csv"))).duration < 30.0
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures() -> None:
+    """They are drawn here: a page is looked at."""
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
     harness = SitlHarness(tmp_path_factory.mktemp("self-planned"))

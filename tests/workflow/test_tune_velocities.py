@@ -19,6 +19,11 @@ from .sitl_harness import Ear, SitlHarness
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures() -> None:
+    """They are drawn here: a page is looked at."""
+
+
 @pytest.fixture(scope="module")
 def swift(tmp_path_factory):
     """A boat that steers by two thrusters, its speed loop tuned from a cruise pair that is wrong."""
