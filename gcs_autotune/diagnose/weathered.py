@@ -115,9 +115,12 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
         return False
     samples = sum(len(e) for _, e, _ in other.innovations)
     price = 0.5 * (other.unknowns - search.fit.unknowns) * math.log(max(samples, 2))
-    # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
-    turned = search.fit.theta[0] < 0.0 < other.theta[0]
-    return other.total - price > search.fit.total - (0.5 * ALIKE if turned else 0.0)
+    if search.fit.theta[0] < 0.0 < other.theta[0]:
+        # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
+        return other.total - price > search.fit.total - 0.5 * ALIKE
+    # Where this search names nothing, the other's name is the luckiest of all that were tried.
+    luck = 0.0 if search.named else math.log(max(state.tried, 1))
+    return other.total - price > search.fit.total + luck
 
 
 def _no_weather(search: WeatherSearch) -> Doubt:
