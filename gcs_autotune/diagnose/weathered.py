@@ -105,7 +105,12 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
 
 
 def _outdone(search: WeatherSearch, state: SearchState) -> bool:
-    """Whether the causes of the search before explain the runs better under process noise too."""
+    """Whether the causes of the search before explain the runs better under process noise too; what couples motions
+    stands, for one motion alone cannot judge it.
+    """
+    force = DOFS[search.dof].force
+    if any(n[0] != force for e in state.causes for n in EFFECTS[e.slug].derivatives(e)):
+        return True
     named = {(a.effect.slug, a.effect.place) for a in search.named}
     scaled = [_per_inertia(e, search, state) for e in state.causes]
     if {(e.slug, e.place) for e in scaled} <= named:

@@ -22,7 +22,8 @@ from gcs_autotune.diagnose.process_noise import (
     weathered_form,
 )
 from gcs_autotune.diagnose.result import MissingForce
-from gcs_autotune.diagnose.weathered import words_of
+from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.weathered import _outdone, words_of
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -114,6 +115,12 @@ def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> 
     nothing = cast(WeatherSearch, SimpleNamespace(named=(), judged=()))
     assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
     assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
+
+
+def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
+    coupling = EffectInstance("sway-yaw-coupling", "sway+yaw", dict.fromkeys(("Y_rdot", "N_vdot", "Y_r", "N_v"), 0.2))
+    search = cast(WeatherSearch, SimpleNamespace(dof="yaw", named=()))
+    assert _outdone(search, cast(SearchState, SimpleNamespace(causes=(coupling,))))
 
 
 def as_from_a_log(runs: list[Trial]) -> tuple[Problem, Fitted]:
