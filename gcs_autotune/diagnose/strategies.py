@@ -141,7 +141,7 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
         state, adrift = wanders(state)
         try:
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
-            if ahead is not None and not (adrift and not leaves_nothing(state.problem, ahead[-1].judged[0].fitted)):
+            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fitted)):
                 taken = ahead
         except OutOfTime as over:  # what was asked about the water is kept: it is long
             state = replace(state, cut=(*state.cut, str(over)))

@@ -354,9 +354,8 @@ def _at_bound(solution: Solution) -> Doubt | None:
     if not solution.at_bound:
         return None
     values = dict(zip(solution.form.parameters, solution.theta, strict=True))
-    damping = {
-        f"{dof.force}_{n}" for dof in map(DOFS.get, solution.form.dofs) if dof for n in (dof.velocity, 2 * dof.velocity)
-    }
+    dofs = [DOFS[name] for name in solution.form.dofs]
+    damping = {f"{d.force}_{n}" for d in dofs for n in (d.velocity, 2 * d.velocity)}
     none = [n for n in solution.at_bound if n in damping and values[n] == 0.0]
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []

@@ -105,7 +105,7 @@ def decision_sentence(fit: AxisFit) -> str:
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return what the model means for the craft: damping, lag, top speed at full output, actuator, and its fit."""
+    """Return what the model means for the craft: damping, lag, speed at the most that was flown, actuator, its fit."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
