@@ -533,15 +533,16 @@ def test_what_cannot_be_read_or_has_no_name_is_found(visit: Any, scripted: str, 
 def test_a_recorded_trial_replays_and_a_dropped_log_is_listed_and_identified(
     visit: Any, flying: tuple[str, Path], barriers: Any
 ) -> None:
-    link, _ = flying
+    link, runs = flying
+    before = set(runs.iterdir())
     page = visit(link)
-    if not page.page.locator("#end").is_visible():
-        page.start(job="experiment")
-        page.shows("#stage", "first self-osc")
-        page.page.click("#stop")
-        page.stopped()
+    page.start(job="experiment")
+    page.shows("#stage", "first self-osc")
+    page.page.click("#stop")
+    page.stopped()
+    (run,) = set(runs.iterdir()) - before
     page.page.click("#tab-runs")
-    page.page.click("#runs li:last-child button")
+    page.page.locator("#runs").get_by_role("button", name=run.name, exact=True).click()
     page.page.click("#trials li:first-child button")
     page.shows("#caption-signal", "Heading")
     page.shows("#caption-track", "grid")
