@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.clock import OutOfTime, check_time
-from gcs_autotune.diagnose.adequacy import WHITE, Test, correlation_of, nonparametric_rivals, tests_of, whiteness_of
+from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Portrait, Ranked, Signature, Value, Verdict
+from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
@@ -27,12 +28,11 @@ from gcs_autotune.diagnose.weathered import (
     words_of,
 )
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
-from gcs_autotune.identify import Doubt, Fitted, Problem, Residual, Trace, autocorrelation
-from gcs_autotune.slow_imports import scipy_signal
-from gcs_autotune.sname import DOFS, SIGNALS
+from gcs_autotune.identify import Doubt, Fitted, Problem
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
-__all__ = ["build_report", "signature_of"]
+__all__ = ["build_report"]
 
 Array = NDArray[np.float64]
 
@@ -372,154 +372,3 @@ def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> flo
         known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
         total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
     return total
-
-
-CLEAR = 0.005
-"""Chance below which a finding is told (over all tests together)."""
-
-MOST = 5
-"""Findings told."""
-
-LAGS = 60
-
-
-def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
-    """Return what is left over in words, and the tests it rests on."""
-    tests = tests_of(problem, fitted)
-    told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
-    lines: dict[str, None] = {}
-    for test in told:
-        lines.setdefault(_words(test), None)
-    return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
-
-
-def _words(test: Test) -> str:
-    if not test.signal and math.isnan(test.size):
-        return f"what swings goes with {test.what}: it is something aboard, or in the hull, and no wave"
-    if not test.signal:
-        return f"what is left over goes with {test.what} (correlation {test.size:+.2f})"
-    if test.what == "one frequency":
-        return f"{test.signal}: {100 * test.size:.0f} % of the power of what is left over is one frequency"
-    if test.what == "heavy tails":
-        return f"{test.signal}: single samples are far off, more than noise has (kurtosis {test.size:+.1f})"
-    if test.what == "slow drift":
-        return f"{test.signal}: what is left wanders slowly, {math.sqrt(test.size):.1f} times as far as noise would"
-    return f"{test.signal}: what is left over is no noise: each sample takes after the ones before it"
-
-
-def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
-    """Return a portrait of every signal's residual."""
-    found = []
-    for name in fitted.levels:
-        unit = SIGNALS[name][0]
-        rests = [r for r in fitted.rests if r.signal == name]
-        traces = tuple(
-            Trace(
-                problem.segments[r.segment].run,
-                r.t,
-                r.measured,
-                r.predicted,
-                np.full(len(r.t), 1.96 * fitted.levels[name]),
-                name,
-                unit,
-            )
-            for r in rests
-        )
-        lag, rho = _autocorrelation(rests)
-        n = max(len(r.t) for r in rests)
-        found.append(
-            Portrait(
-                signal=name,
-                unit=unit,
-                traces=traces,
-                against=_against(problem, fitted, name),
-                one_step=_one_step(rests),
-                spectrum=_spectrum(rests),
-                correlation=(lag, rho),
-                cross=_cross(problem, rests),
-                limit=1.96 / math.sqrt(n),
-            )
-        )
-    return tuple(found)
-
-
-def _left(rest: Residual) -> Array:
-    left: Array = rest.measured - rest.predicted
-    return left
-
-
-def _autocorrelation(rests: Sequence[Residual]) -> tuple[Array, Array]:
-    longest = max(rests, key=lambda r: len(r.t))
-    e, t = _left(longest), longest.t
-    lags = min(LAGS, len(e) // 3)
-    step = float(np.median(np.diff(t)))
-    lag = np.asarray(np.arange(1, lags + 1) * step, dtype=np.float64)
-    return lag, autocorrelation(e, lags)
-
-
-def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[Array, Array, str]]:
-    xs: dict[str, list[tuple[Array, Array]]] = {}
-    units: dict[str, str] = {"time": "s"}
-    for rest in fitted.rests:
-        if rest.signal != name:
-            continue
-        segment = problem.segments[rest.segment]
-        left = _left(rest)
-        xs.setdefault("time", []).append((rest.t - rest.t[0], left))
-        for channel, values in segment.passage.commands.items():
-            at = np.maximum(np.searchsorted(segment.passage.t_in, rest.t, side="right") - 1, 0)
-            xs.setdefault(channel, []).append((values[at], left))
-            units[channel] = problem.data_summary.inputs[channel]
-        for signal, own in segment.signals.items():
-            value = np.interp(rest.t, own.t, own.values)
-            if signal == "psi":
-                value = np.mod(value, 2.0 * np.pi)
-            xs.setdefault(signal, []).append((value, left))
-            units[signal] = SIGNALS[signal][0]
-    return {n: (np.concatenate([a for a, _ in p]), np.concatenate([b for _, b in p]), units[n]) for n, p in xs.items()}
-
-
-def _one_step(rests: Sequence[Residual]) -> tuple[Array, Array]:
-    """Return the one-step residual: how far each sample is from where the one before it was heading."""
-    longest = max(rests, key=lambda r: len(r.t))
-    steps: Array = np.diff(_left(longest))
-    return longest.t[1:], steps
-
-
-def _spectrum(rests: Sequence[Residual]) -> tuple[Array, Array] | None:
-    longest = max(rests, key=lambda r: len(r.t))
-    t, e = longest.t, _left(longest)
-    if len(t) < 32:
-        return None
-    step = float(np.median(np.diff(t)))
-    grid = np.arange(t[0], t[-1], step)
-    f, power = scipy_signal().welch(np.interp(grid, t, e), fs=1.0 / step, nperseg=min(256, len(grid)))
-    return f[1:], power[1:]
-
-
-def _cross(problem: Problem, rests: Sequence[Residual]) -> Mapping[str, tuple[Array, Array]]:
-    longest = max(rests, key=lambda r: len(r.t))
-    t, e = longest.t, _left(longest)
-    e = e - e.mean()
-    segment = problem.segments[longest.segment]
-    lags = min(LAGS, len(e) // 4)
-    step = float(np.median(np.diff(t)))
-    found: dict[str, tuple[Array, Array]] = {}
-    signals: dict[str, Array] = {}
-    for channel, values in segment.passage.commands.items():
-        at = np.maximum(np.searchsorted(segment.passage.t_in, t, side="right") - 1, 0)
-        signals[channel] = values[at]
-    for name, own in segment.signals.items():
-        signals[name] = np.interp(t, own.t, own.values)
-    for name, x in signals.items():
-        x = x - x.mean()
-        power = math.sqrt(float(x @ x) * float(e @ e))
-        if power <= 0.0:
-            continue
-        rho = [
-            float(e[max(k, 0) : len(e) + min(k, 0)] @ x[max(-k, 0) : len(x) - max(k, 0)]) / power
-            for k in range(-lags, lags + 1)
-        ]
-        lag = np.asarray(np.arange(-lags, lags + 1) * step, dtype=np.float64)
-        found[name] = (lag, np.array(rho))
-    return found

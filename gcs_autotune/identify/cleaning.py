@@ -21,6 +21,7 @@ __all__ = [
     "JUMP_SAMPLES",
     "clean",
     "clipped",
+    "continuous",
     "holes_of",
     "jumps_back",
     "noted",
@@ -39,6 +40,7 @@ JUMP_SAMPLES = 3
 LATE = 0.05
 """Largest share of late samples that may be left out. Chosen: beyond it the clock is not to be trusted."""
 
+FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
 
 OVERTAKEN = 5.0
 """Median steps that a sample may come late and still be believed."""
@@ -259,3 +261,27 @@ def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
     for start, end in holes:
         keep &= (channel.t <= start) | (channel.t >= end)
     return replace(channel, t=channel.t[keep], values=channel.values[keep])
+
+
+def continuous(angle: Channel) -> Channel:
+    """Return *angle* without the jumps of a full turn, whatever unit it is really in."""
+    values = angle.values
+    good = values[np.isfinite(values)]
+    if not len(good):
+        return angle
+    span = float(np.ptp(good))
+    jumps = np.abs(np.diff(good))
+    for turn in FULL_TURN.values():
+        wraps = (jumps > 0.6 * turn) & (jumps < 1.001 * turn)
+        if span <= 1.001 * turn and wraps.any():
+            return replace(angle, values=np.where(np.isfinite(values), _without_turns(values, turn), values))
+    return angle
+
+
+def _without_turns(values: Array, turn: float) -> Array:
+    held = values.copy()
+    for i in range(1, len(held)):
+        if not np.isfinite(held[i]):
+            held[i] = held[i - 1]
+    unwrapped: Array = np.unwrap(held, period=turn)
+    return unwrapped

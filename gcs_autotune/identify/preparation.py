@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
-from gcs_autotune.identify.cleaning import clean, holes_of, noted, outside, quantum, unwrap, within_range
+from gcs_autotune.identify.cleaning import clean, continuous, holes_of, noted, outside, quantum, unwrap, within_range
 from gcs_autotune.identify.intake import left_out
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
@@ -63,8 +63,6 @@ SETTLED = 2.0
 
 TURN_RATES = ("p", "q", "r")
 """Signals that have passed the autopilot's gyro filter."""
-
-FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
 
 _VELOCITIES = frozenset(d.velocity for d in DOFS.values())
 
@@ -329,31 +327,8 @@ def _with_continuous_heading(run: Trial) -> Trial:
     channels = dict(run.channels)
     for name in ("psi", "phi", "theta"):
         if name in channels and len(channels[name]) > 1:
-            channels[name] = _continuous(channels[name])
+            channels[name] = continuous(channels[name])
     return replace(run, channels=channels)
-
-
-def _continuous(angle: Channel) -> Channel:
-    values = angle.values
-    good = values[np.isfinite(values)]
-    if not len(good):
-        return angle
-    span = float(np.ptp(good))
-    jumps = np.abs(np.diff(good))
-    for turn in FULL_TURN.values():
-        wraps = (jumps > 0.6 * turn) & (jumps < 1.001 * turn)
-        if span <= 1.001 * turn and wraps.any():
-            return replace(angle, values=np.where(np.isfinite(values), _unwrapped(values, turn), values))
-    return angle
-
-
-def _unwrapped(values: Array, turn: float) -> Array:
-    held = values.copy()
-    for i in range(1, len(held)):
-        if not np.isfinite(held[i]):
-            held[i] = held[i - 1]
-    unwrapped: Array = np.unwrap(held, period=turn)
-    return unwrapped
 
 
 def _cut(

@@ -13,7 +13,18 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.excitation import (
+    Signal,
+    chirp,
+    decay,
+    full,
+    growing,
+    levels,
+    multisine,
+    prbs,
+    sine,
+    staircase,
+)
 from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
@@ -97,22 +108,6 @@ follows a curve."""
 # --- programmes: functions of time from 0 to 1 after the approach ------------------------------------------------
 
 
-def _levels(*values: float) -> Callable[[float], float]:
-    return lambda x: values[min(int(x * len(values)), len(values) - 1)]
-
-
-def _sine(periods: float) -> Callable[[float], float]:
-    return lambda x: math.sin(2.0 * math.pi * periods * x)
-
-
-def _full(x: float) -> float:
-    return 1.0
-
-
-def _growing(x: float) -> float:
-    return min(x / 0.9, 1.0)
-
-
 def _timed(signal: Callable[[float], float], force: str, thrust: float, size: float, seconds: float) -> Programme:
     """Return *signal* on *force* at constant *thrust*, after the approach."""
     begin = (APPROACH if thrust else NO_APPROACH) * seconds
@@ -158,7 +153,7 @@ def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop
 
 def turning(kind: str, thrust: float) -> Callable[[float], OpenLoopProgramme]:
     """Return what makes, for so many seconds, a turn at full steering and constant *thrust*."""
-    return lambda seconds: OpenLoopProgramme(kind, _timed(_full, "N", thrust, 1.0, seconds), seconds)
+    return lambda seconds: OpenLoopProgramme(kind, _timed(full, "N", thrust, 1.0, seconds), seconds)
 
 
 def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Programme:
@@ -175,83 +170,6 @@ def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Progra
     return at
 
 
-def _staircase(levels: int, both: bool) -> Callable[[float], float]:
-    """Return levels that rise to full in equal steps and come down again; *both*: to either side."""
-    up = [k / levels for k in range(levels + 1)]
-    there = [*up, *reversed(up[:-1])]
-    return _levels(*there, *([-x for x in there[1:]] if both else []))
-
-
-def _chirp(options: Mapping[str, float]) -> Callable[[float], float]:
-    """Return a sine whose frequency goes exponentially from one to the other, faded in and out by half a cosine."""
-    seconds, first, last = options["duration"], options["f-start"], options["f-stop"]
-    fade_in, fade_out = options["fade-in"], options["fade-out"]
-    if fade_in + fade_out > seconds:
-        raise UsageError(
-            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s are longer than the {seconds:g} s of --duration"
-        )
-    rate = math.log(last / first) / seconds
-
-    def at(x: float) -> float:
-        t = x * seconds
-        phase = first * (math.expm1(rate * t) / rate if abs(rate) > 1e-9 else t)
-        share = min(t / fade_in if fade_in else 1.0, (seconds - t) / fade_out if fade_out else 1.0, 1.0)
-        return 0.5 * (1.0 - math.cos(math.pi * max(share, 0.0))) * math.sin(2.0 * math.pi * phase)
-
-    return at
-
-
-LINES = 20
-"""Chosen: the most frequencies of a multisine; more share the same power."""
-
-
-def _multisine(options: Mapping[str, float]) -> Callable[[float], float]:
-    """Return sines of one size at whole multiples of one per duration, with Schroeder's phases, scaled to a peak of 1.
-
-    Its peaks are low for its power (Schroeder1970).
-    """
-    seconds = options["duration"]
-    low, high = sorted((options["f-start"], options["f-stop"]))
-    first, last = max(math.ceil(low * seconds - 1e-9), 1), math.floor(high * seconds + 1e-9)
-    if last < first:
-        raise UsageError(
-            f"no whole period of a frequency from {low:g} to {high:g} Hz fits into {seconds:g} s: give a longer "
-            "--duration or a higher --f-stop"
-        )
-    every = max(math.ceil((last - first + 1) / LINES), 1)
-    lines = np.arange(first, last + 1, every, dtype=np.float64)
-    phases = -math.pi * np.arange(len(lines)) * (np.arange(len(lines)) - 1.0) / len(lines)
-
-    def plain(x: float) -> float:
-        return float(np.cos(2.0 * math.pi * lines * x + phases).sum())
-
-    peak = max(abs(plain(x)) for x in np.linspace(0.0, 1.0, 40 * int(lines[-1])).tolist())
-    return lambda x: plain(min(x, 1.0)) / peak
-
-
-TAPS: Mapping[int, int] = {3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9}
-"""Length of a shift register -> the other stage that it feeds back from for the longest sequence (Ljung1999, 13.3)."""
-
-
-def _prbs(options: Mapping[str, float]) -> Callable[[float], float]:
-    """Return the two-level sequence of longest period of a shift register, held for ``shortest`` [s] at least."""
-    bits = max(math.ceil(options["duration"] / options["shortest"]), 1)
-    length = next((n for n in TAPS if 2**n - 1 >= bits), max(TAPS))
-    register, levels = [1] * length, []
-    for _ in range(bits):
-        levels.append(2.0 * register[-1] - 1.0)
-        register = [register[-1] ^ register[TAPS[length] - 1], *register[:-1]]
-    return _levels(*levels)
-
-
-def _decay(options: Mapping[str, float]) -> Callable[[float], float]:
-    """Return a push and nothing afterwards: the craft is let go."""
-    share = options["push"] / options["duration"]
-    if share >= 1.0:
-        raise UsageError(f"--push {options['push']:g} s leaves nothing of the {options['duration']:g} s of --duration")
-    return lambda x: 1.0 if x < share else 0.0
-
-
 def _s_throttle(size: float, seconds: float) -> Programme:
     """Return steering in an S while the thrust changes from leg to leg."""
 
@@ -263,8 +181,6 @@ def _s_throttle(size: float, seconds: float) -> Programme:
 
 
 # --- the kinds ----------------------------------------------------------------------------------------------
-
-Signal = Callable[[float], float]
 
 
 def _preset(title: str, forces: str, kind: str, programme: Callable[[float, float], Programme]) -> Preset:
@@ -358,7 +274,7 @@ def _s_flown(given: Mapping[str, float]) -> Programme:
 
 
 def _grown(given: Mapping[str, float]) -> Programme:
-    return _timed(_growing, "N", given["throttle"], given["side"] * given["steering"], given["duration"])
+    return _timed(growing, "N", given["throttle"], given["side"] * given["steering"], given["duration"])
 
 
 GENTLER = 0.4
@@ -374,17 +290,17 @@ ROOM: Mapping[str, str] = {
     "K": "about where the craft is",
     "M": "about where the craft is",
 }
-_UP_AND_DOWN = _levels(1.0, 0.0, -1.0, 0.0, 0.5, -0.5)
-_EITHER_WAY = _levels(1.0, 0.5, 0.0, -1.0, -0.5, 0.0)
-_THROTTLES = _levels(0.3, 1.0, 0.0, 0.6, 0.2, 0.8)
-_DOUBLET, _DOUBLETS = _levels(1.0, -1.0, 0.0), _levels(1.0, -1.0, 0.0, 1.0, -1.0, 0.0)
+_UP_AND_DOWN = levels(1.0, 0.0, -1.0, 0.0, 0.5, -0.5)
+_EITHER_WAY = levels(1.0, 0.5, 0.0, -1.0, -0.5, 0.0)
+_THROTTLES = levels(0.3, 1.0, 0.0, 0.6, 0.2, 0.8)
+_DOUBLET, _DOUBLETS = levels(1.0, -1.0, 0.0), levels(1.0, -1.0, 0.0, 1.0, -1.0, 0.0)
 
 KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "steps",
         "one force by the clock: full, half, none, then the other way (a boat's thrust: ahead only)",
         lambda given, either_way: _EITHER_WAY if either_way else _THROTTLES,
-        ("steering step", "N", partial(_timed, _full, "N", 0.0)),
+        ("steering step", "N", partial(_timed, full, "N", 0.0)),
         ("steering steps", "N", partial(_timed, _EITHER_WAY, "N", 0.0)),
         ("throttle steps", "X", partial(_timed, _THROTTLES, "X", 0.0)),
         ("heave steps", "Z", partial(_timed, _UP_AND_DOWN, "Z", 0.0)),
@@ -393,20 +309,20 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "staircase",
         "one force in equal steps up and down again, then the other way (a boat's thrust: ahead only)",
-        lambda given, either_way: _staircase(int(given["levels"]), either_way),
+        lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
     ),
     _of_any_force(
         "bollard-staircase",
         "one force in equal steps up and down again, either way, on a craft tied to a bollard; pulls are written in",
-        lambda given, either_way: _staircase(int(given["levels"]), either_way),
+        lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
         tied=True,
     ),
     _of_any_force(
         "doublets",
         "one force one way, the other way, none; and again",
-        lambda given, either_way: _DOUBLETS if either_way else _levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
+        lambda given, either_way: _DOUBLETS if either_way else levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
         ("steering doublet", "N", partial(_timed, _DOUBLET, "N", 0.0)),
         ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
         ("pitch doublets", "M", partial(_timed, _DOUBLETS, "M", 0.0)),
@@ -414,21 +330,21 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "chirp",
         "one force as a sine from one frequency to another, faded in and out",
-        lambda given, either_way: _ahead(_chirp(given), either_way),
+        lambda given, either_way: _ahead(chirp(given), either_way),
         options=("f-start", "f-stop", "fade-in", "fade-out"),
         shrinks={"f-start": -1.0, "fade-in": 1.0, "fade-out": 1.0},
     ),
     _of_any_force(
         "multisine",
         "one force as many sines at once, from one frequency to another",
-        lambda given, either_way: _ahead(_multisine(given), either_way),
+        lambda given, either_way: _ahead(multisine(given), either_way),
         options=("f-start", "f-stop"),
         shrinks={"f-start": -1.0},
     ),
     _of_any_force(
         "prbs",
         "one force at two levels, in a pseudo-random binary sequence",
-        lambda given, either_way: _ahead(_prbs(given), either_way),
+        lambda given, either_way: _ahead(prbs(given), either_way),
         ("pseudo-random steering", "N", partial(_random, "N", (0.0, 0.0), 1.0)),
         ("pseudo-random steering at 60 % throttle", "X N", partial(_random, "N", (0.0, 0.6), 1.0)),
         ("pseudo-random steering and throttle", "X N", partial(_random, "N X", (0.1, 1.0), 1.5)),
@@ -441,7 +357,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "free-decay",
         "one force for a while, then none: how the motion dies away, or the craft comes back",
-        lambda given, either_way: _decay(given),
+        lambda given, either_way: decay(given),
         options=("push",),
         shrinks={"push": 1.0},
     ),
@@ -449,7 +365,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         "s-manoeuvre",
         "constant thrust, steering one way and the other; then the same astern (ROVs, and with --astern)",
         _s_flown,
-        ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, _sine(3.0), "N", 0.6)),
+        ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),
         room="what the speed makes of the duration, straight ahead",
         options=("astern",),
@@ -458,8 +374,8 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         "growing-turn",
         "steering that grows from none to all",
         _grown,
-        ("growing turn (spiral) at 60 % throttle", "X N", partial(_timed, _growing, "N", 0.6)),
-        ("growing turn (spiral) at 100 % throttle", "X N", partial(_timed, _growing, "N", 1.0)),
+        ("growing turn (spiral) at 60 % throttle", "X N", partial(_timed, growing, "N", 0.6)),
+        ("growing turn (spiral) at 100 % throttle", "X N", partial(_timed, growing, "N", 1.0)),
         room="some turning circles",
     ),
 )

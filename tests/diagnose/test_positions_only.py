@@ -7,7 +7,7 @@ import pytest
 from runs_in_the_tank import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.report_builder import signature_of
+from gcs_autotune.diagnose.residual_analysis import signature_of
 from gcs_autotune.errors import MissingChannel
 from gcs_autotune.identify.base_model import fit_base, overlooked, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded

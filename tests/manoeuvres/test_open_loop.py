@@ -10,7 +10,8 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES
-from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme, _prbs, coasting
+from gcs_autotune.manoeuvres.excitation import prbs
+from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme, coasting
 from tests.manoeuvres.pond import at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
@@ -73,7 +74,7 @@ def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
 def test_every_register_gives_the_longest_sequence_there_is(length: int) -> None:
     """All states but none are passed once, so every window of so many levels is another one (Ljung1999, 13.3)."""
     count = 2**length - 1
-    level = _prbs({"duration": float(count), "shortest": 1.0})
+    level = prbs({"duration": float(count), "shortest": 1.0})
     bits = [level((k + 0.5) / count) > 0.0 for k in range(count)]
     assert sum(bits) == 2 ** (length - 1)
     assert len({tuple((bits + bits)[k : k + length]) for k in range(count)}) == count
@@ -81,8 +82,8 @@ def test_every_register_gives_the_longest_sequence_there_is(length: int) -> None
 
 @pytest.mark.parametrize(("duration", "shortest", "bits"), [(8.0, 1.0, 8), (7.5, 1.0, 8), (0.5, 1.0, 1), (4.0, 0.5, 8)])
 def test_a_sequence_has_a_level_for_every_shortest_time_begun(duration: float, shortest: float, bits: int) -> None:
-    level = _prbs({"duration": duration, "shortest": shortest})
-    whole = _prbs({"duration": 15.0, "shortest": 1.0})
+    level = prbs({"duration": duration, "shortest": shortest})
+    whole = prbs({"duration": 15.0, "shortest": 1.0})
     assert [level((k + 0.5) / bits) for k in range(bits)] == [whole((k + 0.5) / 15.0) for k in range(bits)]
 
 

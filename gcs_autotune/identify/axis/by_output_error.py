@@ -20,7 +20,7 @@ from gcs_autotune.identify.axis.signals import first_names, objection, wanted_na
 from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, start_from_cycles, start_from_scan
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance
-from gcs_autotune.identify.doubts import Findings, collect, delay_fitted, solution_doubts
+from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
 from gcs_autotune.identify.odd_run import CraftEstimate, odd_run_doubts, odd_runs
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.relay import iso
@@ -29,6 +29,7 @@ from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution, fit_percents, solve, traces_of
+from gcs_autotune.identify.solution_doubts import solution_doubts
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.identify.whiteness import whiteness
 

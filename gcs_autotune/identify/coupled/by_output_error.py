@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import Delayed, LocalCost, fit_with_delay, local_fit
-from gcs_autotune.identify.doubts import delay_fitted, once, reversed_input, solution_doubts
+from gcs_autotune.identify.doubts import delay_fitted, once
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.odd_run import odd_run
@@ -20,6 +20,7 @@ from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
 from gcs_autotune.identify.solution import fit_percent_of, solve, traces_of
+from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models import CoupledModel, Form
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
-from gcs_autotune.identify.doubts import effect_doubts, once, solution_doubts
+from gcs_autotune.identify.doubts import once
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.preparation import prepare_as_recorded
@@ -22,6 +22,7 @@ from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
 from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, solve, traces_of
+from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
 from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.trial import Trial
 
