@@ -16,12 +16,12 @@ from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
-from gcs_autotune.manoeuvres.envelope import GUARDS, Envelope, Guard
+from gcs_autotune.manoeuvres.envelope import GUARDS, NEARLY, Envelope, Guard
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, Preview, preview
-from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, StopRule
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings, StopRule
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
@@ -37,8 +37,10 @@ __all__ = [
     "DISARMED_ITSELF",
     "DOF_OF",
     "GUARDS",
+    "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",
+    "NEARLY",
     "SPEED_TIME",
     "Area",
     "CalmCheck",

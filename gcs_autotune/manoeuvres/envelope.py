@@ -11,7 +11,12 @@ from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area, how_far
 from gcs_autotune.watch import Room
 
-__all__ = ["GUARDS", "Envelope", "Guard", "Watch"]
+__all__ = ["GUARDS", "NEARLY", "Envelope", "Guard", "Watch"]
+
+NEARLY = 0.9
+"""Chosen: the share of the distance limit that no manoeuvre may lead to, where that can be helped."""
+TO_COME_ABOUT = 8.0
+"""Chosen [s]: what a boat at its cruise goes on while it turns about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +166,15 @@ class Watch:
             "z": (max(a.z - e.depth_excursion, e.depth_min), min(a.z + e.depth_excursion, e.depth_max)),
         }
         return Room(a.x, a.y, e.distance_limit, zones, bounds)
+
+    def away(self, now: Observation) -> float:
+        """Return how far [m] the craft is from where the visit began; NaN while nobody knows."""
+        return _distance(self.anchor, now)
+
+    def room_ends(self, now: Observation) -> bool:
+        """Whether the craft is so near its limit of distance that it should come back now."""
+        limit = self.envelope.distance_limit
+        return self.away(now) >= min(NEARLY * limit, limit - TO_COME_ABOUT * self.envelope.cruise)
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).

@@ -82,6 +82,13 @@ class Manoeuvre(ABC):
         marks, self._marks = self._marks, []
         return marks
 
+    def where_room_ends(self, away: float, limit: float) -> Outcome | None:
+        """Return how it ends *away* [m] from where the visit began, near the *limit* [m]; None: it goes on up to there.
+
+        What has a good record by then ends with that.
+        """
+        return None
+
     def progress(self, observation: Observation) -> Progress:
         """Return where it stands, for people."""
         return Progress(

@@ -17,20 +17,23 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import relay_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Progress
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["OptionNames", "Relay", "RelaySettings", "StopRule", "WallRelay"]
+__all__ = ["LEAST_REVERSALS", "OptionNames", "Relay", "RelaySettings", "StopRule", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
 
 ENOUGH_TO_TELL = 2
 """Chosen: proper periods after which it is clear how quick an oscillation is."""
+
+LEAST_REVERSALS = 3
+"""Chosen: fewer tell nothing of how the craft answers either way."""
 
 MOST_SLOWINGS = 4
 """Chosen: widenings for the link's sake; five times the hysteresis at least."""
@@ -161,7 +164,7 @@ class Relay(Manoeuvre):
         self._judged = 0
         self._switched_once = False
         self._widenings = self._slowings = 0
-        self._astray = 0
+        self._astray = self._reversals = 0
         self._first_half = self._extreme = math.nan
         self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
         before = HELD_BEFORE.get(settings.signal) if settings.keep_still else None
@@ -211,6 +214,12 @@ class Relay(Manoeuvre):
         self._switch(observation.t, x - self._reference)
         self._judge(observation.t, x - self._reference)
         return self._command(self._output if self._high else -self._output, observation)
+
+    def where_room_ends(self, away: float, limit: float) -> Outcome | None:
+        """End with what is recorded, if that tells anything: one that does not settle would go on to the limit."""
+        if self._reversals < LEAST_REVERSALS:
+            return None
+        return Outcome("stopped", messages.room_ends(self._reversals, away, limit))
 
     def progress(self, observation: Observation) -> Progress:
         """Return amplitude, periods and scatter so far."""
@@ -264,6 +273,7 @@ class Relay(Manoeuvre):
             if not self._switched_once:
                 self._first_half = t - self._began
             self._high, self._last_switch, self._switched_once, self._extreme = wanted, t, True, x
+            self._reversals += 1
             sign = 1.0 if wanted else -1.0
             self._mark(t, "switch", {"x": x, self._settings.force: sign * self._output})
 

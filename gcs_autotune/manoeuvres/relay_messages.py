@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gcs_autotune.manoeuvres.relay import RelaySettings
 
-__all__ = ["improper", "link_too_slow", "never_settled", "no_oscillation", "overwhelmed", "too_fast", "wrong_way"]
+__all__ = [
+    "improper",
+    "link_too_slow",
+    "never_settled",
+    "no_oscillation",
+    "overwhelmed",
+    "room_ends",
+    "too_fast",
+    "wrong_way",
+]
 
 
 def never_settled(settings: RelaySettings, scatter: float) -> str:
@@ -17,6 +26,14 @@ def never_settled(settings: RelaySettings, scatter: float) -> str:
         f"the limit cycle never settled: {settings.most_periods} periods, the last scatter {100 * scatter:.0f} % "
         f"(needed {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or "
         f"use a larger {settings.names.output} or {settings.names.hysteresis}"
+    )
+
+
+def room_ends(reversals: int, away: float, limit: float) -> str:
+    """It has not settled yet, *away* [m] from where the visit began."""
+    return (
+        f"not settled after {reversals} reversals, and the room ends: {away:.0f} m from the start, limit {limit:.0f} m "
+        "(--max-distance); what was recorded is used"
     )
 
 

@@ -109,6 +109,10 @@ class Sequencer:
             if manoeuvre.outcome is not None:
                 return manoeuvre.outcome
             nearest, share = watch.check(observation)
+            if watch.room_ends(observation):
+                ended = manoeuvre.where_room_ends(watch.away(observation), envelope.distance_limit)
+                if ended is not None:
+                    return ended
             command = commands.send(observation)
 
     def _end(self, manoeuvre: Manoeuvre, outcome: Outcome, error: BaseException | None) -> Trial:

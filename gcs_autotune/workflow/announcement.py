@@ -8,12 +8,12 @@ from dataclasses import replace
 from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.manoeuvres import NEARLY, Envelope
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
-from gcs_autotune.workflow.runner import FAR_OUT, NEARLY
+from gcs_autotune.workflow.runner import FAR_OUT
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
 __all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]

@@ -16,12 +16,12 @@ from dataclasses import replace
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import ComeToRest, Dive, Envelope, Flown, Manoeuvre, Sequencer
+from gcs_autotune.manoeuvres import NEARLY, ComeToRest, Dive, Envelope, Flown, Manoeuvre, Sequencer
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW, turn_for
 
-__all__ = ["FAR_OUT", "MOST", "NEARLY", "ManoeuvreRunner", "Patience"]
+__all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
 
 
 class ManoeuvreRunner:
@@ -114,9 +114,9 @@ class ManoeuvreRunner:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
-FAR_OUT, NEARLY = 0.4, 0.9
-"""Chosen: shares of the distance limit beyond which a boat comes back first, where more than one manoeuvre is to come,
-and that none may lead it to."""
+FAR_OUT = 0.4
+"""Chosen: the share of the distance limit beyond which a boat comes back first, where more than one manoeuvre is to
+come."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
 _TELLING = 1.5

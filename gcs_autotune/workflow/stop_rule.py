@@ -29,7 +29,7 @@ from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, set_on_the_way_back
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Relay
+from gcs_autotune.manoeuvres import LEAST_REVERSALS, Relay
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import PredictedCost, SilentWatcher, Watcher
 from gcs_autotune.workflow.thrust_curve import left
@@ -47,8 +47,6 @@ MOVED = 2.0
 """Chosen: a number that the last half period moved by so many standard errors is not known yet."""
 TWICE = 2
 """So many times running the design must be known."""
-LEAST_REVERSALS = 3
-"""Chosen: fewer tell nothing of how the craft answers either way."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES
 """Of a run that is to count in a fit: shorter ones are left out of it silently."""
 LEFT_OUT = "run-left-out"

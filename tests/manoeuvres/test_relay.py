@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.cli import make_parser
+from gcs_autotune.errors import GuardTripped
 from gcs_autotune.identify import find_cycles
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
@@ -280,3 +281,35 @@ def test_what_a_flown_relay_advises_is_an_option_of_fly_or_of_the_command_it_nam
     assert len(named) >= len(told)
     for option, command in named:
         assert option in options_of(command or "fly"), (option, command)
+
+
+class GustyBoat(PondCraft):
+    """Its bow is pushed about, so that no two periods are alike, and it goes ahead at 2 m/s all the while."""
+
+    def __init__(self):
+        super().__init__(firmware="ardurover")
+        self.rng = np.random.default_rng(3)
+
+    def _advance(self, dt):
+        if self.tick % 7 == 0:
+            self.r += 0.05 * self.rng.standard_normal()
+        super()._advance(dt)
+        self.x += 2.0 * dt
+
+
+RESTLESS = RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=1000)
+
+
+def test_a_boat_whose_relay_does_not_settle_ends_it_with_its_record_before_the_limit_of_distance():
+    room = Envelope(heading_excursion=9.0, distance=150.0, cruise=2.0)
+    flown, record = fly(GustyBoat(), RESTLESS, room)
+    assert flown.outcome.ending == "stopped"
+    assert re.search(r"not settled after \d+ reversals.*limit 150 m \(--max-distance\)", flown.outcome.reason)
+    assert 2.0 * record.end == pytest.approx(134.0, abs=1.0), "8 s at 2 m/s are left to come about in"
+    assert not flown.trial.meta["enough"], "whoever reads the record is to know that it did not settle"
+    assert find_cycles(flown.trial, "yaw")
+
+
+def test_a_relay_that_has_not_reversed_three_times_when_the_room_ends_tells_nothing_and_goes_on_to_the_limit():
+    with pytest.raises(GuardTripped, match="distance from start"):
+        fly(GustyBoat(), RESTLESS, Envelope(heading_excursion=9.0, distance=14.0))

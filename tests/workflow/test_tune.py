@@ -2,15 +2,18 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 
 from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
 from gcs_autotune.link import Journal
+from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow.experiments import common_windows
+from sitl.effects import parse_effect
 
 from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness
 
@@ -221,3 +224,14 @@ def test_the_relay_and_the_step_can_be_given(tmp_path):
     assert story.relays[0].meta["C"] == pytest.approx(0.4)
     assert story.relays[0].meta["x_a"] == pytest.approx(math.radians(15.0))
     assert story.step_before.meta["size"] == pytest.approx(math.radians(20.0))
+
+
+@pytest.mark.slow
+def test_a_boat_whose_relay_does_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(tmp_path, plainly):
+    waves = parse_effect("wave-disturbance@yaw.amplitude=0.1,frequency=1.5,bandwidth=0.15")
+    harness = SitlHarness(tmp_path, "blueboat", effects=[waves])
+    story = harness.tune(stop_rule="settled", envelope=Envelope(distance=120.0), dry_run=True)
+    assert story.ending == "dry-run"
+    said = " ".join(harness.said)
+    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 108 m", said)
+    assert story.proposal.changes
