@@ -54,6 +54,8 @@ SLOW = 0.5
 WIDEST, MOST = math.radians(100.0), 0.75
 """Largest mean change of heading of a zig-zag, and share of the reversals at which it must be to the proper side."""
 
+BEND = 3
+"""Degree of the polynomials in time that the track of the first turn is taken for."""
 UNEVEN = 0.15
 """Relative spread of the headings at the executes above which a word is due."""
 
@@ -83,7 +85,7 @@ class ZigZagFigures:
     initial_turning_time: Reading
     reach: Reading
     period: Reading
-    distance: float
+    distance: Reading
     approach: float
     approach_psi: float
     doubts: tuple[Doubt, ...]
@@ -152,7 +154,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
         initial_turning_time=_time(reversals[0].t - first.t) if from_approach else _time(math.nan),
         reach=_reach(log, executes, psi_0) if from_approach else _time(math.nan),
         period=_period(executes),
-        distance=_distance(log, first.t, reversals[0].t) if from_approach else math.nan,
+        distance=_distance(log, first.t, reversals[0].t) if from_approach else Reading(math.nan, math.nan, "m"),
         approach=log.speed(log.t[0], first.t) if from_approach else math.nan,
         approach_psi=psi_0,
         doubts=(*log.doubts, *_doubts(log, changes, executes, from_approach)),
@@ -247,15 +249,24 @@ def _period(executes: tuple[Execute, ...]) -> Reading:
     )
 
 
-def _distance(log: ShipLog, start: float, end: float) -> float:
-    """Return the track run between two instants, from the track itself or from the speed."""
+def _distance(log: ShipLog, start: float, end: float) -> Reading:
+    """Return the track [m] run between two instants, from the track itself or from the speed (then without an error).
+
+    A smooth curve is laid through the positions first: from one to the next their noise adds up, and makes the track
+    longer.
+    """
     x, y = log.channel("x"), log.channel("y")
-    if x is not None and y is not None:
-        grid = np.linspace(start, end, 100)
-        px, py = np.interp(grid, x.t, x.values), np.interp(grid, y.t, y.values)
-        return float(np.sum(np.hypot(np.diff(px), np.diff(py))))
-    speed = log.speed(start, end)
-    return speed * (end - start)
+    if x is None or y is None or min(len(x.between(start, end).t), len(y.between(start, end).t)) < BEND + 3:
+        return Reading(log.speed(start, end) * (end - start), math.nan, "m")
+    middle = 0.5 * (start + end)
+    fits = [local_fit(c.t, c.values, middle, BEND) for c in (x.between(start, end), y.between(start, end))]
+    grid = np.linspace(start - middle, end - middle, 101)
+    slopes = np.stack([k * grid ** (k - 1) if k else np.zeros_like(grid) for k in range(BEND + 1)])
+    along = np.stack([fit.coefficients @ slopes for fit in fits])
+    speed = np.hypot(*along)
+    gradients = [np.trapezoid(part / np.maximum(speed, 1e-12) * slopes, grid, axis=1) for part in along]
+    variance = sum(float(g @ fit.covariance @ g) for g, fit in zip(gradients, fits, strict=True))
+    return Reading(float(np.trapezoid(speed, grid)), math.sqrt(variance), "m")
 
 
 def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_approach: bool) -> list[Doubt]:
@@ -321,11 +332,11 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),
         judged("reach", "reach (back on the first heading)", z.reach),
         judged("period", "period", z.period),
-        judged("initial-turning", "distance to the second execute", Reading(z.distance, NAN, "m")),
+        judged("initial-turning", "distance to the second execute", z.distance),
         judged(
             "initial-turning-lengths",
             "distance to the second execute",
-            in_lengths(Reading(z.distance, NAN, "m"), ship),
+            in_lengths(z.distance, ship),
             INITIAL_TURNING if turning else None,
             "5.3.2",
         ),

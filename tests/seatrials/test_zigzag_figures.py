@@ -16,7 +16,7 @@ from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods, rows_
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.seatrials import Particulars, ship_figures
 from gcs_autotune.seatrials.criteria import helm_text
-from gcs_autotune.trial import load_trial
+from gcs_autotune.trial import Channel, load_trial
 
 K, T = 0.25, 4.0
 
@@ -191,3 +191,21 @@ def test_a_helm_is_told_in_degrees_of_a_rudder_and_in_percent_of_full_output(
     helm: float, unit: str, words: str
 ) -> None:
     assert helm_text(helm, unit) == words
+
+
+def test_the_distance_to_the_second_execute_has_its_error_and_is_no_longer_for_noisy_positions():
+    z = []
+    for seed in range(12):
+        run = zigzag(seed=seed)
+        t, psi = run["psi"].t, run["psi"].values
+        noise = 0.05 * np.random.default_rng(seed).standard_normal((2, len(t)))
+        steps = np.stack([np.cos(psi), np.sin(psi)]) * np.gradient(t)
+        x, y = np.cumsum(steps, axis=1) + noise
+        channels = {**run.channels, "x": Channel("x", "m", t, x), "y": Channel("y", "m", t, y)}
+        (sheet,) = ship_figures(replace(run, channels=channels))
+        told = {f.slug: f.reading for f in sheet.figures}
+        run_at_one_metre_per_second = told["initial-turning-time"].value
+        assert told["initial-turning"].value == pytest.approx(run_at_one_metre_per_second, rel=0.03)
+        z.append((told["initial-turning"].value - run_at_one_metre_per_second) / told["initial-turning"].std)
+    assert np.std(z) < 1.5
+    assert abs(np.mean(z)) < 0.7
