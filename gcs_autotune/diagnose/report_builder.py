@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
+from gcs_autotune.diagnose.missing_force import next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
@@ -20,12 +21,10 @@ from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
     missing_under,
-    next_of,
     order_under,
     ranking_under,
     shares_under,
     values_under,
-    words_of,
 )
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.identify import Doubt, Fitted, Problem

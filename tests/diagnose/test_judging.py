@@ -27,8 +27,8 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
+from gcs_autotune.diagnose.second_looks import _refuted
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.diagnose.strategies import _refuted
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.identify.likelihood import Residual

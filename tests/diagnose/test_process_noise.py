@@ -14,6 +14,7 @@ from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.attested import interval_of
+from gcs_autotune.diagnose.missing_force import words_of
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
     _errs_after_commands,
@@ -23,7 +24,7 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.result import MissingForce
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.diagnose.weathered import _outdone, words_of
+from gcs_autotune.diagnose.weathered import _outdone
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,

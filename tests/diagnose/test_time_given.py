@@ -12,7 +12,7 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune import clock
-from gcs_autotune.diagnose import Diagnosis, diagnose, process_noise, weathered
+from gcs_autotune.diagnose import Diagnosis, diagnose, missing_force, process_noise
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
 from gcs_autotune.identify.kalman.filter_bank import FilterBank
 from gcs_autotune.models import CoupledModel, Form
@@ -153,7 +153,7 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
         return process_noise.Attested(effect, cast(Any, None), 20.0, np.array(unseen), 5.0, step)
 
     tried = [judged(lag, [-3.0, 1.0], 1), judged(drag, [-9.0, -2.0], 1), judged(lag, [6.0, -1.0], 2)]
-    told = weathered.words_of(cast(Any, SimpleNamespace(named=[], judged=tried)), None)
+    told = missing_force.words_of(cast(Any, SimpleNamespace(named=[], judged=tried)), None)
     assert told == (
         "actuator-lag of N fits the given runs (+20.0 in log-likelihood) and gains on those left out together (+5.0), "
         "but not on each: not named",

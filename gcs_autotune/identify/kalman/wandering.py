@@ -6,7 +6,7 @@ filter carries that force as a parameter that decays (:class:`.filter_bank.Level
 force did are integrated out; what is left is the likelihood of the innovations (Ljung1999, chapter 7). Gusts come in
 bursts: innovations may follow Student's law of *freedom* degrees instead of the normal one, its variance the filter's.
 
-Derivatives by the unknowns are differences of passes; steps and covariance come from the expected information.
+Derivatives by the unknowns are those of ``wandering_score``; steps and covariance come from the expected information.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
-from gcs_autotune.clock import check_time
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
+from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of, log_density
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WanderingFit", "WanderingProblem", "Water", "thinned_to"]
+__all__ = ["WanderingFit", "WanderingProblem", "thinned_to"]
 
 Array = NDArray[np.float64]
 
@@ -46,30 +45,7 @@ STEP = 2e-2
 PER_SAMPLE = 4.0
 """Inputs and measured motions are held as means over no less than this share of the interval between samples."""
 
-LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
-"""Time constants of a smoother, in samples of the record."""
-
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
-
-SHORTEST_MEMORY = 2.0
-"""Least time constant of the force, in intervals between samples: quicker, it is noise of the sensor's kind."""
-
-
-@dataclass(frozen=True, slots=True)
-class Water:
-    """What drives a craft besides its commands, and how well it is seen.
-
-    ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
-    that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
-    ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
-    What a linear craft then shows is what smoothed commands would have done.
-    """
-
-    size: float
-    memory: float
-    noise: float
-    freedom: float = math.inf
-    smoothing: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +74,7 @@ class WanderingFit:
     @property
     def densities(self) -> Array:
         """The log density (samples,) of every innovation, record after record."""
-        return np.concatenate([_log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
+        return np.concatenate([log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
 
     @property
     def unknowns(self) -> int:
@@ -275,9 +251,10 @@ class WanderingProblem:
 
     # -- likelihood
 
-    def _innovations(
+    def innovations_at(
         self, theta: Array, effects: Sequence[EffectInstance], water: Water
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
+        """Return stamps, innovations and their variances of every segment, (n,) each; None where the filter fails."""
         done = self.run(theta, effects, water)
         if done is None:
             return None
@@ -303,8 +280,8 @@ class WanderingProblem:
         held : (slug, place) of effects whose numbers stay as they are.
         """
         effects = in_order(effects)
-        free_effects = _free_of(effects, held)
-        coordinates = _Coordinates(self, effects, free_effects, water)
+        free_effects = free_of(effects, held)
+        coordinates = Coordinates(self, effects, free_effects, water)
         x = coordinates.clipped(coordinates.pack(theta, effects, water))
         here = coordinates.at(x)
         if here is None:
@@ -341,7 +318,7 @@ class WanderingProblem:
     def tangent(self, fit: WanderingFit) -> Tangent | None:
         """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
         held = frozenset[tuple[str, str]]()
-        coordinates = _Coordinates(self, fit.effects, _free_of(fit.effects, held), fit.water)
+        coordinates = Coordinates(self, fit.effects, free_of(fit.effects, held), fit.water)
         x = coordinates.pack(fit.theta, fit.effects, fit.water)
         here = coordinates.at(x)
         if here is None:
@@ -354,8 +331,8 @@ class WanderingProblem:
         """Return *fit* with an effect more, its own numbers moved to first order by what the effect leaves."""
         effects = in_order((*fit.effects, own))
         held = frozenset({(own.slug, own.place)})
-        free_effects = _free_of(effects, held)
-        coordinates = _Coordinates(self, effects, free_effects, fit.water)
+        free_effects = free_of(effects, held)
+        coordinates = Coordinates(self, effects, free_effects, fit.water)
         x = coordinates.pack(fit.theta, effects, fit.water)
         here = coordinates.at(x)
         if here is None:
@@ -427,140 +404,3 @@ def _two_sided(x: Array, kept: float) -> Array:
     backward, _ = lfilter([1.0], [1.0, -kept], x[::-1], zi=[kept * x[-1] / rest])
     both: Array = (forward + backward[::-1] - x) * rest / (1.0 + kept)
     return both
-
-
-def _free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
-    """Return (index, name) of the numbers of *effects* to fit."""
-    return tuple(
-        (i, n)
-        for i, e in enumerate(effects)
-        if (e.slug, e.place) not in held
-        for n in e.values
-        if n not in EFFECTS[e.slug].fixed
-    )
-
-
-_Point = tuple[tuple[tuple[Array, Array, Array], ...], float, Array]
-
-
-class _Coordinates:
-    """Unknowns in a row: base parameters, effects' numbers, logarithms of size, memory and noise."""
-
-    def __init__(
-        self,
-        problem: WanderingProblem,
-        effects: tuple[EffectInstance, ...],
-        free_effects: tuple[tuple[int, str], ...],
-        water: Water,
-    ) -> None:
-        self.problem, self.effects, self.free_effects, self.freedom = problem, effects, free_effects, water.freedom
-        self.levels = 3 + (water.smoothing > 0.0)
-        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
-        pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
-        longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
-        step = max((next(iter(s.signals.values())).step for s in problem.segments), default=0.0)
-        rates = np.concatenate([np.abs(np.diff(next(iter(s.signals.values())).values)) for s in problem.segments])
-        finest = max(step / math.sqrt(12.0), 1e-3 * float(np.median(rates)), 1e-9)
-        low, high = problem.limits
-        self.low = np.concatenate(
-            [low, [p[0] for p in pairs], np.log([1e-12, SHORTEST_MEMORY * problem.interval, finest])]
-        )
-        self.high = np.concatenate([high, [p[1] for p in pairs], np.log([1e6, longest, 1e6])])
-        if water.smoothing > 0.0:
-            least, most = LEAST_SMOOTHING * problem.data.interval, MOST_SMOOTHING * problem.data.interval
-            self.low, self.high = np.append(self.low, math.log(least)), np.append(self.high, math.log(most))
-        spans = np.array([p[1] - p[0] for p in pairs])
-        self.widest = np.concatenate(
-            [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(self.levels, 0.1)]
-        )
-
-    def pack(self, theta: Array, effects: Sequence[EffectInstance], water: Water) -> Array:
-        values = [effects[i].values[n] for i, n in self.free_effects]
-        every = (water.size, water.memory, water.noise, water.smoothing)[: self.levels]
-        return np.concatenate([theta, values, [math.log(max(v, 1e-12)) for v in every]])
-
-    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
-        p = len(x) - self.levels - len(self.free_effects)
-        values: dict[int, dict[str, float]] = {}
-        for k, (i, n) in enumerate(self.free_effects):
-            values.setdefault(i, {})[n] = float(x[p + k])
-        effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
-        size, memory, noise, *smoothing = (float(v) for v in np.exp(x[-self.levels :]))
-        return x[:p].copy(), effects, Water(size, memory, noise, self.freedom, *smoothing)
-
-    def clipped(self, x: Array) -> Array:
-        inside: Array = np.clip(x, self.low, self.high)
-        return inside
-
-    def first_steps(self, x: Array) -> Array:
-        steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[: -self.levels]).max(initial=1e-6)), 1e-9))
-        steps[-self.levels :] = 1e-2
-        least: Array = np.minimum(steps, self.widest)
-        return least
-
-    def bounded_move(self, x: Array, gradient: Array, A: Array) -> Array:
-        """Return the damped Newton step, coordinates that stand at a bound and want out left where they are."""
-        at = ((x <= self.low) & (gradient < 0.0)) | ((x >= self.high) & (gradient > 0.0))
-        move = np.zeros(len(x))
-        free = np.flatnonzero(~at)
-        move[free] = np.linalg.lstsq(A[np.ix_(free, free)], gradient[free], rcond=None)[0]
-        move[-self.levels :] = np.clip(move[-self.levels :], -2.0, 2.0)
-        return move
-
-    def at(self, x: Array) -> _Point | None:
-        check_time()
-        found = self.problem._innovations(*self.unpack(x))
-        if found is None:
-            return None
-        each = np.array([float(_log_density(e, S, self.freedom).sum()) for _, e, S in found])
-        total = float(each.sum())
-        return (found, total, each) if math.isfinite(total) else None
-
-    def eased(self, x: Array, here: _Point) -> _Point:
-        """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
-        _, effects, water = self.unpack(x)
-        return (self.at(x) or here) if self.problem.bank(effects, water.smoothing).ease() else here
-
-    def score(self, x: Array, here: _Point, steps: Array) -> tuple[Array, Array]:
-        """Return gradient and expected information by differences of passes."""
-        return self.gathered(*self.derivatives(x, here, steps), here)
-
-    def derivatives(self, x: Array, here: _Point, steps: Array) -> tuple[Array, Array]:
-        """Return the derivatives (q, samples) of innovations and log variances."""
-        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
-        J, D = np.zeros((len(x), len(e))), np.zeros((len(x), len(e)))
-        for i in range(len(x)):
-            sign = 1.0 if x[i] + steps[i] <= self.high[i] else -1.0
-            moved = x.copy()
-            moved[i] += sign * steps[i]
-            other = self.at(moved)
-            if other is None:
-                continue
-            J[i] = (np.concatenate([r[1] for r in other[0]]) - e) / (sign * steps[i])
-            D[i] = (np.log(np.concatenate([r[2] for r in other[0]])) - np.log(S)) / (sign * steps[i])
-        return J, D
-
-    def gathered(self, J: Array, D: Array, here: _Point) -> tuple[Array, Array]:
-        """Return gradient and expected information at *here* with these derivatives."""
-        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
-        nu = self.freedom
-        if math.isinf(nu):
-            by_e, by_log, info_e, info_log = -e / S, -0.5 + 0.5 * e * e / S, 1.0 / S, np.full(len(S), 0.5)
-        else:
-            s = S * (nu - 2.0) / nu
-            w = (nu + 1.0) / (nu * s + e * e)
-            by_e, by_log = -w * e, -0.5 + 0.5 * w * e * e
-            info_e, info_log = (nu + 1.0) / ((nu + 3.0) * s), np.full(len(S), nu / (2.0 * (nu + 3.0)))
-        return J @ by_e + D @ by_log, (J * info_e) @ J.T + (D * info_log) @ D.T
-
-
-def _log_density(e: Array, S: Array, freedom: float) -> Array:
-    """Return the log density of innovations of variance *S*, Student's of that *freedom* or normal."""
-    density: Array
-    if math.isinf(freedom):
-        density = -0.5 * (e * e / S + np.log(2.0 * np.pi * S))
-        return density
-    s = S * (freedom - 2.0) / freedom
-    constant = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * math.log(freedom * math.pi)
-    density = constant - 0.5 * np.log(s) - 0.5 * (freedom + 1.0) * np.log1p(e * e / (freedom * s))
-    return density

@@ -1,0 +1,248 @@
+"""The force that no name explains, estimated from the filter: a curve over what it goes with, and in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.attested import WORTH, Attested
+from gcs_autotune.diagnose.process_noise import WeatherSearch
+from gcs_autotune.diagnose.result import MissingCurve, MissingForce
+from gcs_autotune.sname import DOFS, SIGNALS
+
+__all__ = ["missing_of", "next_of", "words_of", "words_of_water"]
+
+Array = NDArray[np.float64]
+
+BINS, FEWEST = 9, 8
+"""Places along each axis where the missing force is told, and samples about one at least."""
+
+TOLD = 0.1
+"""Share of the missing force that must go with something, foretold from other runs, to be told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimate:
+    """The missing force (n,) of one run at stamps (n,), its standard deviation, and what it may go with."""
+
+    run: str
+    t: Array
+    force: Array
+    std: Array
+    beside: Mapping[str, Array]
+
+
+def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce | None:
+    """Return the force that wanders beside the model found, times *inertia*, over everything recorded."""
+    estimates = _estimated(search, inertia)
+    if not estimates:
+        return None
+    water = search.fit.water
+    pushed = np.concatenate([e.beside["command"] for e in estimates])
+    commanded = float(np.sqrt(np.mean(pushed**2)))
+    size = water.size * abs(inertia)
+    curves = {}
+    for name in dict.fromkeys(n for e in estimates for n in e.beside):
+        curve = _curve_over(name, [e for e in estimates if name in e.beside])
+        if curve is not None:
+            curves[name] = curve
+    curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
+    share = size / commanded if commanded > 0.0 else math.nan
+    return MissingForce(search.dof, unit, size, water.memory, share, curves)
+
+
+def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
+    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.water, full=True)
+    if done is None:
+        return []
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    d, n = DOFS[search.dof], len(bank.states)
+    rate = bank.states.index(d.velocity)
+    found = []
+    gain = float(search.fit.theta[0])
+    for track, path, var, original in zip(
+        bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
+    ):
+        t = track.stamps
+        row = np.maximum(np.searchsorted(original.t_in, t, side="right") - 1, 0)
+        command = np.zeros(len(t))
+        for k, channel in enumerate(original.input_names):
+            for letter, share in search.problem.form.inputs.get(channel, ()):
+                if letter == d.force:
+                    command += (-1.0 if str(share).startswith("-") else 1.0) * original.inputs[row, k]
+        beside = {"command": command * gain * inertia, d.velocity: path[:, rate], "time": t - t[0]}
+        if search.dof == "yaw":
+            beside["psi"] = np.mod(path[:, bank.states.index("psi")], 2.0 * np.pi)
+        for name in ("u", "v"):
+            if name in original.measured and name != d.velocity:
+                own = original.measured[name]
+                known = np.isfinite(own.values)
+                if known.sum() > FEWEST:
+                    beside[name] = np.interp(t, own.t[known], own.values[known])
+        force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
+        found.append(_Estimate(original.run, t, force, std, beside))
+    return found
+
+
+def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
+    """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
+    pieces = [(e.beside[name], e.force, e.std) for e in estimates]
+    if len(pieces) == 1:
+        pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]
+    x, y, std = (np.concatenate([p[k] for p in pieces]) for k in range(3))
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    if len(edges) < 3:
+        return None
+
+    def means(x: Array, y: Array) -> Array:
+        own = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        count = np.bincount(own, minlength=len(edges) - 1)
+        total = np.bincount(own, y, minlength=len(edges) - 1)
+        return np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan)
+
+    left, whole = 0.0, 0.0
+    for k, (own_x, own_y, _) in enumerate(pieces):
+        others = [p for j, p in enumerate(pieces) if j != k]
+        curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
+        at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
+        told = np.nan_to_num(curve[at])
+        left += float(np.sum((own_y - told) ** 2))
+        whole += float(np.sum(own_y**2))
+    # Between runs, for samples of one run are not independent; what one alone has seen has no band.
+    each = np.array([means(p[0], p[1]) for p in pieces])
+    count = np.sum(np.isfinite(each), axis=0)
+    spread, repeated = np.full(len(edges) - 1, np.nan), count > 1
+    spread[repeated] = np.nanstd(each[:, repeated], axis=0) / np.sqrt(count[repeated] - 1)
+    force = means(x, y)
+    known = np.isfinite(force) & np.isfinite(spread)
+    if known.sum() < 3:
+        return None
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    band = np.hypot(1.96 * spread, means(x, std) / math.sqrt(len(x) / BINS))
+    share = 1.0 - left / whole if whole > 0.0 else 0.0
+    return MissingCurve(name, _unit(name), middle[known], force[known], band[known], share)
+
+
+def _unit(name: str) -> str:
+    return "s" if name == "time" else SIGNALS[name][0] if name in SIGNALS else ""
+
+
+AXES: Mapping[str, str] = {
+    "command": "the command",
+    "r": "the turn rate",
+    "u": "the speed ahead",
+    "v": "the speed sideways",
+    "w": "the speed down",
+    "psi": "the heading",
+    "time": "the time into the run",
+}
+
+TELLING: Mapping[str, str] = {
+    "command": "steps of four sizes to each side, each held until the rate is steady: a curve over the command is the "
+    "actuator's",
+    "r": "turning circles at three rates each way, each held for a full turn: a curve over the turn rate is damping",
+    "u": "the same zig-zag at slow, half and full speed, each speed steady before it begins",
+    "v": "pull-outs: a hard turn, then no command until it runs straight, at two speeds, with the sideways speed "
+    "recorded",
+    "w": "equal pushes up and down at two depths",
+    "psi": "two slow full turns, one each way: what goes with the heading is wind, current or the compass",
+    "time": "the first manoeuvre once more at the end of the run: what grows with time is battery, fouling or weather",
+}
+"""Quantity the missing force goes with -> the manoeuvre that would tell why."""
+
+
+def words_of_water(search: WeatherSearch) -> str:
+    """Return size and memory of the force that wanders."""
+    water = search.fit.water
+    unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
+    bursts = "" if math.isinf(water.freedom) else ", in bursts"
+    return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
+
+
+def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, ...]:
+    """Return in words what the missing force looks like, and which names did not hold."""
+    found = []
+    if missing is not None:
+        kind = "moment" if DOFS[missing.dof].angular else "force"
+        share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
+        found.append(
+            f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
+            f"it changes within {missing.memory:.3g} s"
+        )
+        told = [c for c in missing.curves.values() if c.share > TOLD]
+        for curve in told[:2]:
+            low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
+            x = f" {curve.unit}" if curve.unit else ""
+            found.append(
+                f"{100.0 * curve.share:.0f} % of it goes with {AXES.get(curve.over, curve.over)}, told by other runs: "
+                f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
+                f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
+            )
+        if not told:
+            found.append(
+                "it goes with nothing recorded ("
+                + ", ".join(missing.curves)
+                + "): it looks like wind, wakes or current"
+            )
+    found += [_evidence_of(a, search) for a in search.named]
+    named = {(a.effect.slug, a.effect.place) for a in search.named}
+    last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
+    found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
+    return tuple(found)
+
+
+def _of(missing: MissingForce) -> str:
+    return "of full output" if missing.unit == "1" else missing.unit
+
+
+def _shortfall_of(unnamed: Attested) -> str:
+    """Return in words why a candidate that fits the given runs is not named."""
+    fits = (
+        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
+    )
+    if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
+        low, high = unnamed.interval
+        return (
+            f"{fits} and gains nothing sure on those left out ({unnamed.foretold:+.1f}, 90 % interval {low:+.1f} to "
+            f"{high:+.1f}): not named"
+        )
+    if unnamed.foretold > 0.0:
+        return f"{fits} and gains on those left out together ({unnamed.foretold:+.1f}), but not on each: not named"
+    return f"{fits} and loses on those left out ({unnamed.foretold:+.1f}): refuted as it stands"
+
+
+STRENGTHS = ((5.0, "very strong"), (WORTH, "strong"), (1.0, "positive"))
+"""Log-likelihood on data left out -> words, Kass1995's (half of the twice of their table)."""
+
+
+def _evidence_of(named: Attested, search: WeatherSearch) -> str:
+    """Return in words how well a name foretells what it was not fitted to, and which other came next."""
+    strength = next((w for least, w in STRENGTHS if named.foretold > least), "weak")
+    each = ", ".join(f"{v:+.1f}" for v in named.unseen)
+    told = (
+        f"{named.effect.slug} of {named.effect.place}: {strength} evidence on {search.parts}, log-likelihood "
+        f"{named.foretold:+.1f} ({each}; 90 % interval {named.interval[0]:+.1f} to {named.interval[1]:+.1f})"
+    )
+    others = [a for a in search.judged if a.step == named.step and a.effect.slug != named.effect.slug and a.gain > 0.0]
+    rival = max(others, key=lambda a: a.foretold, default=None)
+    if rival is None or not rival.foretold > 0.0:
+        return told + "; no other effect in its place foretells anything"
+    return told + f"; its best rival is {rival.effect.slug} of {rival.effect.place} ({rival.foretold:+.1f})"
+
+
+def next_of(missing: MissingForce | None) -> str | None:
+    """Return the manoeuvre that would tell what the missing force is."""
+    if missing is None or not missing.curves:
+        return None
+    best = next(iter(missing.curves.values()))
+    if best.share <= TOLD or best.over not in TELLING:
+        return (
+            f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
+            f"{_of(missing)} hides what is smaller than a fraction of it"
+        )
+    return TELLING[best.over]

@@ -1,0 +1,131 @@
+"""Second looks, where the search found nothing although much is left.
+
+:func:`look_at_all_runs` looks over all runs together where those kept apart show what the others do not,
+:func:`look_in_pieces` over pieces of them where free runs are lost and nothing pays over whole runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gcs_autotune.diagnose.adequacy import WHITE, explains_all, tests_of, whiteness_of
+from gcs_autotune.diagnose.heldout import rms_of
+from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material, is_needed
+from gcs_autotune.diagnose.state import SearchState, begin
+from gcs_autotune.diagnose.strategies import SEARCH, follow
+from gcs_autotune.diagnose.weathered import look_under_process_noise
+from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
+
+__all__ = ["foretells", "look_at_all_runs", "look_in_pieces"]
+
+PACES = 30.0
+"""Chosen: a piece lasts so many of the base model's slowest time constants; all it can show settles many times over."""
+
+FAR = 1.5
+"""Error of runs a model was not fitted to, over the noise of those it was, beyond which it does not hold for them."""
+
+FEWEST_PIECES = 2
+"""Fewest pieces of the longest run worth a second look."""
+
+
+def look_in_pieces(state: SearchState) -> SearchState | None:
+    """Search pieces that begin where the craft was measured to be; what they name must hold over whole runs.
+
+    On real water a free run drifts off within minutes, whatever the model: gusts and eddies add up in the heading.
+    Where the base is lost, every candidate is, and none seems to pay. Cut into pieces the same runs may speak. What
+    they name is a hypothesis, and dropped unless whole runs are then foretold better too.
+    """
+    question = state.question
+    seconds = PACES * state.problem.data_summary.time_constant
+    if (
+        question.horizon is not None
+        or (state.weather is not None and (bool(state.weather.named) or len(question.form.dofs) == 1))
+        or state.problem.data_summary.duration < FEWEST_PIECES * seconds
+        or not _is_lost(state)
+    ):
+        return None
+    segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
+    again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
+    if again.fitted.effects == again.base.effects or not _holds_over(again, question.whole):
+        return replace(state, cut=(*state.cut, *again.cut))
+    doubt = Doubt(
+        "short-horizon",
+        f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
+        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+    )
+    return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
+
+
+def look_at_all_runs(state: SearchState) -> SearchState | None:
+    """Search all runs together, parts left out in turn, where those kept apart show what the others do not."""
+    question = state.question
+    if not question.unseen or question.given is not None or not _contradicted(state):
+        return None
+    both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
+    if not both.fitted.effects:
+        both = follow(both, (look_under_process_noise,))
+    if not both.fitted.effects:
+        return replace(state, cut=(*state.cut, *both.cut))
+    doubt = Doubt(
+        "validation-was-needed",
+        "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
+        "together",
+        "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
+    )
+    return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
+
+
+def _is_lost(state: SearchState) -> bool:
+    """Whether nothing was found although much is left."""
+    if state.fitted.effects != state.base.effects:
+        return False
+    return whiteness_of(tests_of(state.problem, state.fitted)) <= WHITE
+
+
+def _contradicted(state: SearchState) -> bool:
+    """Whether nothing was found in the runs to fit, and yet the runs kept apart are predicted far worse than those.
+
+    Nothing: they show nothing, or what they show is explained, in all or in part, by causes that foretell nothing.
+    """
+    if state.fitted.effects or not state.base_unseen.complete:
+        return False
+    if _is_lost(state):
+        return any(_refuted(state, step) or explains_all(state.problem, step) for step in state.steps)
+    errors = rms_of(state.base_unseen.rests)
+    return any(errors[n] > FAR * level for n, level in state.fitted.levels.items() if n in errors)
+
+
+def _refuted(state: SearchState, step: SearchStep) -> bool:
+    """Whether some candidate pays well on the runs fitted and foretells nothing of those kept apart.
+
+    Runs of one size of command each know nothing of what the next size does: only together they tell the law.
+    """
+    paying = [j for j in step.judged if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, state.base, state.tried)]
+    return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
+
+
+def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
+    """Whether what was found lowers the error over *whole* runs too, all signals together."""
+    before, after = (_error(state, fitted, whole) for fitted in (state.base, state.fitted))
+    if after is None:
+        return False
+    if before is None:
+        return True
+    logs = [math.log(max(after[n], 1e-300) / before[n]) for n in before if before[n] > 0.0]
+    return bool(logs) and float(np.mean(logs)) < 0.0
+
+
+def foretells(state: SearchState, whole: Sequence[Segment]) -> bool:
+    """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
+    errors = _error(state, state.fitted, whole)
+    return errors is not None and all(errors[n] <= FAR * level for n, level in state.fitted.levels.items())
+
+
+def _error(state: SearchState, fitted: Fitted, whole: Sequence[Segment]) -> dict[str, float] | None:
+    problem = state.problem.on(whole)
+    found = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
+    return None if found is None else rms_of(found.rests)
