@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,9 @@ __all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "Sl
 
 _TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01, "min": 60.0}
 """Unit as typed -> factor to SI; the others are SI."""
+_TIMES: Mapping[str, float] = {"s": 1.0, "min": 60.0, "h": 3600.0}
+"""Unit of time -> how many seconds it has; a time may be typed with any of them."""
+_WITH_UNIT = re.compile(r"(.+?) ?(s|min|h)")
 _ROUNDING = 1e-9
 """Share of a limit by which a value may miss it: radians and back."""
 
@@ -87,10 +91,14 @@ class Limit:
             It is no number, not finite, or out of range; the message says what was probably meant.
         """
         try:
-            value = float(text)
+            return self.check(float(text) if self.unit not in _TIMES else self._time(text))
         except ValueError:
             raise UsageError(f"'{_quoted(text)}' is no number; {self._wanted}{self._comma(text)}") from None
-        return self.check(value)
+
+    def _time(self, text: str) -> float:
+        """Return a time in ``unit``, typed so or with a unit of its own (``90s``, ``30min``); ``ValueError``: none."""
+        found = _WITH_UNIT.fullmatch(text.strip())
+        return float(text) if found is None else float(found[1]) * _TIMES[found[2]] / _TIMES[self.unit]
 
     def check(self, value: float) -> float:
         """Return *value* (as typed, in ``unit``) when it may be used.

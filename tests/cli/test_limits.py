@@ -277,3 +277,22 @@ def test_an_envelope_of_no_limit_cannot_be_made(limit, value):
 def test_a_relay_that_cannot_swing_cannot_be_made(wrong):
     with pytest.raises(UsageError, match="relay"):
         RelaySettings("psi", "N", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "typed", "value"),
+    [("max-time", "30min", 1800.0), ("max-time", "90 s", 90.0), ("max-time", "90", 90.0), ("total-time", "0.5h", 30.0)],
+)
+def test_a_time_may_be_typed_with_its_unit(name, typed, value):
+    assert limit_of(name).parse(typed) == value
+
+
+@pytest.mark.parametrize("typed", ["tenmin", "10m", "min", "1e9h", "nans"])
+def test_what_only_looks_like_a_time_is_refused(typed):
+    with pytest.raises(UsageError, match=r"no number|out of range|no finite"):
+        limit_of("max-time").parse(typed)
+
+
+def test_no_other_number_has_a_unit_of_time():
+    with pytest.raises(UsageError, match="is no number"):
+        limit_of("max-distance").parse("30min")
