@@ -141,13 +141,20 @@ def _condition(f: Findings) -> Doubt | None:
     )
 
 
+PUSHES_BOTH_WAYS: Mapping[str, str] = {
+    "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
+    "surge": "fly steps ahead well apart, as throttle-steps, or what pushes astern as well, as doublets",
+}
+"""Degree of freedom -> what to fly where the input of a run had one sign; others are swung by a relay or doublets."""
+
+
 def _one_sided(f: Findings) -> Doubt | None:
     if any(float(r.tau.min()) < 0.0 < float(r.tau.max()) for r in f.case.records):
         return None
     return Doubt(
         "one-sided-input",
         "the input never changes sign: constant force and drag are told apart poorly",
-        "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
+        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways: a relay, doublets"),
     )
 
 

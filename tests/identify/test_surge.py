@@ -165,3 +165,11 @@ def test_a_current_is_none_only_where_its_interval_says_so() -> None:
     assert not seen(steady, 1.2)  # one reading each way does not say how sure it is
     assert set_on_the_way_back(again, 0.6, 0.4, 1.2) is None
     assert set_on_the_way_back(again, 0.5, back, 1.2) is None
+
+
+def test_the_cure_of_a_one_sided_input_along_the_boat_is_no_zig_zag() -> None:
+    fit = fit_axis([flown(SingleDof("surge", "1", 0.4, 0.3, 0.0), 0.0, LEVELS[0], 0, 0.02)], dof="surge")
+    cures = [d.cure for d in fit.doubts if d.slug == "one-sided-input"]
+    assert cures
+    assert "throttle-steps" in cures[0]
+    assert "zig-zag" not in cures[0]

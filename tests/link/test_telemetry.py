@@ -11,7 +11,7 @@ from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
-from gcs_autotune.errors import PreconditionFailed, TelemetryFault
+from gcs_autotune.errors import CommandDenied, PreconditionFailed, TelemetryFault
 from gcs_autotune.firmware import FIRMWARE, Output, ServoMap, read_servo_map
 from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session
 from gcs_autotune.link.vehicle.telemetry import Recorder, Telemetry
@@ -467,3 +467,20 @@ def test_rates_are_put_back_as_they_were(rates: Rates, boat: ScriptedVehicle) ->
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.5)
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(0.25)
     assert rates.granted == {}
+
+
+def test_what_was_never_granted_is_not_told_as_not_put_back(
+    rates: Rates, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def deny(name: str, interval: int) -> None:
+        raise CommandDenied(f"{name} denied")
+
+    monkeypatch.setattr(rates, "_set_interval", deny)
+    assert rates.request({"DISTANCE_SENSOR": 10.0}) == {"DISTANCE_SENSOR": 0.0}
+    rates.restore()
+    assert not [note for note in session.notes if "not put back" in note]
+    monkeypatch.undo()
+    rates.request({"ATTITUDE": 10.0})
+    monkeypatch.setattr(rates, "_set_interval", deny)
+    rates.restore()
+    assert [note for note in session.notes if "the rate of ATTITUDE was not put back" in note]

@@ -335,11 +335,13 @@ class Rates:
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
         with self._session.operator.shielded():
-            for name in reversed(list(self.granted)):
+            for name, request in reversed(list(self.granted.items())):
                 try:
-                    self._set_interval(name, self.granted[name].previous)
+                    self._set_interval(name, request.previous)
                 except AutotuneError as error:
-                    self._session.notes.append(f"the rate of {name} was not put back: {error}")
+                    refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
+                    if not refused:  # what was refused when it was asked for has never changed
+                        self._session.notes.append(f"the rate of {name} was not put back: {error}")
         self.granted.clear()
 
 
