@@ -174,7 +174,8 @@ class Watch:
     def room_ends(self, now: Observation) -> bool:
         """Whether the craft is so near its limit of distance that it should come back now."""
         limit = self.envelope.distance_limit
-        return self.away(now) >= min(NEARLY * limit, limit - TO_COME_ABOUT * self.envelope.cruise)
+        to_come_about = min(TO_COME_ABOUT * self.envelope.cruise, 0.5 * limit)  # a small room is not over at its start
+        return self.away(now) >= min(NEARLY * limit, limit - to_come_about)
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).

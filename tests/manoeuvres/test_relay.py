@@ -310,6 +310,12 @@ def test_a_boat_whose_relay_does_not_settle_ends_it_with_its_record_before_the_l
     assert find_cycles(flown.trial, "yaw")
 
 
+def test_a_small_room_is_not_over_where_it_begins_however_fast_the_boat():
+    room = Envelope(heading_excursion=9.0, distance=60.0, cruise=9.0)
+    _, record = fly(GustyBoat(), RESTLESS, room)
+    assert 2.0 * record.end == pytest.approx(30.0, abs=1.0), "half of the room may be used in any case"
+
+
 def test_a_relay_that_has_not_reversed_three_times_when_the_room_ends_tells_nothing_and_goes_on_to_the_limit():
     with pytest.raises(GuardTripped, match="distance from start"):
         fly(GustyBoat(), RESTLESS, Envelope(heading_excursion=9.0, distance=14.0))
