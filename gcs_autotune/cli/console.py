@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from gcs_autotune.errors import UsageError
@@ -87,5 +87,21 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        text = "still putting things back; please wait\n" if again else "\nstopping: putting things back as found\n"
-        sys.stderr.write(text)
+        _tell("still putting things back; please wait\n" if again else "\nstopping: putting things back as found\n")
+
+
+def _tell(text: str) -> None:
+    """Write *text* to standard error from within a signal handler, which must never raise into what is flown.
+
+    A write of ours may be just under way, whose buffer refuses a second one from the same thread: the words go past it.
+    And a terminal that closes sends its signal, then takes no words any more.
+    """
+    try:
+        number = sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):  # there is none, or none that the system knows
+        number = None
+    with suppress(AttributeError, OSError, ValueError, RuntimeError):
+        if number is None:
+            sys.stderr.write(text)
+        else:
+            os.write(number, text.encode())

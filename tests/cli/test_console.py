@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import os
 import signal
+from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -97,3 +99,40 @@ def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait
         os.kill(os.getpid(), signal.SIGINT)
         assert streams.stderr.getvalue().endswith("still putting things back; please wait\n")
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+class Interrupted(io.RawIOBase):
+    """What is written to it is interrupted by a signal each time, as a terminal may be."""
+
+    def __init__(self, number: int, signalled: Callable[[], None]) -> None:
+        super().__init__()
+        self._number, self._signalled = number, signalled
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._number
+
+    def write(self, piece: Any) -> int:
+        self._signalled()
+        return os.write(self._number, piece)
+
+
+def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
+    streams: SimpleNamespace,
+) -> None:
+    """A tune ended in "reentrant call inside BufferedWriter" where Ctrl-C met a line that was being written."""
+    out, into = os.pipe()
+    operator = ConsoleOperator(yes=True)
+    buffered = io.BufferedWriter(Interrupted(into, lambda: operator._note(signal.SIGINT, None)))
+    streams.stderr = io.TextIOWrapper(buffered, write_through=True)
+    streams.stderr.write("first self-oscillation\n")
+    streams.stderr.flush()
+    assert operator.stop_requested()
+    assert os.read(out, 1000) == b"\nstopping: putting things back as found\nfirst self-oscillation\n"
+    os.close(out)
+    operator._note(signal.SIGHUP, None)  # nobody reads any more
+    streams.stderr = None
+    operator._note(signal.SIGTERM, None)
+    os.close(into)
