@@ -259,16 +259,17 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> 
     rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
     noise = 0.02 * rate * problem.interval
     rough = []
-    shares = list(SLOWER)
+    starts = [(theta * share, pace / share) for share in SLOWER]
     for samples in PACES:
-        share = pace / (samples * problem.data.interval)
-        if all(not 0.5 < share / other < 2.0 for other in shares):
-            shares.append(share)
-    for k, share in enumerate(shares):
+        other = samples * problem.data.interval
+        if all(not 0.5 < other / known < 2.0 for _, known in starts):
+            # A fit that was lost knows the gain no better than the pace.
+            starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
+    for k, (begun, own_pace) in enumerate(starts):
         for memory in (2.0, 20.0):
-            say("process noise", k, len(shares))
-            water = Water(0.2 * rate * share / pace, memory * pace / share, noise)
-            fit = problem.fit(theta * share, (), water, rounds=ROUGH)
+            say("process noise", k, len(starts))
+            water = Water(0.2 * rate / own_pace, memory * own_pace, noise)
+            fit = problem.fit(begun, (), water, rounds=ROUGH)
             rough += [] if fit is None else [fit]
     rough.sort(key=lambda f: -f.total)
     ends = []
@@ -287,6 +288,32 @@ def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> 
     say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+
+
+def _gain_at(problem: WanderingProblem, pace: float) -> float:
+    """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
+
+    From one sample to the next, for what a force that wanders did before adds up in the position itself.
+    """
+    told, drawn = 0.0, 0.0
+    for segment in problem.segments:
+        own = next(iter(segment.signals.values()))
+        push = np.zeros(len(segment.t_in))
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in problem.form.inputs.get(name, ()):
+                push += -column if str(share).startswith("-") else column
+        t = np.union1d(segment.t_in, own.t)
+        force = push[np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)]
+        held = np.diff(t)
+        velocity = np.zeros(len(t))
+        for k, kept in enumerate(np.exp(-held / pace).tolist()):
+            velocity[k + 1] = kept * velocity[k] + (1.0 - kept) * pace * force[k]
+        path = velocity
+        if own.name == problem.dof.position:
+            path = pace * (np.append(0.0, np.cumsum(force[:-1] * held)) - velocity)
+        model, measured = np.diff(path[np.searchsorted(t, own.t)]), np.diff(own.values)
+        told, drawn = told + float(model @ measured), drawn + float(model @ model)
+    return told / drawn if drawn > 0.0 else 0.0
 
 
 def _errs_after_commands(problem: WanderingProblem, fit: WanderingFit) -> bool:

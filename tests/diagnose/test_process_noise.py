@@ -12,6 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from runs_in_the_tank import towed
 
+from benchmarks.blind.case import draw_case
+from benchmarks.blind.weather import CALM
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.attested import interval_of
 from gcs_autotune.diagnose.missing_force import words_of
@@ -146,6 +148,22 @@ def test_a_search_beneath_the_weather_finds_the_craft_wherever_the_fit_without_w
     assert found is not None
     assert found.plain.theta == pytest.approx([1.0, -0.8], abs=0.2)
     assert not found.momentary
+
+
+@pytest.mark.slow
+def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_took_her_for_a_sluggish_one() -> None:
+    """A craft of 0.1 s, which the search without weather left at 535 s, her gain eighteen times too large: begun with
+    that gain the filter ran away, no model was found beneath the weather, and a change of mass was named in vain.
+    """
+    case = draw_case("weather", 77, 8, CALM)
+    problem, base = as_from_a_log(list(case.runs))
+    assert base.form.parameters == ("N_rdot", "N_r")
+    lost = problem.states(np.array([-793118.34, -1482.04]), (), base.initial)
+    assert lost is not None
+    found = search_under_process_noise(problem, lost, (), (), nobody)
+    assert found is not None
+    inertia, linear = case.craft.inertia["yaw"], case.craft.linear["yaw"]
+    assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
 
 
 @pytest.mark.slow
