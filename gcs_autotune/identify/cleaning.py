@@ -41,6 +41,7 @@ LATE = 0.05
 """Largest share of late samples that may be left out. Chosen: beyond it the clock is not to be trusted."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
+"""What an angle may jump by, in either unit it may really be in."""
 
 OVERTAKEN = 5.0
 """Median steps that a sample may come late and still be believed."""

@@ -36,7 +36,7 @@ REVERSED = 2.0
 def solution_doubts(solution: Solution) -> list[Doubt]:
     """Return what is doubtful about any solution, whatever its parameters mean.
 
-    Of the explicit numbers of one axis only what people need no names for: :func:`collect` says the rest.
+    Of the explicit numbers of one axis only what people need no names for: ``doubts.collect`` says the rest.
     """
     named = not isinstance(solution.form, ExplicitForm)
     asked = (

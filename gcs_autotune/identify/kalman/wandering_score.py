@@ -60,6 +60,7 @@ def free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]])
 
 
 Point = tuple[tuple[tuple[Array, Array, Array], ...], float, Array]
+"""Stamps, innovations and variances of every segment, the log-likelihood, and that of each segment."""
 
 
 class Coordinates:
