@@ -10,7 +10,7 @@ with what it came to on the second.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
+from gcs_autotune.diagnose.attested import RUNS_AWAY, Attested, interval_of, plainest
+from gcs_autotune.diagnose.process_noise_starts import ROUGH, Say, plain_under_process_noise
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
@@ -28,42 +29,14 @@ from gcs_autotune.identify import (
     Tangent,
     WanderingFit,
     WanderingProblem,
-    Water,
-    data_summary_of,
     thinned_to,
 )
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WeatherSearch", "may_be_told", "search_under_process_noise", "weathered_form"]
+__all__ = ["WeatherSearch", "asked_of", "may_be_told", "search_under_process_noise", "weathered_form"]
 
 Array = NDArray[np.float64]
-
-PACE = 5.0
-"""Chosen: samples judged per time constant of the craft; closer ones tell of the sensor's own filter."""
-
-FEWEST = 60
-"""Samples a run keeps at least, where it has them."""
-
-FREEDOMS = (math.inf, 8.0, 4.0)
-"""Degrees of freedom of the innovations' law to choose among: normal, and two with bursts."""
-
-OWN = 4.0
-"""Chosen: squares of innovations just after a command, over those elsewhere, from which on bursts are of the craft's
-own making: a law with bursts would then make light of just what tells the craft."""
-
-STIRRED = 0.05
-"""Chosen: step of a command, in shares of its range, after which a craft is stirred."""
-
-BLUR = 4.0
-"""Chosen: time constants of a sensor's smoother between samples: closer ones tell of its shape, of which this one knows
-the width alone."""
-
-WIDEST = 2.0
-"""Chosen: time constants of the craft between samples, at most, on that account."""
-
-FEWEST_TO_COMPARE = 30
-"""Samples on each side of such a comparison."""
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
@@ -75,16 +48,14 @@ MOMENTARY = 2.0
 """Chosen: samples of the record within which a force that is forgotten is no weather: commands that took effect at
 other moments than recorded, or what the sensor's own filter does."""
 
-ROUGH, REFIT = 2, 4
-"""Scoring rounds of a rough fit, and of one to the rest when a run is left out."""
+REFIT = 4
+"""Scoring rounds of a fit to the rest when a run is left out."""
 
 RUNNERS = 6
 """Candidates fitted to the end."""
 
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
-
-Say = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,35 +111,30 @@ def weathered_form(form: Form, dof: str) -> Form | None:
     return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
 
 
-def search_under_process_noise(
-    problem: Problem, base: Fitted, slugs: Sequence[str], unseen: Sequence[Segment], say: Say
-) -> WeatherSearch | None:
-    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done.
-
-    problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
-    apart, to judge on only.
-    """
+def asked_of(problem: Problem) -> tuple[Form, str] | None:
+    """Return the equation that a search under process noise looks at, and the signal it is judged by; None for none."""
     dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
     form = weathered_form(problem.form, dof)
     d = DOFS[dof]
     signal = next((n for n in (d.position, d.velocity) if any(n in s.signals for s in problem.segments)), None)
-    if form is None or signal is None:
+    return None if form is None or signal is None else (form, signal)
+
+
+def search_under_process_noise(
+    problem: Problem, base: Fitted, slugs: Sequence[str], unseen: Sequence[Segment], say: Say
+) -> WeatherSearch | None:
+    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or no model
+    of the craft was found beneath the weather.
+
+    problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
+    apart, to judge on only.
+    """
+    asked = asked_of(problem)
+    begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
+    if asked is None or begun is None:
         return None
-    theta, pace = _from_base(base, dof, form)
-    limits = np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
-    wandering = _thinned(problem, form, signal, theta, pace, limits)
-    plain = None if wandering is None else _base_of(wandering, theta, pace, say)
-    if wandering is None or plain is None:
-        return None
-    # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
-    # by one that knows of weather.
-    pace = _pace_of(plain.theta)
-    blurred = float(np.clip(BLUR * plain.water.smoothing, pace, WIDEST * pace))
-    closest = blurred if _errs_after_commands(wandering, plain) else 0.0
-    again = _thinned(problem, form, signal, plain.theta, pace, limits, closest)
-    if again is not None and not 1.0 / FAR_OFF < again.interval / wandering.interval < FAR_OFF:
-        found = _base_of(again, plain.theta, pace, say)
-        wandering, plain = (wandering, plain) if found is None else (again, found)
+    (form, signal), (wandering, plain) = asked, begun
+    dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_none(wandering, plain)
     folds, words = _folds(wandering.segments, held)
@@ -187,33 +153,6 @@ def search_under_process_noise(
     return search
 
 
-def _thinned(
-    problem: Problem,
-    form: Form,
-    signal: str,
-    theta: Array,
-    pace: float,
-    limits: tuple[Array, Array],
-    closest: float = 0.0,
-) -> WanderingProblem | None:
-    """Return the runs with *signal* alone, as closely as a craft of that *pace* [s] needs; None where none has it.
-
-    closest : seconds between samples, at least.
-    """
-    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
-    segments = thinned_to(problem.segments, signal, min(max(pace / PACE, closest), longest / FEWEST))
-    if not segments:
-        return None
-    own = dict(zip(form.free, theta.tolist(), strict=True))
-    data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
-    return WanderingProblem(form, segments, data, limits)
-
-
-def _pace_of(theta: Array) -> float:
-    """Return the time constant [s] of gain and damping per inertia."""
-    return 1.0 / max(abs(float(theta[1])), 1e-3)
-
-
 def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
     """Return the log-likelihood that the wandering force of *fit* gains over none, inf where none runs away."""
     water = fit.water
@@ -224,113 +163,6 @@ def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
         for k in (1.0, 10.0)
     ]
     return fit.total - max((f.total for f in fits if f is not None), default=-math.inf)
-
-
-def _from_base(base: Fitted, dof: str, form: Form) -> tuple[Array, float]:
-    """Return gain and damping per inertia of the plain fit, and its time constant [s]."""
-    d, model = DOFS[dof], base.model.base
-    i = model.form.dofs.index(dof)
-    inertia = float(model.inertia[i, i])
-    gain = 1.0
-    for pairs in model.form.inputs.values():
-        for force, share in pairs:
-            if force == d.force:
-                gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
-    damping = model[f"{d.force}_{d.velocity}"] / inertia
-    theta = np.array([gain / inertia, damping])
-    return theta, _pace_of(theta)
-
-
-SLOWER = (1.0, 0.3, 3.0)
-"""Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
-
-PACES = (3.0, 10.0, 40.0)
-"""Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
-end anywhere."""
-
-FAR_OFF = 2.0
-"""Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
-runs are looked at anew."""
-
-
-def _base_of(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:
-    """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
-    own = [next(iter(s.signals.values())) for s in problem.segments]
-    rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
-    noise = 0.02 * rate * problem.interval
-    rough = []
-    starts = [(theta * share, pace / share) for share in SLOWER]
-    for samples in PACES:
-        other = samples * problem.data.interval
-        if all(not 0.5 < other / known < 2.0 for _, known in starts):
-            # A fit that was lost knows the gain no better than the pace.
-            starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
-    for k, (begun, own_pace) in enumerate(starts):
-        for memory in (2.0, 20.0):
-            say("process noise", k, len(starts))
-            water = Water(0.2 * rate / own_pace, memory * own_pace, noise)
-            fit = problem.fit(begun, (), water, rounds=ROUGH)
-            rough += [] if fit is None else [fit]
-    rough.sort(key=lambda f: -f.total)
-    ends = []
-    for k, f in enumerate(rough[:2]):
-        say("process noise: fitting to the end", k, 2)
-        ends.append(problem.fit(f.theta, (), f.water))
-    best = max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
-    if best is None:
-        return None
-    for k, freedom in enumerate(FREEDOMS[1:]):
-        say("process noise: law of the innovations", k, len(FREEDOMS))
-        tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
-        if tailed is None or tailed.total <= best.total + WORTH or _errs_after_commands(problem, best):
-            break
-        best = tailed
-    say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
-    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
-    return blurred if blurred is not None and blurred.total > best.total + WORTH else best
-
-
-def _gain_at(problem: WanderingProblem, pace: float) -> float:
-    """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
-
-    From one sample to the next, for what a force that wanders did before adds up in the position itself.
-    """
-    told, drawn = 0.0, 0.0
-    for segment in problem.segments:
-        own = next(iter(segment.signals.values()))
-        push = np.zeros(len(segment.t_in))
-        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
-            for _, share in problem.form.inputs.get(name, ()):
-                push += -column if str(share).startswith("-") else column
-        t = np.union1d(segment.t_in, own.t)
-        force = push[np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)]
-        held = np.diff(t)
-        velocity = np.zeros(len(t))
-        for k, kept in enumerate(np.exp(-held / pace).tolist()):
-            velocity[k + 1] = kept * velocity[k] + (1.0 - kept) * pace * force[k]
-        path = velocity
-        if own.name == problem.dof.position:
-            path = pace * (np.append(0.0, np.cumsum(force[:-1] * held)) - velocity)
-        model, measured = np.diff(path[np.searchsorted(t, own.t)]), np.diff(own.values)
-        told, drawn = told + float(model @ measured), drawn + float(model @ model)
-    return told / drawn if drawn > 0.0 else 0.0
-
-
-def _errs_after_commands(problem: WanderingProblem, fit: WanderingFit) -> bool:
-    """Whether a model errs just after its commands far more than elsewhere: no wind waits for these."""
-    window = 2.0 * max(_pace_of(fit.theta), problem.interval)
-    squares: list[list[Array]] = [[], []]
-    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
-        stirred = np.zeros(len(t), dtype=bool)
-        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
-            if name in problem.form.inputs:
-                steps = segment.t_in[1:][np.abs(np.diff(column)) > STIRRED * np.ptp(column)]
-                since = np.append(-np.inf, steps)[np.searchsorted(steps, t, side="right")]
-                stirred |= t - since < window
-        for k in (0, 1):
-            squares[k].append((e * e / S)[stirred == bool(k)])
-    calm, after = (np.concatenate(s) for s in squares)
-    return min(len(calm), len(after)) >= FEWEST_TO_COMPARE and float(after.mean()) > OWN * float(calm.mean())
 
 
 def _folds(

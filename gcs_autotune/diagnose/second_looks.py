@@ -17,8 +17,9 @@ from gcs_autotune.diagnose.heldout import rms_of
 from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material, is_needed
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.weathered import look_under_process_noise
+from gcs_autotune.diagnose.weathered import NO_MODEL, look_under_process_noise, no_model_beneath
 from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
+from gcs_autotune.sname import DOFS
 
 __all__ = ["foretells", "look_at_all_runs", "look_in_pieces"]
 
@@ -27,6 +28,10 @@ PACES = 30.0
 
 FAR = 1.5
 """Error of runs a model was not fitted to, over the noise of those it was, beyond which it does not hold for them."""
+
+ANOTHER_CRAFT = 100.0
+"""Chosen: factor between the time constant of the base when it was first fitted and as it stands, from which on the two
+are not the same craft."""
 
 FEWEST_PIECES = 2
 """Fewest pieces of the longest run worth a second look."""
@@ -43,6 +48,7 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     seconds = PACES * state.problem.data_summary.time_constant
     if (
         question.horizon is not None
+        or no_model_beneath(state)
         or (state.weather is not None and (bool(state.weather.named) or len(question.form.dofs) == 1))
         or state.problem.data_summary.duration < FEWEST_PIECES * seconds
         or not _is_lost(state)
@@ -52,6 +58,14 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
     if again.fitted.effects == again.base.effects or not _holds_over(again, question.whole):
         return replace(state, cut=(*state.cut, *again.cut))
+    if _is_another_craft(again):
+        lost = Doubt(
+            NO_MODEL,
+            f"no model of the craft was found to name a cause beside: in pieces of {seconds:.3g} s the plain fit ended "
+            f"at another time constant than it began with, by a factor of more than {ANOTHER_CRAFT:g}",
+            "look at columns, units and clocks first; then calmer water, or larger commands held longer",
+        )
+        return replace(state, doubts=(*state.doubts, lost), cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
         f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
@@ -77,6 +91,17 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
+
+
+def _is_another_craft(state: SearchState) -> bool:
+    """Whether the base is not the craft any more that it was when first fitted: a name beside it means nothing."""
+    model, first = state.base.model.base, state.problem.data_summary.time_constant
+    now = []
+    for i, dof in enumerate(model.form.dofs):
+        damping = f"{DOFS[dof].force}_{DOFS[dof].velocity}"
+        if damping in model.form.parameters and model[damping]:
+            now.append(abs(float(model.inertia[i, i]) / model[damping]))
+    return bool(now) and not 1.0 / ANOTHER_CRAFT < max(now) / first < ANOTHER_CRAFT
 
 
 def _is_lost(state: SearchState) -> bool:

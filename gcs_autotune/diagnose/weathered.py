@@ -15,6 +15,7 @@ from gcs_autotune.diagnose.missing_force import missing_of, words_of_water
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
     WeatherSearch,
+    asked_of,
     may_be_weighed,
     search_under_process_noise,
 )
@@ -26,9 +27,11 @@ from gcs_autotune.identify import Doubt, Fitted, WanderingFit
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [
+    "NO_MODEL",
     "gains_under",
     "look_under_process_noise",
     "missing_under",
+    "no_model_beneath",
     "order_under",
     "ranking_under",
     "shares_under",
@@ -37,6 +40,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+NO_MODEL = "no-model"
+"""Name of the doubt where no model of the craft was found to name a cause beside."""
 
 
 def wanders(state: SearchState) -> tuple[SearchState, bool]:
@@ -73,6 +79,8 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         return None
     state, _ = wanders(state)
     search = None if state.beneath is None else state.beneath[1]
+    if no_model_beneath(state):
+        return _without_names(state)
     if search is None or search.calm < PRESENT:
         return state
     if search.momentary:
@@ -96,12 +104,44 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
 
+def no_model_beneath(state: SearchState) -> bool:
+    """Whether the search under process noise was made, and found no model of the craft at all."""
+    return state.beneath is not None and state.beneath[1] is None and asked_of(state.beneath[0]) is not None
+
+
+def _without_names(state: SearchState) -> SearchState:
+    """Return the state without causes, where no model was found beneath the weather: a name needs one to stand on."""
+    asked = asked_of(state.problem)
+    if asked is not None and _couples(state.causes, asked[0].dofs[0]):
+        return state
+    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    doubt = Doubt(
+        NO_MODEL,
+        "no model of the craft was found beneath the weather: what is left over is no noise, and from no start does an "
+        "equation with a force that wanders follow these runs"
+        + (f"; {names} is not named on that account" * bool(names)),
+        "look at columns, units and clocks first; then calmer water, or slower and larger commands",
+    )
+    return replace(
+        state,
+        fitted=state.base,
+        present_unseen=state.base_unseen,
+        steps=(),
+        renamed=(),
+        doubts=(*state.doubts, doubt),
+    )
+
+
+def _couples(causes: Sequence[EffectInstance], dof: str) -> bool:
+    """Whether some cause drives another motion than *dof*: one motion alone cannot judge it."""
+    return any(n[0] != DOFS[dof].force for e in causes for n in EFFECTS[e.slug].derivatives(e))
+
+
 def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     """Whether the causes of the search before explain the runs better under process noise too; what couples motions
     stands, for one motion alone cannot judge it.
     """
-    force = DOFS[search.dof].force
-    if any(n[0] != force for e in state.causes for n in EFFECTS[e.slug].derivatives(e)):
+    if _couples(state.causes, search.dof):
         return True
     named = {(a.effect.slug, a.effect.place) for a in search.named}
     scaled = [_per_inertia(e, search, state) for e in state.causes]

@@ -15,18 +15,22 @@ from runs_in_the_tank import towed
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose import weathered as weathered_names
 from gcs_autotune.diagnose.attested import interval_of
+from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.missing_force import words_of
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
-    _errs_after_commands,
     may_be_weighed,
     search_under_process_noise,
     weathered_form,
 )
+from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
+from gcs_autotune.diagnose.report_builder import build_report
 from gcs_autotune.diagnose.result import MissingForce
-from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.diagnose.weathered import _outdone
+from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
+from gcs_autotune.diagnose.state import Question, SearchState, begin
+from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -39,6 +43,7 @@ from gcs_autotune.identify import (
     prepare_as_recorded,
     prepare_form,
 )
+from gcs_autotune.report.diagnosis.wording import verdict_headline
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -166,6 +171,46 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
     assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
 
 
+def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
+    """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
+    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_: None)
+    runs = weathered(1, square=1.0, count=1)
+    form = plain_form(runs)
+    segments = prepare_as_recorded(runs, form, None)[0]
+    state = begin(Question(form, segments, SOME, whole=segments))
+    drag = EffectInstance("quadratic-drag", "yaw", {"coefficient": 0.5})
+    fitted = state.problem.states(state.base.theta, (drag,), state.base.initial)
+    assert fitted is not None
+    return replace(state, fitted=fitted, present_unseen=HeldOut((), False))
+
+
+def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weather(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A change of mass was named beside a fit that was 500 s slow, of a craft of 0.1 s."""
+    state = drag_named(monkeypatch)
+    assert [e.slug for e in state.causes] == ["quadratic-drag"]
+    after = look_under_process_noise(state)
+    assert after is not None and after.causes == ()
+    told = next(d for d in after.doubts if d.slug == "no-model")
+    assert "quadratic-drag of yaw is not named on that account" in told.cause
+    assert look_in_pieces(after) is None
+    found = build_report(after, (), [], [])
+    assert (found.verdict, found.causes) == ("unexplained", ())
+    assert verdict_headline(found).text.startswith("Something is missing, and no name is given: no model")
+
+
+@pytest.mark.parametrize(("factor", "another"), [(1.0, False), (20.0, False), (1000.0, True), (0.001, True)])
+def test_a_base_that_became_another_craft_on_the_way_is_known_for_it(
+    monkeypatch: pytest.MonkeyPatch, factor: float, another: bool
+) -> None:
+    state = drag_named(monkeypatch)
+    summary = state.problem.data_summary
+    first = replace(summary, time_constant=factor * summary.time_constant)
+    now = SimpleNamespace(base=state.base, problem=SimpleNamespace(data_summary=first))
+    assert _is_another_craft(cast(SearchState, now)) is another
+
+
 @pytest.mark.slow
 def test_a_push_that_is_forgotten_within_two_samples_is_no_weather() -> None:
     """ArduPilot's own boat in a calm harbour was told of a moment that changes within 0.04 s."""
@@ -187,7 +232,7 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     segment = SimpleNamespace(input_names=("N",), inputs=commands, t_in=np.arange(0.0, 200.0, 10.0))
     problem = SimpleNamespace(segments=(segment,), form=SimpleNamespace(inputs={"N": ()}), interval=0.2)
     fit = SimpleNamespace(theta=np.array([1.0, -2.0]), innovations=((t, e, np.ones(len(t))),))
-    assert _errs_after_commands(cast(WanderingProblem, problem), cast(WanderingFit, fit)) is own
+    assert errs_after_commands(cast(WanderingProblem, problem), cast(WanderingFit, fit)) is own
 
 
 def test_a_gain_alike_in_every_run_is_sure_however_it_changes_from_block_to_block() -> None:

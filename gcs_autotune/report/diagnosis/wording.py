@@ -328,8 +328,11 @@ def _ahead(gain: ErrorReduction) -> str:
 
 def _unexplained(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
-    cut = any(d.slug == "out-of-time" for d in diagnosis.doubts)
+    doubts = {d.slug for d in diagnosis.doubts}
+    cut = "out-of-time" in doubts
     known = "the time given did not suffice to say what" if cut else "it is none of the effects known here"
+    if "no-model" in doubts:
+        return "Something is missing, and no name is given: no model of the craft was found to name one beside."
     said = f"Something is missing, and {known}"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"

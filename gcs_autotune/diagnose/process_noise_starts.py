@@ -1,0 +1,213 @@
+"""Where a search under process noise begins: the plain model beneath the weather, from several starts.
+
+A fit without weather may be lost altogether in rough water, its gain and its time constant of another craft. So the fit
+beneath it begins at several paces besides, with the gain that the record itself shows there, and the runs are looked at
+anew, more or less closely, where that found another craft than the one it began with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.attested import WORTH
+from gcs_autotune.identify import Fitted, Problem, WanderingFit, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.models import Form
+from gcs_autotune.sname import DOFS
+
+__all__ = ["ROUGH", "Say", "errs_after_commands", "plain_under_process_noise"]
+
+Array = NDArray[np.float64]
+
+Say = Callable[[str, int, int], None]
+
+ROUGH = 2
+"""Scoring rounds of a rough fit."""
+
+PACE = 5.0
+"""Chosen: samples judged per time constant of the craft; closer ones tell of the sensor's own filter."""
+
+FEWEST = 60
+"""Samples a run keeps at least, where it has them."""
+
+FREEDOMS = (math.inf, 8.0, 4.0)
+"""Degrees of freedom of the innovations' law to choose among: normal, and two with bursts."""
+
+OWN = 4.0
+"""Chosen: squares of innovations just after a command, over those elsewhere, from which on bursts are of the craft's
+own making: a law with bursts would then make light of just what tells the craft."""
+
+STIRRED = 0.05
+"""Chosen: step of a command, in shares of its range, after which a craft is stirred."""
+
+BLUR = 4.0
+"""Chosen: time constants of a sensor's smoother between samples: closer ones tell of its shape, of which this one knows
+the width alone."""
+
+WIDEST = 2.0
+"""Chosen: time constants of the craft between samples, at most, on that account."""
+
+FEWEST_TO_COMPARE = 30
+"""Samples on each side of such a comparison."""
+
+SLOWER = (1.0, 0.3, 3.0)
+"""Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
+
+PACES = (3.0, 10.0, 40.0)
+"""Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
+end anywhere."""
+
+FAR_OFF = 2.0
+"""Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
+runs are looked at anew."""
+
+
+def plain_under_process_noise(
+    problem: Problem, base: Fitted, form: Form, signal: str, say: Say
+) -> tuple[WanderingProblem, WanderingFit] | None:
+    """Return the runs with *signal* alone, as closely as suits the craft, and her plain model beneath the weather.
+
+    form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
+    """
+    theta, pace = _from_base(base, form)
+    limits = np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
+    wandering = _thinned(problem, form, signal, theta, pace, limits)
+    plain = None if wandering is None else _best_of_starts(wandering, theta, pace, say)
+    if wandering is None or plain is None:
+        return None
+    # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
+    # by one that knows of weather.
+    pace = _pace_of(plain.theta)
+    blurred = float(np.clip(BLUR * plain.water.smoothing, pace, WIDEST * pace))
+    closest = blurred if errs_after_commands(wandering, plain) else 0.0
+    again = _thinned(problem, form, signal, plain.theta, pace, limits, closest)
+    if again is not None and not 1.0 / FAR_OFF < again.interval / wandering.interval < FAR_OFF:
+        found = _best_of_starts(again, plain.theta, pace, say)
+        wandering, plain = (wandering, plain) if found is None else (again, found)
+    return wandering, plain
+
+
+def _thinned(
+    problem: Problem,
+    form: Form,
+    signal: str,
+    theta: Array,
+    pace: float,
+    limits: tuple[Array, Array],
+    closest: float = 0.0,
+) -> WanderingProblem | None:
+    """Return the runs with *signal* alone, as closely as a craft of that *pace* [s] needs; None where none has it.
+
+    closest : seconds between samples, at least.
+    """
+    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
+    segments = thinned_to(problem.segments, signal, min(max(pace / PACE, closest), longest / FEWEST))
+    if not segments:
+        return None
+    own = dict(zip(form.free, theta.tolist(), strict=True))
+    data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
+    return WanderingProblem(form, segments, data, limits)
+
+
+def _pace_of(theta: Array) -> float:
+    """Return the time constant [s] of gain and damping per inertia."""
+    return 1.0 / max(abs(float(theta[1])), 1e-3)
+
+
+def _from_base(base: Fitted, form: Form) -> tuple[Array, float]:
+    """Return gain and damping per inertia of the plain fit, and its time constant [s]."""
+    d, model = DOFS[form.dofs[0]], base.model.base
+    i = model.form.dofs.index(form.dofs[0])
+    inertia = float(model.inertia[i, i])
+    gain = 1.0
+    for pairs in model.form.inputs.values():
+        for force, share in pairs:
+            if force == d.force:
+                gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
+    damping = model[f"{d.force}_{d.velocity}"] / inertia
+    theta = np.array([gain / inertia, damping])
+    return theta, _pace_of(theta)
+
+
+def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:
+    """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
+    own = [next(iter(s.signals.values())) for s in problem.segments]
+    rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
+    noise = 0.02 * rate * problem.interval
+    rough = []
+    starts = [(theta * share, pace / share) for share in SLOWER]
+    for samples in PACES:
+        other = samples * problem.data.interval
+        if all(not 0.5 < other / known < 2.0 for _, known in starts):
+            # A fit that was lost knows the gain no better than the pace.
+            starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
+    for k, (begun, own_pace) in enumerate(starts):
+        for memory in (2.0, 20.0):
+            say("process noise", k, len(starts))
+            water = Water(0.2 * rate / own_pace, memory * own_pace, noise)
+            fit = problem.fit(begun, (), water, rounds=ROUGH)
+            rough += [] if fit is None else [fit]
+    rough.sort(key=lambda f: -f.total)
+    ends = []
+    for k, f in enumerate(rough[:2]):
+        say("process noise: fitting to the end", k, 2)
+        ends.append(problem.fit(f.theta, (), f.water))
+    best = max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
+    if best is None:
+        return None
+    for k, freedom in enumerate(FREEDOMS[1:]):
+        say("process noise: law of the innovations", k, len(FREEDOMS))
+        tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
+        if tailed is None or tailed.total <= best.total + WORTH or errs_after_commands(problem, best):
+            break
+        best = tailed
+    say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
+    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
+    return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+
+
+def _gain_at(problem: WanderingProblem, pace: float) -> float:
+    """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
+
+    From one sample to the next, for what a force that wanders did before adds up in the position itself.
+    """
+    told, drawn = 0.0, 0.0
+    for segment in problem.segments:
+        own = next(iter(segment.signals.values()))
+        push = np.zeros(len(segment.t_in))
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in problem.form.inputs.get(name, ()):
+                push += -column if str(share).startswith("-") else column
+        t = np.union1d(segment.t_in, own.t)
+        force = push[np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)]
+        held = np.diff(t)
+        velocity = np.zeros(len(t))
+        for k, kept in enumerate(np.exp(-held / pace).tolist()):
+            velocity[k + 1] = kept * velocity[k] + (1.0 - kept) * pace * force[k]
+        path = velocity
+        if own.name == problem.dof.position:
+            path = pace * (np.append(0.0, np.cumsum(force[:-1] * held)) - velocity)
+        model, measured = np.diff(path[np.searchsorted(t, own.t)]), np.diff(own.values)
+        told, drawn = told + float(model @ measured), drawn + float(model @ model)
+    return told / drawn if drawn > 0.0 else 0.0
+
+
+def errs_after_commands(problem: WanderingProblem, fit: WanderingFit) -> bool:
+    """Whether a model errs just after its commands far more than elsewhere: no wind waits for these."""
+    window = 2.0 * max(_pace_of(fit.theta), problem.interval)
+    squares: list[list[Array]] = [[], []]
+    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
+        stirred = np.zeros(len(t), dtype=bool)
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            if name in problem.form.inputs:
+                steps = segment.t_in[1:][np.abs(np.diff(column)) > STIRRED * np.ptp(column)]
+                since = np.append(-np.inf, steps)[np.searchsorted(steps, t, side="right")]
+                stirred |= t - since < window
+        for k in (0, 1):
+            squares[k].append((e * e / S)[stirred == bool(k)])
+    calm, after = (np.concatenate(s) for s in squares)
+    return min(len(calm), len(after)) >= FEWEST_TO_COMPARE and float(after.mean()) > OWN * float(calm.mean())
