@@ -29,7 +29,8 @@ __all__ = ["await_warmup", "jit_warmup", "warm_up"]
 
 _PATIENCE = 2.0
 """Seconds after which it is said why nothing happens."""
-_LOCK_STEPPED = "sitl:"
+_LOCK_STEPPED = ("sitl:", "memory")
+"""How the URIs begin, that of a ``MemoryLink`` too, of vehicles whose time stands still while we compute."""
 _MODEL = (1.0, 0.5)
 """Gain and drag [1/s] of the craft computed with: any."""
 

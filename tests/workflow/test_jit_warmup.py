@@ -31,9 +31,10 @@ def test_the_cascade_that_flies_the_laws_of_an_axis_is_compiled(axis):
     assert fly.signatures
 
 
-def test_time_that_stands_still_needs_no_process_and_no_warming():
+@pytest.mark.parametrize("connection", ["sitl:charlie", "memory"])
+def test_time_that_stands_still_needs_no_process_and_no_warming(connection):
     listener = Listener()
-    with jit_warmup.jit_warmup("sitl:charlie", ["yaw"], ["rover-heading"]) as worker:
+    with jit_warmup.jit_warmup(connection, ["yaw"], ["rover-heading"]) as worker:
         jit_warmup.await_warmup(None, worker, listener)
         assert not worker.apart
     assert listener.said == []
