@@ -17,6 +17,7 @@ initial_guess     where a fit of a form begins; ``first_look`` before any fit
 delay             whether the craft answers late: one rule for every form
 doubts            reasons not to trust a fit, with cause and cure; ``odd_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
+thrust_curve      an actuator that is weak for small commands; ``lopsided_thrust``: weaker one way
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
@@ -59,6 +60,7 @@ from gcs_autotune.identify.kalman.wandering import Tangent, WanderingFit, Wander
 from gcs_autotune.identify.kalman.wandering_score import Water
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
+from gcs_autotune.identify.lopsided_thrust import with_doubt_of_thrust
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.model_file import (
@@ -118,16 +120,28 @@ from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
 from gcs_autotune.identify.simulation import extended_of
 from gcs_autotune.identify.surge import CURVE, fit_surge, set_on_the_way_back, square_of
+from gcs_autotune.identify.thrust_curve import (
+    DEAD_ZONE,
+    QUADRATIC,
+    effect_number,
+    fit_thrust_curve,
+    fit_with_actuator,
+    pays,
+    thrust_curve_told,
+    unexplained,
+)
 from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlation_time
 
 __all__ = [
     "BLIND",
     "CURVE",
+    "DEAD_ZONE",
     "FREE",
     "INPUTS",
     "METHODS",
     "MIN_SAMPLES",
     "NU",
+    "QUADRATIC",
     "SIGNS",
     "THRUSTERS",
     "Agreement",
@@ -188,6 +202,7 @@ __all__ = [
     "descend",
     "draw_trace",
     "drives_of",
+    "effect_number",
     "experiments_needed",
     "extended_of",
     "find_cycles",
@@ -197,6 +212,8 @@ __all__ = [
     "fit_axis",
     "fit_base",
     "fit_surge",
+    "fit_thrust_curve",
+    "fit_with_actuator",
     "fitted_model_of",
     "form_of",
     "free_run",
@@ -229,6 +246,7 @@ __all__ = [
     "nomoto_of",
     "overlooked",
     "parts_of",
+    "pays",
     "physical",
     "plain_form",
     "prepare",
@@ -250,9 +268,12 @@ __all__ = [
     "solve_zigzag",
     "square_of",
     "thinned_to",
+    "thrust_curve_told",
+    "unexplained",
     "validate",
     "whole_model",
     "with_actuator",
+    "with_doubt_of_thrust",
     "within_horizon",
     "without_signal",
 ]

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from
 from gcs_autotune.errors import NoGainsMeetSpec
+from gcs_autotune.firmware import Axis
+from gcs_autotune.identify import Fit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import measure, windows_of
 from gcs_autotune.workflow.identification import Identified, delay_of
-from gcs_autotune.workflow.proof import Proof, reduction_of
+from gcs_autotune.workflow.proof import Proof, design_input_of, reduction_of
 from gcs_autotune.workflow.stop_rule import DesignQuestion
 from gcs_autotune.workflow.supplied_model import STRANGE, SuppliedModel, explained
-from gcs_autotune.workflow.thrust_curve import design_with_curve
 
 __all__ = ["StepCriteria", "design_from_file", "design_from_fit", "question_of"]
 
@@ -48,7 +49,7 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
     curved = found.curved
     if curved is not None:
         try:
-            log.proposal = context.run_in_background(design_with_curve, curved, axis, context.present, spec)
+            log.proposal = context.run_in_background(_design_with_curve, curved, axis, context.present, spec)
             return log.proposal
         except NoGainsMeetSpec as error:
             log.say(f"with the thrust curve {error}; designing without it")
@@ -114,3 +115,9 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         skid=context.craft.skid,
         throttle=context.throttle if by_thrust else 0.0,
     )
+
+
+def _design_with_curve(found: Fit, axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
+    """Return gains designed with the curve in the loop; errors as those of :func:`gcs_autotune.design.design_from`."""
+    model, units, covariance = design_input_of(found)
+    return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)

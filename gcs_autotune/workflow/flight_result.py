@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate
+from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate, with_doubt_of_thrust
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
@@ -20,7 +20,6 @@ from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
-from gcs_autotune.workflow.lopsided_thrust import with_doubt_of_thrust
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import TuneSettings

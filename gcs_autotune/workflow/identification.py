@@ -9,14 +9,22 @@ from functools import partial
 from typing import Literal
 
 from gcs_autotune.axes import excitation_of
-from gcs_autotune.identify import AxisFit, Fit, fit_axis, fit_surge, with_actuator
+from gcs_autotune.identify import (
+    AxisFit,
+    Fit,
+    fit_axis,
+    fit_surge,
+    fit_thrust_curve,
+    thrust_curve_told,
+    unexplained,
+    with_actuator,
+)
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import KnownDesign, KnownSurge, assess
 from gcs_autotune.workflow.third_relay import fly_third, third_relay
-from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, left, told
 
 __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
@@ -34,9 +42,9 @@ class Identified:
     short: bool = False
 
     @property
-    def left(self) -> float:
+    def unexplained(self) -> float:
         """What is left unexplained [percent]."""
-        return left(self.fit if self.curved is None else self.curved)
+        return unexplained(self.fit if self.curved is None else self.curved)
 
 
 def identify(
@@ -122,9 +130,9 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     log.say("identifying")
     plain = log.fit = _plain(context, trials)
     found = _with_curve(context, plain, trials, step)
-    if found.left < BENT_UNEXPLAINED or not short:
+    if found.unexplained < BENT_UNEXPLAINED or not short:
         return replace(found, short=short)
-    log.say(f"{found.left:.0f} % of the motion is not explained: flying it again until five periods agree")
+    log.say(f"{found.unexplained:.0f} % of the motion is not explained: flying it again until five periods agree")
     return _by_relays(context, step, turns_first=True)
 
 
@@ -151,7 +159,7 @@ def _with_curve(
     if context.settings.structure is None:
         curved = context.run_in_background(fit_thrust_curve, trials, plain, step, with_band=with_band)
     if curved is not None:
-        context.log.say(told(curved, plain, step))
+        context.log.say(thrust_curve_told(curved, plain, step))
         context.log.fit = with_actuator(curved, plain)
     return Identified(plain, trials, curved)
 

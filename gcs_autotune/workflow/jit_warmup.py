@@ -15,14 +15,13 @@ import numpy as np
 from gcs_autotune.clock import Deadline, ManualClock
 from gcs_autotune.design import LAWS, Scenario
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import fit, fit_axis
+from gcs_autotune.identify import DEAD_ZONE, fit, fit_axis, fit_with_actuator
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.background import finish
-from gcs_autotune.workflow.thrust_curve import DEAD, fitted
 from gcs_autotune.workflow.worker import Worker
 
 __all__ = ["await_warmup", "jit_warmup", "warm_up"]
@@ -81,7 +80,7 @@ def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
 def _identify(dof: str) -> None:
     trial = _swing([dof])
     try:
-        fitted([trial], fit_axis([trial], dof=dof, structure="affine"), DEAD)
+        fit_with_actuator([trial], fit_axis([trial], dof=dof, structure="affine"), DEAD_ZONE)
     except AutotuneError:
         return  # a craft on paper need not be worth a fit; what there was to compile is compiled
 

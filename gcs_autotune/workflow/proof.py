@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.axes import axis_kind, excitation_of
-from gcs_autotune.design import Actuator, Reduction, Remark, holding, in_fractions, pulse_of, throttle_of
+from gcs_autotune.design import Actuator, Reduction, Remark, holding, in_fractions, pulse_of, reduce, throttle_of
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import CURVE, AxisFit, square_of
+from gcs_autotune.identify import CURVE, AxisFit, Fit, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
@@ -24,7 +26,6 @@ from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
-from gcs_autotune.workflow.thrust_curve import reduction_with_curve
 
 __all__ = [
     "Known",
@@ -254,3 +255,18 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
     )
     remarks = (curve,) if abs(square) > STRAIGHT else ()
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)
+
+
+def reduction_with_curve(found: Fit, axis: Axis) -> Reduction:
+    """Return what a loop of *axis* is designed with when the curve is known."""
+    model, units, covariance = design_input_of(found)
+    return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
+
+
+def design_input_of(found: Fit) -> tuple[ExtendedModel, dict[str, str], NDArray[np.float64]]:
+    """Return the model, the unit of its inputs and the covariance of its numbers (p, p)."""
+    std = np.array([parameter.std for parameter in found.parameters.values()])
+    model = found.model
+    assert isinstance(model, ExtendedModel)
+    covariance: NDArray[np.float64] = np.nan_to_num(found.correlation) * np.outer(std, std)
+    return model, dict.fromkeys(model.base.form.inputs, "1"), covariance

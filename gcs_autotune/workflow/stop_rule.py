@@ -27,12 +27,11 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import Spec, design
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, set_on_the_way_back
+from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, set_on_the_way_back, unexplained
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import LEAST_REVERSALS, Relay
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import PredictedCost, SilentWatcher, Watcher
-from gcs_autotune.workflow.thrust_curve import left
 from gcs_autotune.workflow.worker import Worker
 
 __all__ = ["SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "KnownSurge", "assess"]
@@ -103,9 +102,9 @@ def _assess(question: DesignQuestion, run: Trial | None) -> Assessment:
     if len(runs[-1][signal]) < LEAST_SAMPLES:
         return Assessment(f"{len(runs[-1][signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
     fit = _fit(question, *runs)
-    if fit is None or left(fit) >= UNEXPLAINED:
+    if fit is None or unexplained(fit) >= UNEXPLAINED:
         alone = None if question.axis.needs_speed or run is None else _fit(question, run)
-        by_itself = alone is not None and left(alone) < BY_ITSELF
+        by_itself = alone is not None and unexplained(alone) < BY_ITSELF
         much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
     covariance = fit.craft_covariance
@@ -254,7 +253,7 @@ class KnownSurge:
             with suppress(AutotuneError):
                 self._seen = self._worker.result()
         found = self._seen
-        if found is None or left(found) >= BY_ITSELF or any(doubt.slug in UNKNOWN_YET for doubt in found.doubts):
+        if found is None or unexplained(found) >= BY_ITSELF or any(doubt.slug in UNKNOWN_YET for doubt in found.doubts):
             return ""
         along = set_on_the_way_back(self._out, self._throttle, heading, speed)
         if along is None or not along.is_none:

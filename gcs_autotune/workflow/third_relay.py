@@ -15,14 +15,22 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, Characteristic, ExtendedModel
 from gcs_autotune.errors import NotAchieved
-from gcs_autotune.identify import AxisFit, Fit
+from gcs_autotune.identify import (
+    DEAD_ZONE,
+    QUADRATIC,
+    AxisFit,
+    Fit,
+    effect_number,
+    fit_with_actuator,
+    pays,
+    unexplained,
+)
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import relay_for
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.thrust_curve import CURVE, DEAD, fitted, left, number, pays
 
 __all__ = ["ThirdRelay", "fly_third", "third_relay"]
 
@@ -50,19 +58,20 @@ def third_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
 
     plain : the model of the *runs* without either. room : largest relay output there is.
     """
-    dead, bent = fitted(runs, plain, DEAD), fitted(runs, plain, CURVE)
-    if dead is None or bent is None or not (pays(dead, plain, DEAD) and pays(bent, plain, CURVE)):
+    dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
+    if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
         return None
-    few, many = sorted((left(dead), left(bent)))
+    few, many = sorted((unexplained(dead), unexplained(bent)))
     if few < _ALIKE * many:
         return None
     output = _telling(_force_of(dead), _force_of(bent), [float(run.meta["C"]) for run in runs], room)
     if output is None:
         return None
+    below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
     return ThirdRelay(
         output,
-        f"the oscillations so far fit an actuator that does nothing below {number(dead, DEAD).value:.0%} of full as "
-        f"well as one that is bent ({number(bent, CURVE).value:.0%} of its force with the square of the command); a "
+        f"the oscillations so far fit an actuator that does nothing below {below:.0%} of full as "
+        f"well as one that is bent ({square:.0%} of its force with the square of the command); a "
         f"third, of {output:.2f} of full, tells them apart",
     )
 

@@ -11,12 +11,12 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Parameter, fit_axis
+from gcs_autotune.identify import AxisFit, Parameter, fit_axis, fit_thrust_curve, thrust_curve, thrust_curve_told
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.workflow import identification, thrust_curve
+from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.identification import Identified, again_with_step
+from gcs_autotune.workflow.proof import reduction_with_curve
 from gcs_autotune.workflow.third_relay import third_relay
-from gcs_autotune.workflow.thrust_curve import fit_thrust_curve, reduction_with_curve, told
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -71,7 +71,7 @@ def test_a_thruster_weak_for_small_commands_is_found_and_said():
     assert found is not None
     assert found.parameters["quadratic-actuator@N.share"].value == pytest.approx(0.75, abs=0.15)
     assert 100.0 - found.fit_percent < 0.4 * (100.0 - plain.fit_percent)
-    assert "weak for small commands" in told(found, plain)
+    assert "weak for small commands" in thrust_curve_told(found, plain)
 
 
 def test_a_straight_thruster_gets_no_curve():
@@ -91,8 +91,9 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
     found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
-    assert "the oscillations and the step together speak of an actuator that does nothing below 12" in told(
-        found, plain, dying_swing(0.0, DEAD_BAND)
+    assert (
+        "the oscillations and the step together speak of an actuator that does nothing below 12"
+        in thrust_curve_told(found, plain, dying_swing(0.0, DEAD_BAND))
     )
 
 
@@ -109,12 +110,12 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
 def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, step, found, monkeypatch):
     """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
     fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
-    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits.get(slugs))
+    monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     plain = a_fit(90.0)
     curve = fit_thrust_curve([None] * sizes, plain, step)
     assert (curve is fits["dead-zone",]) is found
     if found:
-        said = told(curve, plain)
+        said = thrust_curve_told(curve, plain)
         assert said == "the three oscillations speak of an actuator that does nothing below 14.4% of full"
 
 
@@ -124,10 +125,10 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
         ("dead-zone",): a_fit(93.3, dead_zone=0.141),
         ("saturation", "dead-zone"): a_fit(95.5, saturation=0.771, dead_zone=0.167),
     }
-    monkeypatch.setattr(thrust_curve, "fitted", lambda runs, plain, *slugs: fits.get(slugs))
+    monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     found = fit_thrust_curve([None] * 3, a_fit(89.7))
     assert found is fits["saturation", "dead-zone"]
-    assert "does nothing below 16.7% of full, and pushes no harder beyond 77%" in told(found, a_fit(89.7))
+    assert "does nothing below 16.7% of full, and pushes no harder beyond 77%" in thrust_curve_told(found, a_fit(89.7))
 
 
 @pytest.mark.slow
@@ -147,7 +148,7 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     assert float(actuator.static(np.array([band - 0.005]))[0]) == 0.0
     true = 0.07 * (0.2 + 0.8 * 0.07) * float(found.model.base.inertia[0, 0]) / ALPHA
     assert float(actuator.static(np.array([0.07]))[0]) == pytest.approx(true, rel=0.15)
-    assert "acts at once beyond" in told(found, plain, step)
+    assert "acts at once beyond" in thrust_curve_told(found, plain, step)
 
 
 @pytest.mark.parametrize(("dof", "needs_speed"), [("yaw", True), ("surge", False)])

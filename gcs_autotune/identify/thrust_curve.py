@@ -15,36 +15,33 @@ the oscillations tells where the thrust levels off, and so do three sizes of osc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design import USED, Proposal, Reduction, Spec, design_from, reduce
 from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import AxisFit, Fit, Parameter, fit
+from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.result import AxisFit, Fit, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
-    "CURVE",
-    "DEAD",
-    "design_with_curve",
+    "DEAD_ZONE",
+    "QUADRATIC",
+    "effect_number",
     "fit_thrust_curve",
-    "fitted",
-    "left",
-    "number",
+    "fit_with_actuator",
     "pays",
-    "reduction_with_curve",
-    "told",
+    "thrust_curve_told",
+    "unexplained",
 ]
 
 Array = NDArray[np.float64]
 
-CURVE = "quadratic-actuator"
-DEAD = "dead-zone"
+QUADRATIC = "quadratic-actuator"
+DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 _UNEXPLAINED = 0.8
 """The curve must bring what is left unexplained below this share of what it was..."""
@@ -62,6 +59,8 @@ _LEVELS = 60
 """Bands looked at, at most."""
 _CLOSER = 2
 """So many of them, those that foretell the step best, are fitted with everything else."""
+_HALF = 0.5
+"""Output [fraction of full] of which a bend is told in words."""
 _SHARES = (0.1, 1.5)
 """What the share of n|n| can be."""
 
@@ -77,19 +76,23 @@ def fit_thrust_curve(
     pushed (a linkage with slack) or as hard as without a band (a speed controller that starts at once). The second is
     looked for *with_band* only: position loops designed for it flew worse (BlueROV2 heading, ITAE 0.74 for 0.40).
     """
-    if left(plain) < _WORTH_A_LOOK:
+    if unexplained(plain) < _WORTH_A_LOOK:
         return None
-    curve = fitted(runs, plain, CURVE)
-    if curve is None or not pays(curve, plain, CURVE) or not _SHARES[0] < number(curve, CURVE).value < _SHARES[1]:
+    curve = fit_with_actuator(runs, plain, QUADRATIC)
+    if (
+        curve is None
+        or not pays(curve, plain, QUADRATIC)
+        or not _SHARES[0] < effect_number(curve, QUADRATIC).value < _SHARES[1]
+    ):
         return _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
     if step is None and len(runs) < _SIZES:
         return curve
     together = runs if step is None else [*runs, step]
-    bent = fitted(together, plain, CURVE)
+    bent = fit_with_actuator(together, plain, QUADRATIC)
     if bent is None:
         return curve
     beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
-    found = _with_more(together, plain, bent, [DEAD, LEVEL] if beyond else [DEAD], CURVE)
+    found = _with_more(together, plain, bent, [DEAD_ZONE, LEVEL] if beyond else [DEAD_ZONE], QUADRATIC)
     banded = None if step is None or not with_band else _with_neutral_band(runs, plain, curve, bent, step)
     if banded is not None and _likelihood(banded) > _likelihood(found):
         return banded
@@ -101,8 +104,10 @@ def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
 
     A curve alone need not come near that.
     """
-    dead = fitted(runs, plain, DEAD)
-    return _with_more(runs, plain, dead, [LEVEL], DEAD) if dead is not None and pays(dead, plain, DEAD) else None
+    dead = fit_with_actuator(runs, plain, DEAD_ZONE)
+    return (
+        _with_more(runs, plain, dead, [LEVEL], DEAD_ZONE) if dead is not None and pays(dead, plain, DEAD_ZONE) else None
+    )
 
 
 def _likelihood(fit: Fit) -> float:
@@ -124,13 +129,17 @@ def _with_neutral_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit, bent: 
     bands = _bands(step, plain.model.axis.force, smallest)
     bands.sort(key=lambda band: band.foretold(curve, step), reverse=True)
     together = [*runs, step]
-    tried = [(fit, band) for band in bands[:_CLOSER] if (fit := fitted(together, plain, CURVE, band=band)) is not None]
+    tried = [
+        (fit, band)
+        for band in bands[:_CLOSER]
+        if (fit := fit_with_actuator(together, plain, QUADRATIC, band=band)) is not None
+    ]
     if not tried:
         return None
     best, band = max(tried, key=lambda entry: _likelihood(entry[0]))
-    if not pays(best, bent, DEAD):
+    if not pays(best, bent, DEAD_ZONE):
         return None
-    levelled = fitted(together, plain, LEVEL, CURVE, band=band)
+    levelled = fit_with_actuator(together, plain, LEVEL, QUADRATIC, band=band)
     return levelled if levelled is not None and pays(levelled, best, LEVEL) else best
 
 
@@ -159,15 +168,15 @@ class _Band:
         """Return *fit*, of runs that are :meth:`on` it, with the band as the effect that it is."""
         model = fit.model
         assert isinstance(model, ExtendedModel)
-        own = EffectInstance(DEAD, self.force, {"width": self.width}, {SUBTRACTED: 0.0})
-        name = f"{DEAD}@{self.force}.width"
+        own = EffectInstance(DEAD_ZONE, self.force, {"width": self.width}, {SUBTRACTED: 0.0})
+        name = f"{DEAD_ZONE}@{self.force}.width"
         size = len(fit.parameters)
         covariance = np.zeros((size + 1,) * 2)
         covariance[:size, :size] = fit.covariance
         covariance[size, size] = self.std**2
         return replace(
             fit,
-            structure=f"{fit.structure} + {DEAD}@{self.force}",
+            structure=f"{fit.structure} + {DEAD_ZONE}@{self.force}",
             model=replace(model, effects=in_order((*model.effects, own))),
             parameters={**fit.parameters, name: Parameter(name, self.width, "1", self.std, "fitted")},
             covariance=covariance,
@@ -191,8 +200,8 @@ def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit, more: Sequenc
     slugs: tuple[str, ...] = (has,)
     best, more = simple, list(more)
     while more:
-        tried = [(slug, fitted(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
-        paying = [(left(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
+        tried = [(slug, fit_with_actuator(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
+        paying = [(unexplained(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
         if not paying:
             break
         _, slug, best = min(paying, key=lambda entry: entry[0])
@@ -203,10 +212,10 @@ def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit, more: Sequenc
 
 def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
     """Return the effects as they act: on the command first, on the force last."""
-    return tuple(slug for slug in (LEVEL, DEAD, CURVE) if slug in slugs)
+    return tuple(slug for slug in (LEVEL, DEAD_ZONE, QUADRATIC) if slug in slugs)
 
 
-def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None) -> Fit | None:
+def fit_with_actuator(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None) -> Fit | None:
     """Return the model with these effects of the actuator, and with a neutral *band*, or None when there is none."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
@@ -220,31 +229,31 @@ def fitted(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | Non
 
 def pays(found: Fit, without: Fit | AxisFit, slug: str) -> bool:
     """Whether *found* clearly needs its effect *slug*, *without* being a model of the same runs that lacks it."""
-    own = number(found, slug)
-    return left(found) < _UNEXPLAINED * left(without) and own.value > _STDS * own.std
+    own = effect_number(found, slug)
+    return unexplained(found) < _UNEXPLAINED * unexplained(without) and own.value > _STDS * own.std
 
 
-def number(found: Fit, slug: str) -> Parameter:
+def effect_number(found: Fit, slug: str) -> Parameter:
     """Return the one number of the effect *slug*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
-def left(found: Fit | AxisFit) -> float:
+def unexplained(found: Fit | AxisFit) -> float:
     """Return what is left unexplained [percent]."""
     return 100.0 - found.fit_percent
 
 
-def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
+def thrust_curve_told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
     """Return the finding in a sentence. *step*: the one that was looked at too."""
     has = {name.partition("@")[0] for name in found.parameters}
     square, sure = "", False
-    if CURVE in has:
-        share, (at, part) = number(found, CURVE), bent_at_half(found)
+    if QUADRATIC in has:
+        share, (at, part) = effect_number(found, QUADRATIC), _bent_at_half(found)
         sure = share.value > _STDS * share.std
         square = f"{part:.0%} of the force goes with the square of the command at {at:.0%} of full"
-    levels = f", and pushes no harder beyond {number(found, LEVEL).value:.0%}" if LEVEL in has else ""
-    if DEAD in has:
-        speak = f"of an actuator that does nothing below {number(found, DEAD).value:.1%} of full"
+    levels = f", and pushes no harder beyond {effect_number(found, LEVEL).value:.0%}" if LEVEL in has else ""
+    if DEAD_ZONE in has:
+        speak = f"of an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
         if _lost(found) == 0.0:
             speak += " and acts at once beyond (the neutral band of a speed controller)"
         if sure:
@@ -258,45 +267,24 @@ def told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
     )
 
 
-def bent_at_half(found: Fit) -> tuple[float, float]:
+def _bent_at_half(found: Fit) -> tuple[float, float]:
     """Return an output [fraction of full] and the share of the force there that goes with the square of the command.
 
     The fitted share is that at the largest output of the runs it was fitted to. Told of one output, half of full, the
     same thruster has the same share whatever was flown.
     """
-    share, reference = number(found, CURVE).value, _reference(found)
-    square = share * max(USED - _lost(found), 0.0) / reference
-    return USED, square / (1.0 - share + square)
+    share, reference = effect_number(found, QUADRATIC).value, _reference(found)
+    square = share * max(_HALF - _lost(found), 0.0) / reference
+    return _HALF, square / (1.0 - share + square)
 
 
 def _lost(found: Fit) -> float:
     """Return what a dead zone takes off commands beyond it; 0 without one."""
     assert isinstance(found.model, ExtendedModel)
-    zones = (own for own in found.model.effects if own.slug == DEAD)
+    zones = (own for own in found.model.effects if own.slug == DEAD_ZONE)
     return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)
 
 
 def _reference(found: Fit) -> float:
     assert isinstance(found.model, ExtendedModel)
-    return next(own.constants["u_ref"] for own in found.model.effects if own.slug == CURVE)
-
-
-def design_with_curve(found: Fit, axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
-    """Return gains designed with the curve in the loop; errors as those of :func:`gcs_autotune.design.design_from`."""
-    model, units, covariance = _parts(found)
-    return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)
-
-
-def reduction_with_curve(found: Fit, axis: Axis) -> Reduction:
-    """Return what a loop of *axis* is designed with when the curve is known."""
-    model, units, covariance = _parts(found)
-    return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
-
-
-def _parts(found: Fit) -> tuple[ExtendedModel, dict[str, str], Array]:
-    """Return the model, the unit of its inputs and the covariance of its numbers (p, p)."""
-    std = np.array([parameter.std for parameter in found.parameters.values()])
-    model = found.model
-    assert isinstance(model, ExtendedModel)
-    covariance: Array = np.nan_to_num(found.correlation) * np.outer(std, std)
-    return model, dict.fromkeys(model.base.form.inputs, "1"), covariance
+    return next(own.constants["u_ref"] for own in found.model.effects if own.slug == QUADRATIC)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs_autotune.identify import AxisFit, Doubt
+from gcs_autotune.identify.result import AxisFit, Doubt
+from gcs_autotune.identify.thrust_curve import effect_number, fit_with_actuator, unexplained
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.thrust_curve import fitted, left, number
 
 __all__ = ["with_doubt_of_thrust"]
 
@@ -35,11 +35,11 @@ def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -
     shares = np.concatenate([run[force].values for run in used])
     if not (shares.min() < -_USED and shares.max() > _USED):
         return fit
-    other = fitted(used, fit, _LOPSIDED)
+    other = fit_with_actuator(used, fit, _LOPSIDED)
     if other is None:
         return fit
-    ratio, size = number(other, _LOPSIDED), len(shares)
-    evidence = -2.0 * size * math.log(max(left(other), 1e-9) / left(fit)) - math.log(size)
+    ratio, size = effect_number(other, _LOPSIDED), len(shares)
+    evidence = -2.0 * size * math.log(max(unexplained(other), 1e-9) / unexplained(fit)) - math.log(size)
     if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
         return fit
     one, way = _WAYS[force]
