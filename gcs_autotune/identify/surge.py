@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.errors import NotInformative
+from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
+from gcs_autotune.identify.free_run import free_run
 from gcs_autotune.identify.problem import label_of
 from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
 from gcs_autotune.trial import Trial
@@ -101,9 +102,15 @@ def square_of(fit: AxisFit) -> float:
 
 
 def fit_surge(
-    trials: Sequence[Trial], *, structure: Structure | None = None, delay: Literal["auto"] | float = "auto"
+    trials: Sequence[Trial],
+    *,
+    structure: Structure | None = None,
+    delay: Literal["auto"] | float = "auto",
+    along: AlongTrack | None = None,
 ) -> AxisFit:
     """Identify surge from runs with ``X`` as a fraction of full throttle and ``u``.
+
+    along : the set seen otherwise, for runs that do not show it themselves.
 
     Returns
     -------
@@ -115,11 +122,8 @@ def fit_surge(
     ------
     MissingChannel, BadFile, NotInformative
         As :func:`gcs_autotune.identify.fit_axis`.
-
-    A run that ended before its first level tells the current only.
     """
-    along = along_track(trials)
-    trials = [t for t in trials if any(mark.kind == "level" for mark in t.marks)] or trials
+    along = along_track(trials) or along
     if along is None or not along.matters:
         return _fit(trials, structure, delay)
     found = _fit([through_water(t, along) for t in trials], structure, delay)
@@ -249,6 +253,8 @@ SURE = 3.0
 """Standard errors that it must exceed."""
 AROUND = 1.5
 """Seconds before a steady mark over which it was taken."""
+BLOCK, LEAST_BLOCKS = 2.0, 4
+"""Chosen [s]: a receiver's filter has forgotten by then; so many means tell their scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,16 +286,33 @@ class AlongTrack:
         return abs(self.set) + SURE * self.error <= max(LEAST_CURRENT, SHARE * abs(speed))
 
 
-def set_on_the_way_back(out: Trial, level: float, heading: float, speed: float) -> AlongTrack | None:
-    """Compare *speed* [m/s], kept on *heading* [rad] at a throttle *level*, with that of *out*; None when they do not.
+def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | None:
+    """Return the set that *back* shows beside what the *fit* of *out* foretells of it; any run with X, u and psi.
 
-    That is when *out* was not steady at that level, or when *heading* is no way back.
+    A set along the way out is in the forces of its fit. So on the way back the boat is slower than foretold by twice
+    the set, whatever is asked of it meanwhile (of a boat whose drag goes with the square a sixth less). The error is
+    the scatter of the means over ``BLOCK`` seconds, with which what the fit does not know of other speeds shows, too.
+
+    None when *back* is no way back, too short to tell, or not to be foretold.
     """
-    course, speeds = _steady(out)
-    at = round(level, 6)
-    if at not in speeds or not math.cos(course - heading) < OPPOSITE:
+    course, _ = _steady(out)
+    psi = back["psi"].values
+    heading = math.atan2(float(np.mean(np.sin(psi))), float(np.mean(np.cos(psi))))
+    if not math.cos(course - heading) < OPPOSITE:
         return None
-    return _compared(course, [(speeds[at], [speed])])
+    try:
+        trace = free_run(fit, bent(back, square_of(fit)))
+    except (MissingChannel, NotInformative):
+        return None
+    inner = trace.t >= trace.t[0] + BLOCK  # where its motion began was fitted to it
+    block = np.floor((trace.t[inner] - trace.t[0]) / BLOCK)
+    late = [(trace.fitted - trace.measured)[inner][block == n] for n in np.unique(block)[:-1]]
+    if len(late) < LEAST_BLOCKS:
+        return None
+    means = np.array([float(np.mean(x)) for x in late])
+    error = 0.5 * float(np.std(means, ddof=1)) / math.sqrt(len(means))
+    foretold = float(np.mean(trace.fitted[inner]))
+    return AlongTrack(foretold, foretold - float(np.mean(means)), error, course)
 
 
 def along_track(trials: Sequence[Trial]) -> AlongTrack | None:

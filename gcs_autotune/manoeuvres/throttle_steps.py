@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,8 +35,14 @@ STEADY_SHARE = 0.04
 """Speed counts as steady when it changes less than this share of the working speed over the window [s]."""
 NOISE_STDS = 2.0
 """... or less than the noise can tell."""
+ANSWERED = 0.08
+"""Chosen: a boat has answered a level once the mean speed over its last quarter differs from that over the quarter
+before by less than this share of the whole change: after three time constants, with 95 % of the change, however quick
+she is."""
 COASTED = 0.35
 """Coasting ends at this share of the working speed: the rudder is to bite again."""
+FEW = 5
+"""Chosen: of so many readings is the speed that a level begins with."""
 BEFORE = 2.0
 """So much [s] of the steady approach belongs to the record proper: the state the first step starts from."""
 
@@ -46,7 +52,7 @@ class ThrottleStepsSettings:
     """What to fly: ``throttle`` the working throttle [fraction of full], ``levels`` shares of it, ``most`` the largest.
 
     A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: slower than that is no
-    way to tell anything from.
+    way to tell anything from. ``until_answered``: a level ends once the boat has answered it, steady or not.
     """
 
     throttle: float
@@ -55,14 +61,11 @@ class ThrottleStepsSettings:
     least_time: float = 4.0
     most_time: float = 12.0
     least_speed: float = 0.2
+    until_answered: bool = False
 
 
 class ThrottleSteps(Manoeuvre):
-    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it.
-
-    ``enough`` is asked once the approach is steady, with the heading [rad] and the speed [m/s] that the boat keeps
-    there: why the levels need not be flown, empty when they must be. It returns at once.
-    """
+    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
 
     kind = "throttle-steps"
 
@@ -70,11 +73,9 @@ class ThrottleSteps(Manoeuvre):
         self,
         settings: ThrottleStepsSettings,
         name: str = "throttle-steps",
-        enough: Callable[[float, float], str] | None = None,
     ) -> None:
         super().__init__(name, signal="u", force="X")
         self._settings = settings
-        self._enough = enough
         self._approach = Approach("u", needs_way=True)
         self._heading_hold = HeadingHold()
         self._levels = [min(share * settings.throttle, settings.most) for share in settings.levels]
@@ -82,6 +83,8 @@ class ThrottleSteps(Manoeuvre):
         self._next = 0
         self._since = self._began = math.nan
         self._seen: deque[tuple[float, float, float]] = deque()
+        self._of_level: list[float] = []
+        self._from = math.nan
 
     @property
     def asked(self) -> Mapping[str, Any]:
@@ -124,20 +127,22 @@ class ThrottleSteps(Manoeuvre):
     def _take(self, observation: Observation) -> None:
         t, u = observation.t, observation.u
         self._seen.append((t, u, observation.output.get("X", math.nan)))
+        self._of_level.append(u)
         while self._seen[0][0] < t - STEADY_WINDOW:
             self._seen.popleft()
         if math.isnan(self._began):
             self._approach.update(t, u, u)
             if self._approach.done:
-                self._begin(t, observation.psi)
+                self._begin(t)
             return
         elapsed, s = t - self._since, self._settings
         steady = elapsed >= s.least_time and self._is_steady()
         coasted = self._level == 0.0 and u <= COASTED * self._approach.speed
-        if steady or coasted or elapsed >= s.most_time:
+        answered = s.until_answered and elapsed >= s.least_time and self._has_answered()
+        if steady or answered or coasted or elapsed >= s.most_time:
             self._step(t, steady=steady)
 
-    def _begin(self, t: float, psi: float) -> None:
+    def _begin(self, t: float) -> None:
         speed, s = self._approach.speed, self._settings
         if not speed >= s.least_speed:
             self._end(
@@ -148,11 +153,7 @@ class ThrottleSteps(Manoeuvre):
             return
         self._began = t - BEFORE
         self._mark_steady(t)
-        reason = self._enough(psi, self._kept(t)[0]) if self._enough is not None else ""
-        if reason:
-            self._end("completed", reason)
-        else:
-            self._step(t, steady=False)
+        self._step(t, steady=False)
 
     def _kept(self, t: float) -> tuple[float, float]:
         """Return speed [m/s] and throttle, as measured, over the later half of the window."""
@@ -173,8 +174,17 @@ class ThrottleSteps(Manoeuvre):
         self._level = self._levels[self._next]
         self._next += 1
         self._since = t
+        self._from = float(np.mean(self._of_level[-FEW:]))
         self._seen.clear()
+        self._of_level.clear()
         self._mark(t, "level", {"X": self._level})
+
+    def _has_answered(self) -> bool:
+        quarter = len(self._of_level) // 4
+        if not quarter:
+            return False
+        before, last = (float(np.mean(part)) for part in np.split(np.array(self._of_level[-2 * quarter :]), 2))
+        return abs(last - before) < ANSWERED * abs(last - self._from)
 
     def _is_steady(self) -> bool:
         if not self._seen or self._seen[-1][0] - self._seen[0][0] < 0.8 * STEADY_WINDOW:

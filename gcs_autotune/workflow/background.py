@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "beside", "finish", "run_in_background"]
+__all__ = ["agreed", "ask", "await_worker", "beside", "finish", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -46,6 +46,11 @@ def run_in_background(
         return work(*args, **named)
     _keep_company(craft)
     worker.begin(partial(work, *args, **named))
+    return await_worker(craft, worker, bear)  # type: ignore[no-any-return]
+
+
+def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneError], bool]) -> Any:
+    """Return what was begun at the *worker*, likewise."""
     while True:
         try:
             _watch(craft, worker)
@@ -58,7 +63,7 @@ def run_in_background(
             worker.abandon()
             raise
         else:
-            return worker.result()  # type: ignore[no-any-return]
+            return worker.result()
 
 
 def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:

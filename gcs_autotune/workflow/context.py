@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ParamSpec, TypeVar
 
+from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import LAWS, Law
 from gcs_autotune.errors import PreconditionFailed
@@ -18,7 +19,7 @@ from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, restore_on_exit
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.background import agreed, beside, run_in_background
+from gcs_autotune.workflow.background import agreed, await_worker, beside, run_in_background
 from gcs_autotune.workflow.connection import say_link_times
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.operator import Operator
@@ -85,6 +86,19 @@ class TuneContext:
             return False
         ahead = math.inf if self.settings.stop_rule == SETTLED else ahead
         return self.runner.come_about(self.throttle, ahead, last=last)
+
+    def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
+        """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
+        if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
+            self.come_about(before, math.inf)
+            return work()
+        self.worker.begin(work)
+        try:
+            self.come_about(before, math.inf)
+        except BaseException:
+            self.worker.abandon()
+            raise
+        return await_worker(self.craft, self.worker, self.runner.bear)  # type: ignore[no-any-return]
 
     def begin(self) -> None:
         """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,11 +84,13 @@ LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
 """Chosen: between them there is way on, and room for the autopilot to make up for turned thrust."""
 
 
-def throttle_steps_for(
-    throttle: float, number: int, name: str, enough: Callable[[float, float], str] | None = None
-) -> ThrottleSteps:
-    """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction]; *enough* may end it."""
-    return ThrottleSteps(ThrottleStepsSettings(throttle, LEVELS[number % len(LEVELS)]), name, enough)
+def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool = False) -> ThrottleSteps:
+    """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction].
+
+    short : its levels end once the boat has answered them.
+    """
+    levels = LEVELS[number % len(LEVELS)]
+    return ThrottleSteps(ThrottleStepsSettings(throttle, levels, until_answered=short), name)
 
 
 def relay_for(

@@ -15,6 +15,7 @@ from gcs_autotune.identify import (
     fit_axis,
     fit_surge,
     fit_thrust_curve,
+    set_on_the_way_back,
     thrust_curve_told,
     unexplained,
     with_actuator,
@@ -23,7 +24,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.stop_rule import KnownDesign, KnownSurge, assess
+from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
 from gcs_autotune.workflow.third_relay import fly_third, third_relay
 
 __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
@@ -60,7 +61,7 @@ def identify(
     step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
     rule : ends relays once the gains are known; without it five periods that agree do.
     turns_first : bring a boat back before the first of them, too.
-    early : a boat's throttle steps on the way back end where they would tell nothing new.
+    early : a boat's throttle steps are not flown on the way back where they would tell nothing new.
     """
     if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
@@ -144,8 +145,11 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
     """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
 
     The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
-    Not of a boat: there the autopilot drives its own throttle meanwhile, on which the steering rests.
+    Not of a boat's steering: the autopilot drives its own throttle meanwhile, on which that rests. Of its surge the
+    step is the way back.
     """
+    if found.short and excitation_of(context.axis.dof).by_throttle:
+        return _with_step_back(context, found, step)
     if excitation_of(context.axis.dof).by_throttle or context.axis.needs_speed:
         return found
     context.log.say("identifying, with the step")
@@ -170,21 +174,51 @@ def _plain(context: TuneContext, trials: list[Trial]) -> AxisFit:
 
 
 def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) -> Identified:
-    """Fly throttle steps out and back: between them a current shows. *early*: the way back ends once there is none."""
+    """Fly throttle steps out and back: between them a current shows.
+
+    *early*: not back where the way out is explained; the step, flown on the way back, shows the current, too.
+    """
     s, log = context.settings, context.log
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     if turns_first:
         context.come_about("throttle-1", SWING_AHEAD)
-    first = context.fly(throttle_steps_for(context.throttle, 0, "throttle-1"), "first throttle steps").trial
-    rule = KnownSurge(context.craft, context.worker, first, context.throttle, partial(fitted, [first]))
-    try:
-        if early and not context.earlier.has("throttle-2"):
-            rule.start()
+    out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
+    first = context.fly(out, "first throttle steps").trial
+    if early and not context.earlier.has("throttle-2"):
+        log.say("identifying")
+        fit: AxisFit = context.come_back_meanwhile("step-before", partial(fitted, [first]))
+        if unexplained(fit) < BY_ITSELF:
+            log.fit = fit
+            return Identified(fit, [first], short=True)
+    else:
         context.come_about("throttle-2", math.inf)
-        back = throttle_steps_for(context.throttle, 1, "throttle-2", rule.enough)
-        trials = [first, context.fly(back, "second throttle steps").trial]
-    finally:
-        rule.close()
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
-    fit = log.fit = context.run_in_background(fitted, trials) if rule.fit is None else rule.fit
-    return Identified(fit, trials, short=rule.fit is not None)
+    fit = log.fit = context.run_in_background(fitted, trials)
+    return Identified(fit, trials)
+
+
+def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Identified:
+    """Return the surge that a way out and the *step* on the way back tell together; else fly throttle steps back, too.
+
+    Together they tell nothing sure where they show a current, or where it is open how drag or thrust goes.
+    """
+    log, s, first = context.log, context.settings, found.runs[0]
+    fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
+    along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
+    if along is not None and along.is_none:
+        log.say(f"back the boat is as quick within {2.0 * abs(along.set):.2f} m/s: no current that counts")
+        log.say("identifying, with the step")
+        fit = context.run_in_background(fitted, [first, step])
+        if unexplained(fit) < BY_ITSELF and not any(doubt.slug in UNKNOWN_YET for doubt in fit.doubts):
+            log.fit = fit
+            return Identified(fit, [first, step], short=True)
+    context.come_about("throttle-2", SWING_AHEAD)
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
+    log.say("identifying")
+    fit = log.fit = context.run_in_background(fitted, trials, along=along)
+    return Identified(fit, trials)
+
+
+UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")
+"""What must not be left open of a boat that flies no throttle steps back."""

@@ -61,9 +61,10 @@ def legs_of_tune(
     turn = turn if settings.stop_rule == SETTLED else 0.0
     flown = _swings(dof, under_way) if thorough else _known(under_way)
     swings = [] if given else [replace(swing, before=turn) for swing in flown]
-    if swings and under_way and excitation_of(dof).by_throttle:
-        swings[1] = replace(swings[1], before=TURN)  # out and back
-    legs += [*swings, replace(before, before=turn if swings else 0.0)] if moving else [before, *swings]
+    back = turn if swings else 0.0
+    if swings and under_way and excitation_of(dof).by_throttle and settings.stop_rule != SETTLED:
+        swings, back = swings[:1], TURN  # the step is the way back
+    legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
     return tuple(legs)

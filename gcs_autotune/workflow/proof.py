@@ -51,7 +51,10 @@ NEAR = 0.9
 SAME_SPEED = 0.02
 """A present cruise speed within this share of the measured one is left alone."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""A speed step is given so many time constants of the craft, within these bounds [s]."""
+"""A speed or turn-rate step is given so many time constants of the craft, within these bounds [s] of a speed."""
+SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
+"""...and these where a half may end early: both steps are compared over what both recorded, and gains that are worth
+writing have a boat at its target by then."""
 HOLD = 10.0
 """Chosen: a craft that can stay where it is is held so long [s] before its step, for its integral to come to rest."""
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
@@ -182,7 +185,10 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
         )
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
-    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, LEAST_DURATION), MOST_DURATION)
+    share, least_duration = (
+        (SETTLE_OF_TIME, LEAST_DURATION) if settings.stop_rule == SETTLED else (SHORT_OF_TIME, LEAST_SHORT)
+    )
+    duration = settings.step_duration or min(max(share * time, least_duration), MOST_DURATION)
     enough, least = _enough(settings, ENOUGH), _enough(settings, LEAST)
     step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=enough, least_enough=least)
     if top < NEAR * kept:

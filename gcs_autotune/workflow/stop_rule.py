@@ -9,14 +9,11 @@ An actuator with a dead zone or a bent curve makes the step another craft's than
 then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
 fits badly otherwise (waves) is left to the five periods, and so is a boat that fits badly: waves show in its steps,
 which turn it gently, before they show in its oscillations.
-
-Of a boat's two runs of throttle steps the second, on the way back, ends once it shows that there is no current.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -27,14 +24,14 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import Spec, design
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, set_on_the_way_back, unexplained
+from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, unexplained
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import LEAST_REVERSALS, Relay
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import PredictedCost, SilentWatcher, Watcher
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "KnownSurge", "assess"]
+__all__ = ["BY_ITSELF", "SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
 
 UNEXPLAINED = 4.0
 """Chosen [percent]: of the motion, at most so much may be left unexplained by a model that is designed from early."""
@@ -213,63 +210,3 @@ class KnownDesign:
         if self._at_work:
             self._worker.abandon()
             self._at_work = False
-
-
-class KnownSurge:
-    """Ends a boat's second run of throttle steps at its approach, where the first run has told the rest.
-
-    The way *out* bends the thrust curve apart from the drag curve by itself; that no current sets along the track, only
-    the way back shows. *fit* identifies the way out, at *worker*: while the boat turns about.
-    """
-
-    def __init__(
-        self, craft: MavlinkCraft, worker: Worker, out: Trial, throttle: float, fit: Callable[[], AxisFit]
-    ) -> None:
-        self._craft, self._worker, self._out, self._throttle, self._fit = craft, worker, out, throttle, fit
-        self._at_work = False
-        self._seen: AxisFit | None = None
-        self.fit: AxisFit | None = None
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> KnownSurge:
-        """A run that is flown again asks the same one."""
-        return self
-
-    def start(self) -> None:
-        """Have the way out looked at."""
-        if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
-            with suppress(AutotuneError):
-                self._seen = self._fit()
-        else:
-            self._worker.begin(self._fit)
-            self._at_work = True
-
-    def enough(self, heading: float, speed: float) -> str:
-        """Return why the way back need not be flown on, at a *speed* [m/s] kept on *heading* [rad]; empty if it must.
-
-        ``fit`` is then the model.
-        """
-        if self._at_work and self._worker.done:
-            self._at_work = False
-            with suppress(AutotuneError):
-                self._seen = self._worker.result()
-        found = self._seen
-        if found is None or unexplained(found) >= BY_ITSELF or any(doubt.slug in UNKNOWN_YET for doubt in found.doubts):
-            return ""
-        along = set_on_the_way_back(self._out, self._throttle, heading, speed)
-        if along is None or not along.is_none:
-            return ""
-        self.fit = found
-        return (
-            f"the way out explains {found.fit_percent:.0f} % of its motion, and back the boat is as quick "
-            f"within {2.0 * abs(along.set):.2f} m/s: no current that counts"
-        )
-
-    def close(self) -> None:
-        """The run is over; nobody waits for an answer any more."""
-        if self._at_work:
-            self._worker.abandon()
-            self._at_work = False
-
-
-UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")
-"""What a way out that ends the way back must not leave open."""

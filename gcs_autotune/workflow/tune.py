@@ -44,7 +44,7 @@ from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, changes_of, step_of
-from gcs_autotune.workflow.supplied_model import supplied_for
+from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.worker import Worker
 
@@ -153,11 +153,9 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     if context.law.controls_velocity:
         if given is None:
             found = identify(context, early=settings.stop_rule != SETTLED)
-            context.come_about("step-before", STEP_AHEAD)
-            known = known_of(found, axis)
-        else:
-            known = known_of(given, axis)
-        proof = proof_of_velocity(axis.dof, settings, context.throttle, context.speed, known, context.present)
+            if not found.short:  # else it has just come about
+                context.come_about("step-before", STEP_AHEAD)
+        proof = _proof_of_velocity(context, found or given)
     else:
         proof = proof_about_rest(settings, axis, context.speed)
     before = context.fly(proof.step("step-before"), "step with present gains").trial
@@ -171,6 +169,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
             found = identify(context, before, _rule(context, proof, before, grain))
         else:
             found = again_with_step(context, found, before)
+            proof = replace(proof, measured=_proof_of_velocity(context, found).measured)
         noise = noise_behind(before, found.fit, moving, grain)
         criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
         proposal = design_from_fit(context, found, criteria, before)
@@ -183,6 +182,14 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         proposal = design_from_file(context, given, before, criteria)
     log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
     accept_or_revert(context, proposal, before, criteria, journal)
+
+
+def _proof_of_velocity(context: TuneContext, source: Identified | SuppliedModel | None) -> Proof:
+    assert source is not None
+    known = known_of(source, context.axis)
+    return proof_of_velocity(
+        context.axis.dof, context.settings, context.throttle, context.speed, known, context.present
+    )
 
 
 def _rule(context: TuneContext, proof: Proof, before: Trial, grain: float) -> KnownDesign | None:

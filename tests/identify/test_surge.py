@@ -136,35 +136,30 @@ def with_steady(run: Trial, heading: float, levels: dict[float, float]) -> Trial
     return replace(run, channels={**run.channels, "psi": psi}, marks=tuple(marks))
 
 
-def test_a_way_back_that_ended_at_its_approach_tells_the_current_and_nothing_else() -> None:
-    model = SingleDof("surge", "1", 0.8, 0.25, 0.1)
-    out = with_steady(flown(model, 0.5, LEVELS[0], 1), 0.3, {0.6: 1.2})
-    back = with_steady(flown(model, 0.5, (0.6,), 2), 0.3 + np.pi, {0.6: 1.2})
-    back = replace(back, marks=back.marks[1:])
-    alone, both = fit_surge([out]), fit_surge([out, back])
-    assert {n: p.value for n, p in both.parameters.items()} == {n: p.value for n, p in alone.parameters.items()}
-    slower = replace(back, marks=(Mark(12.0, "steady", {"u": 0.8, "level": 0.6}),))
-    assert any(d.slug == "set-along-the-track" and "0.20" in d.cause for d in fit_surge([out, slower]).doubts)
+def on_heading(run: Trial, heading: float, water: float) -> Trial:
+    """Return *run* on a *heading* [rad], its speed over ground in a current that sets north at *water* [m/s]."""
+    u = replace(run["u"], values=run["u"].values + water * np.cos(heading))
+    psi = Channel("psi", "rad", u.t, np.full(len(u.t), heading))
+    steady = Mark(float(u.t[-1]), "steady", {"u": float(u.values[-1]), "level": 0.6})
+    return replace(run, channels={**run.channels, "u": u, "psi": psi}, marks=(steady,))
 
 
-def test_a_current_is_none_only_where_its_interval_says_so() -> None:
-    run = flown(SingleDof("surge", "1", 0.8, 0.25, 0.1), 0.5, LEVELS[0], 1)
-    steady = with_steady(run, 0.3, {0.6: 1.2})
-    again = replace(steady, marks=(*steady.marks, Mark(59.0, "steady", {"u": 1.204, "level": 0.6})))
-    wobbly = replace(steady, marks=(*steady.marks, Mark(59.0, "steady", {"u": 1.30, "level": 0.6})))
-    back = 0.3 + np.pi
-
-    def seen(out: Trial, speed: float) -> bool:
-        found = set_on_the_way_back(out, 0.6, back, speed)
-        assert found is not None
-        return found.is_none
-
-    assert seen(again, 1.21)
-    assert not seen(again, 1.05)
-    assert not seen(wobbly, 1.25)
-    assert not seen(steady, 1.2)  # one reading each way does not say how sure it is
-    assert set_on_the_way_back(again, 0.6, 0.4, 1.2) is None
-    assert set_on_the_way_back(again, 0.5, back, 1.2) is None
+@pytest.mark.parametrize("square", [0.0, 1.0])
+@pytest.mark.parametrize("water", [0.0, 0.02, 0.15, -0.3])
+def test_any_run_on_the_way_back_shows_the_current_beside_what_the_way_out_foretells(
+    water: float, square: float
+) -> None:
+    model = SingleDof("surge", "1", 4.0, 0.0, 0.444) if square else SingleDof("surge", "1", 0.4, 0.3, 0.0)
+    out, back = (on_heading(flown(model, square, LEVELS[n], n), n * np.pi, water) for n in (0, 1))
+    fit = fit_surge([out])
+    found = set_on_the_way_back(fit, out, replace(back, marks=()))
+    assert found is not None
+    assert found.set == pytest.approx(water, abs=0.2 * abs(water) + 0.005)
+    assert found.is_none is (abs(water) < 0.03)
+    assert set_on_the_way_back(fit, out, on_heading(back, 1.0, 0.0)) is None, "no way back"
+    assert set_on_the_way_back(fit, out, replace(back, channels={"psi": back["psi"]})) is None
+    told = [d.slug for d in fit_surge([out], along=found).doubts]
+    assert ("set-along-the-track" in told) is (abs(water) > 0.05)
 
 
 def test_the_cure_of_a_one_sided_input_along_the_boat_is_no_zig_zag() -> None:

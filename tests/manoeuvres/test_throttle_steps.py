@@ -107,25 +107,16 @@ def test_a_boat_that_does_not_tell_its_speed_or_hardly_moves_is_given_up_with_th
     assert "--throttle" in weak.outcome.reason
 
 
-def test_where_the_steady_approach_tells_enough_no_level_is_flown() -> None:
-    told: list[tuple[float, float]] = []
-
-    def enough(heading: float, speed: float) -> str:
-        told.append((heading, speed))
-        return "as quick as on the way out"
-
-    short, whole = (ThrottleSteps(ThrottleStepsSettings(0.6), "throttle-2", say) for say in (enough, lambda *_: ""))
-    boat = Boat()
-    fly(boat, short)
-    assert short.outcome is not None
-    assert (short.outcome.ending, short.outcome.reason) == ("completed", "as quick as on the way out")
-    marks = list(short.take_marks())
-    assert [m.kind for m in marks] == ["steady"]
-    assert marks[0].detail["level"] == 0.6
-    assert told == [(boat.psi, marks[0].detail["u"])]
-    assert marks[0].detail["u"] == approx(1.2, abs=0.05)
-    fly(Boat(), whole)
-    assert [m.kind for m in whole.take_marks()].count("level") == 4
+@pytest.mark.parametrize("time", [0.5, 1.5, 2.5])
+def test_a_short_level_lasts_about_three_time_constants_however_quick_the_boat_is(time: float) -> None:
+    boat = Boat(time=time)
+    manoeuvre = ThrottleSteps(ThrottleStepsSettings(0.6, (0.5, 1.5, 1.0), until_answered=True, most_time=30.0))
+    fly(boat, manoeuvre)
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == "completed"
+    times = [m.t for m in manoeuvre.take_marks() if m.kind == "level"]
+    for low, high in itertools.pairwise([*times, boat.t]):
+        assert max(4.0, 2.7 * time) - 0.1 <= high - low <= max(4.0, 3.3 * time) + 0.2
 
 
 def told(u: Callable[[float, float], float], **changes: object) -> tuple[ThrottleSteps, list, list[Mark]]:

@@ -68,7 +68,6 @@ def test_a_velocity_is_stepped_after_its_experiments():
     assert [leg.stage for leg in legs] == [
         "sign check",
         "first throttle steps",
-        "second throttle steps",
         "step with present gains",
         "step with new gains",
     ]

@@ -21,7 +21,7 @@ from gcs_autotune.models.simulation import simulate
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.watch import Fact, SilentWatcher
 from gcs_autotune.workflow import stop_rule
-from gcs_autotune.workflow.stop_rule import Assessment, DesignQuestion, KnownDesign, KnownSurge, assess
+from gcs_autotune.workflow.stop_rule import Assessment, DesignQuestion, KnownDesign, assess
 
 AXIS = FIRMWARE["ardusub"].axes["heading"]
 CRAFT = SingleDof("yaw", "1", 0.4, 0.5, 0.0)
@@ -244,54 +244,3 @@ def test_in_simulated_time_the_answer_is_there_at_once(monkeypatch: pytest.Monke
     rule.begin()
     assert ended_after(rule)[0] == 3
     assert asked == [0, 70]
-
-
-def surge_rule(fit: Any, *, done: bool = True, simulated: bool = True) -> KnownSurge:
-    """A boat that made 1.2 m/s twice on its way out, north."""
-    t = np.arange(0.0, 30.0, 0.1)
-    marks = tuple(Mark(when, "steady", {"u": u, "level": 0.5}) for when, u in ((2.0, 1.2), (29.0, 1.204)))
-    out = Trial("throttle-1", {"psi": Channel("psi", "rad", t, np.zeros(len(t)))}, marks)
-    clock = ManualClock() if simulated else object()
-    worker = SimpleNamespace(done=done, begin=lambda work: None, result=lambda: fit, abandon=lambda: None)
-    return KnownSurge(SimpleNamespace(clock=clock), worker, out, 0.5, lambda: fit)  # type: ignore[arg-type]
-
-
-def surge_fit(percent: float = 96.0, *doubts: str) -> Any:
-    return SimpleNamespace(fit_percent=percent, doubts=tuple(SimpleNamespace(slug=slug) for slug in doubts))
-
-
-@pytest.mark.parametrize("simulated", [True, False])
-def test_a_way_back_as_quick_as_a_way_out_that_told_all_need_not_be_flown_on(simulated: bool) -> None:
-    fit = surge_fit()
-    rule = surge_rule(fit, simulated=simulated)
-    rule.start()
-    assert "as quick" in deepcopy(rule).enough(math.pi, 1.21)
-    assert rule.fit is fit
-
-
-@pytest.mark.parametrize(
-    ("fit", "heading", "speed", "done"),
-    [
-        (surge_fit(), math.pi, 1.0, True),  # a current
-        (surge_fit(), 1.0, 1.2, True),  # no way back
-        (surge_fit(90.0), math.pi, 1.2, True),  # waves
-        (surge_fit(96.0, "thrust-curve-unknown"), math.pi, 1.2, True),
-        (surge_fit(), math.pi, 1.2, False),  # nobody knows yet
-    ],
-)
-def test_whatever_the_way_out_left_open_the_way_back_tells(fit: Any, heading: float, speed: float, done: bool) -> None:
-    rule = surge_rule(fit, done=done, simulated=False)
-    rule.start()
-    assert rule.enough(heading, speed) == ""
-    assert rule.fit is None
-
-
-def test_a_way_out_that_cannot_be_identified_ends_no_way_back() -> None:
-    rule = surge_rule(None)
-
-    def fails() -> Any:
-        raise AutotuneError("nothing told")
-
-    rule._fit = fails
-    rule.start()
-    assert rule.enough(math.pi, 1.2) == ""

@@ -54,19 +54,22 @@ def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift
     assert curve["square"] == pytest.approx(0.0, abs=2.5 * curve["std"])
 
 
-def test_the_way_back_ends_at_its_approach_in_still_water_and_not_in_a_current(swift, tmp_path) -> None:
+def test_the_step_is_the_way_back_in_still_water_and_in_a_current_throttle_steps_are(swift, tmp_path) -> None:
     _, story = swift
-    levels = [[m.kind for m in run.marks].count("level") for run in story.relays]
-    assert levels == [4, 0]
+    assert [run.name for run in story.relays] == ["throttle-1"]
+    assert {trace.run for trace in story.fit.traces} == {"throttle-1", "step-before"}
     harness = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("steady-current@over ground.V_x=0.2,V_y=0.1")])
-    assert [[m.kind for m in run.marks].count("level") for run in harness.tune(axis="speed").relays] == [4, 4]
+    story = harness.tune(axis="speed")
+    assert [run.name for run in story.relays] == ["throttle-1", "throttle-2"]
+    assert story.ending == "kept"
+    assert "set-along-the-track" in {doubt.slug for doubt in story.fit.doubts}
+    assert harness.vehicle.parameters.values["CRUISE_SPEED"] == pytest.approx(2.0 * 55.2 * 0.4 / 29.35, rel=0.03)
 
 
 def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift) -> None:
     harness, story = swift
     assert story.step_before.meta["signal"] == story.step_after.meta["signal"] == "u"
     assert story.step_before.meta["size"] == story.step_after.meta["size"]
-    assert [t.name for t in story.relays] == ["throttle-1", "throttle-2"]
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert "Throttle steps" in page
     assert "measured on the water" in page
