@@ -49,7 +49,7 @@ def plan() -> dict[str, Any]:
     options = sorted({name for kind in flown.values() for name in kind.options})
     common = {
         "force": {"enum": list("XYZKMN")},
-        "sides": SIDES,
+        "sides": {"anyOf": [SIDES, {"type": "array", "items": SIDES, "minItems": 1}]},
         "repeat": {"type": "integer", "minimum": 1, "maximum": MOST_RUNS},
         "hold-out": TRUTH,
         **_references(("throttle", "speed")),

@@ -40,6 +40,16 @@ GUARDED = (
         slips=(CM_S,),
     ),
     Limit(
+        "max-turn-rate",
+        "turn rate",
+        "deg/s",
+        1.0,
+        720.0,
+        "less trips over a gyro, and no vehicle turns twice in a second; a tether or a sonar may ask for less",
+        unset="off",
+        slips=(RADIANS,),
+    ),
+    Limit(
         "max-distance",
         "from the start",
         "m",

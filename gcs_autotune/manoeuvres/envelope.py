@@ -49,6 +49,7 @@ class Envelope:
     time: float = 600.0
     cruise: float = 0.0
     area: Area | None = None
+    turn_rate: float = math.inf
 
     def __post_init__(self) -> None:
         """See that every limit is one."""
@@ -126,6 +127,7 @@ GUARDS: tuple[Guard, ...] = (
     Guard("speed", "m/s", "max-speed", lambda e, a, o: (o.speed, e.speed_limit)),
     Guard("distance from start", "m", "max-distance", lambda e, a, o: (_distance(a, o), e.distance_limit)),
     Guard(OUTSIDE, "m", "area", lambda e, a, o: _outside(e, o)),
+    Guard("turn rate", "rad/s", "max-turn-rate", lambda e, a, o: (abs(o.r), e.turn_rate)),
     Guard("roll", "rad", "max-roll", lambda e, a, o: (abs(o.phi), e.roll)),
     Guard("pitch", "rad", "max-pitch", lambda e, a, o: (abs(o.theta), e.pitch)),
     Guard(
@@ -241,6 +243,6 @@ class Watch:
 
 
 def _shown(guard: Guard, value: float) -> str:
-    if guard.unit == "rad":
-        return f"{math.degrees(value):.1f} deg"
+    if guard.unit.startswith("rad"):
+        return f"{math.degrees(value):.1f} {guard.unit.replace('rad', 'deg')}"
     return f"{value:.2f} {guard.unit}" if guard.unit != "1" else f"{100.0 * value:.0f} %"

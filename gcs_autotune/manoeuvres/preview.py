@@ -90,9 +90,10 @@ class Preview:
     def told(self) -> str:
         """Return time, room and turning in one sentence."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
-        turned = math.degrees(self.turned)
+        turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
+        at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
         deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
-        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning, by {self.craft.source}"
+        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at}, by {self.craft.source}"
 
 
 def preview(

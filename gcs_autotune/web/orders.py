@@ -33,7 +33,7 @@ JOBS: Mapping[str, str] = {
 _ASKED: Mapping[str, tuple[str, ...]] = {
     "Safety limits": (
         *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
-        *("max-roll", "max-pitch", "min-battery", "min-battery-voltage", "max-time"),
+        *("max-turn-rate", "max-roll", "max-pitch", "min-battery", "min-battery-voltage", "max-time"),
     ),
     "Manoeuvre": ("throttle", "speed", "relay-output", "relay-hysteresis", "relays", "patience"),
     "Proof": ("step", "step-duration", "settling-time"),

@@ -14,7 +14,7 @@ A plan::
     manoeuvre = "zig-zag"
     heading = 20                   # units and ranges as on the command line
     rudder = [10, 20]              # levels: a run for each
-    sides = "both"                 # or "starboard", "port"
+    sides = "both"                 # or "starboard", "port", or a list of these
     repeat = 2
     hold-out = false               # true: kept from the fit, to validate the model on
 """
@@ -304,7 +304,9 @@ def _of_entry(
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
     force = str(given.get("force", ""))
     kind = kind.of(force)
-    sides = lookup(_SIDES, str(given.get("sides", "starboard")), "side")
+    asked = given.get("sides", "starboard")
+    named = [lookup(_SIDES, str(name), "side") for name in (asked if isinstance(asked, list) else [asked])]
+    sides = dict.fromkeys(itertools.chain.from_iterable(named))
     repeat = given.get("repeat", 1)
     if not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
         raise UsageError(f"repeat is a whole number from 1 to {MOST_RUNS}, not {repeat!r}")

@@ -50,7 +50,7 @@ from gcs_autotune.workflow.preflight import (
     sign_check_for,
 )
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.resuming import Earlier, note_setting_out
+from gcs_autotune.workflow.resuming import Earlier, note_setting_out, same_options
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, see_it_can_be_told
 from gcs_autotune.workflow.settings import TuneSettings
@@ -115,8 +115,8 @@ def fly_plan(
             flight.announce()
             try:
                 flight.fly()
-            except AutotuneError:
-                flight.say_how_to_go_on()
+            except AutotuneError as error:
+                flight.say_how_to_go_on(error)
                 raise
     runs = [FlownRun(leg.run, leg.preview, flight.flown[leg.run.name]) for leg in flight.legs]
     result = read_flight(plan, common, record, runs, when, flight.steps)
@@ -378,13 +378,13 @@ class _Flight:
         if self._plan.calm:
             runner.fly(CalmCheck(), LOOKING_OUT)
 
-    def say_how_to_go_on(self) -> None:
-        """Tell, after a plan that ended early, what of it is flown, and the command that flies the rest."""
+    def say_how_to_go_on(self, error: AutotuneError) -> None:
+        """Tell, after a plan that an *error* ended early, what of it is flown, and the command that flies the rest."""
         if self._plan.text and len(self.flown) < len(self.legs):
             link, run = shlex.quote(self._common.connection.uri), shlex.quote(str(self._record.path))
             self._watcher.say(
-                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown; to fly the rest, with the same "
-                f"options: gcs-autotune fly --resume {run} --connect {link}"
+                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown; to fly the rest, "
+                f"{same_options(error)}: gcs-autotune fly --resume {run} --connect {link}"
             )
 
 

@@ -12,13 +12,14 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.errors import BadFile, GuardTripped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of, same_float32
+from gcs_autotune.manoeuvres import GUARDS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import JOURNAL, RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "way_on"]
+__all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
 SETTING_OUT = "setting_out.json"
 """What a run set out with, in its directory."""
@@ -51,15 +52,22 @@ def note_setting_out(
     )
 
 
-def way_on(settings: TuneSettings, finished: list[str]) -> str:
-    """Return how to go on after a run that ended early, with what was *finished* of it; empty when nothing was."""
+def same_options(error: BaseException) -> str:
+    """Return in words with which options to go on after *error*: a limit that tripped would trip again."""
+    tripped = error.guard if isinstance(error, GuardTripped) else ""
+    option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
+    return f"with another --{option}, else the same options" if option else "with the same options"
+
+
+def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
+    """Return how to go on after a run ended early by *error*, with what was *finished* of it; empty if nothing was."""
     kept = [name for name in USED_AGAIN if name in finished]
     if not kept:
         return ""
     link, run = shlex.quote(settings.connection.uri), shlex.quote(str(settings.directory))
     return (
-        f"of this run {', '.join(kept)} can be used again, the rest is lost; to go on from there, with the same "
-        f"options: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
+        f"of this run {', '.join(kept)} can be used again, the rest is lost; to go on from there, "
+        f"{same_options(error)}: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
     )
 
 

@@ -81,7 +81,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
         onboard.identify([log.fit] if log.fit is not None else [], when)
     except BaseException as error:
         log.abort(error)
-        on = way_on(settings, log.finished)
+        on = way_on(settings, log.finished, error)
         if on:
             log.say(on)
         raise

@@ -20,6 +20,7 @@ TIGHT = Envelope(
     depth_max=6.0,
     depth_min=0.5,
     speed=2.0,
+    turn_rate=math.radians(30.0),
     distance=30.0,
     roll=0.5,
     pitch=0.4,
@@ -36,6 +37,7 @@ BROKEN = {
     "speed": {"speed": 2.1},
     "distance from start": {"x": 0.0, "y": 31.0},
     "outside the area": {"x": 20.0, "y": 16.0},
+    "turn rate": {"r": math.radians(-31.0)},
     "roll": {"phi": -0.6},
     "pitch": {"theta": 0.41},
     "battery voltage": {"battery_voltage": 10.9},
@@ -149,6 +151,8 @@ def test_what_tripped_is_said_in_the_units_of_people():
         Watch(TIGHT, at_rest()).check(at_rest(phi=-0.6))
     with pytest.raises(GuardTripped, match=r"'battery remaining' tripped: 19 %, limit 20 %"):
         Watch(TIGHT, at_rest()).check(at_rest(battery_remaining=0.19))
+    with pytest.raises(GuardTripped, match=r"'turn rate' tripped: 31\.0 deg/s, limit 30\.0 deg/s"):
+        Watch(TIGHT, at_rest()).check(at_rest(r=math.radians(31.0)))
     with pytest.raises(GuardTripped, match=r"'speed' tripped: 2\.10 m/s, limit 2\.00 m/s"):
         Watch(TIGHT, at_rest()).check(at_rest(speed=2.1))
 

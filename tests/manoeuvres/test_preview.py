@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,14 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
     assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
     assert seen.deep == 0.0
     assert "z" not in seen.trial.channels
+    assert "deg of turning at up to 17 deg/s, by" in seen.told()
+
+
+def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
+    craft = PaperCraft(YAW, 0.0, "a test")
+    slow = replace(FREE, turn_rate=math.radians(15.0))
+    assert "'turn rate' tripped" in preview(held(N=0.3), craft, slow).refusal
+    assert not preview(held(N=0.2), craft, slow).refusal
 
 
 @pytest.mark.parametrize(("force", "signal"), [("Y", "y"), ("Z", "z")])

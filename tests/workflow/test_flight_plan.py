@@ -47,6 +47,10 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
     assert first.options["rudder"] == pytest.approx(math.radians(10.0))
     assert first.options["full-rudder"] == pytest.approx(math.radians(30.0))
     assert [run.held_out for run in read.runs] == [False] * 4 + [True] * 2
+    assert plan(SitlHarness(tmp_path), text.replace('"both"', '["port", "starboard"]')).names[:2] == (
+        "zig-zag-rudder10-port",
+        "zig-zag-rudder10",
+    )
     shuffled = [plan(SitlHarness(tmp_path), 'order = "shuffled"\n' + text).names for _ in range(2)]
     assert shuffled[0] == shuffled[1] != read.names
     assert sorted(shuffled[0]) == sorted(read.names)
@@ -62,6 +66,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 'ten'\n", "heading is a number, or a list of numbers, not 'ten'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "say with --full-rudder"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = ['port', 1]\n", "unknown side '1'"),
         ("[[run]]\nmanoeuvre = 'step'\n", "step is flown by tune AXIS"),
         ("[[run]]\nheading = 3\n", "names no manoeuvre"),
         ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),

@@ -11,9 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs_autotune.errors import BadFile, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.errors import (
+    BadFile,
+    GuardTripped,
+    LinkLost,
+    OperatorStopped,
+    PreconditionFailed,
+    UsageError,
+    WrongVehicle,
+)
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import tune
+from gcs_autotune.workflow.resuming import same_options
 
 from .sitl_harness import WHEN, Ear, Later, Moored, SitlHarness
 from .test_silence import Enough
@@ -127,3 +136,8 @@ def test_what_is_no_run_of_a_tune_is_refused(ended_early: SitlHarness, tmp_path:
     (run / "setting_out.json").write_text("{")
     with pytest.raises(BadFile, match=r"setting_out\.json cannot be read"):
         Again(ended_early, tmp_path, resume=run).tune()
+
+
+def test_the_way_on_after_a_limit_that_tripped_asks_for_another_limit_for_the_same_trips_again() -> None:
+    assert same_options(GuardTripped("", guard="time")).startswith("with another --max-time")
+    assert same_options(GuardTripped("", guard="pause")) == same_options(LinkLost("")) == "with the same options"
