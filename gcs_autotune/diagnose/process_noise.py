@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.attested import RUNS_AWAY, Attested, interval_of, plainest
+from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
 from gcs_autotune.diagnose.process_noise_starts import ROUGH, Say, plain_under_process_noise
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
@@ -53,6 +53,10 @@ REFIT = 4
 
 RUNNERS = 6
 """Candidates fitted to the end."""
+
+SLOWER_THAN_FOUND = 2.0
+"""Chosen: factor by which the craft may be slower than a fit took her for that lacks a delay or a lag: how long these
+may be goes with it."""
 
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
@@ -189,6 +193,7 @@ def _folds(
 
 def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
     found = []
+    slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
     for slug in slugs:
         entry = EFFECTS[slug]
         if not may_be_told(slug):
@@ -197,7 +202,9 @@ def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectIn
             if any(e.slug == slug and e.place == place for e in present):
                 continue
             constants = dict(entry.constants(place, data))
-            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, data)])
+            starts = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
+            own = [s for k, s in enumerate(starts) if s not in starts[:k]]
+            found.append([EffectInstance(slug, place, s, constants) for s in own])
     return found
 
 
@@ -249,23 +256,14 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         again = problem.fit(best.theta, present.effects, best.water)
         if again is not None and again.total > present.total + 0.5:
             present = again
-    tried = max(search.tried, len(choices))
+    search = replace(search, tried=max(search.tried, len(choices)))
     before = _unseen(search, present)
     judged = []
     for k, (effect, fit) in enumerate(ends):
         say(f"{stage}: runs left out", k, len(ends))
-        more = fit.unknowns - present.unknowns
-        needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
-        gain = fit.total - present.total
-        now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
-        after = _unseen(search, fit) if gain > 0.5 * needed else before
-        foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-        brief = _lasts(now, problem.data) < BRIEF * problem.data.interval
-        judged.append(
-            Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
-        )
+        judged.append(_attested(search, effect, fit, present, before))
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
-    search = replace(search, judged=(*search.judged, *judged), tried=tried, fit=present)
+    search = replace(search, judged=(*search.judged, *judged), fit=present)
     if not search.named:
         search = replace(search, plain=present)
     paid = [a for a in judged if a.paid]
@@ -279,10 +277,33 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     winner = plainest(alike[0], paid)
     forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike
-    names = tuple(dict.fromkeys(a.effect.slug for a in (winner, *alike, *forms)))
+    names = tuple(dict.fromkeys(a.effect.slug for a in (winner, *alike, *forms, *_as_likely(judged, winner))))
     if len(names) > 1:
         groups = (*groups, names)
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+
+
+def _attested(
+    search: WeatherSearch, effect: EffectInstance, fit: WanderingFit, present: WanderingFit, before: Sequence[Array]
+) -> Attested:
+    """Return what *effect* gains in *fit* over *present*, which leaves *before* of what is left out."""
+    more = fit.unknowns - present.unknowns
+    needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(search.tried, 1), max(more, 1))
+    gain = fit.total - present.total
+    now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
+    after = _unseen(search, fit) if gain > 0.5 * needed else before
+    foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
+    brief = _lasts(now, search.problem.data) < BRIEF * search.problem.data.interval
+    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+
+
+def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
+    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely: these runs
+    do not tell them apart.
+    """
+    return [
+        a for a in judged if a.gain > max(a.needed, winner.gain - 0.5 * ALIKE) and a.foretold > WORTH and not a.brief
+    ]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:
@@ -310,16 +331,24 @@ TRACE = 0.1
 def _rough(
     problem: WanderingProblem, present: WanderingFit, choices: Sequence[EffectInstance], tangent: Tangent
 ) -> WanderingFit | None:
-    """Return the most promising of the values to begin from, and of small amounts of them, all else adapted."""
+    """Return the better end of the most promising of the values to begin from, and of small amounts of them, all else
+    adapted.
+
+    Both are gone on from: a trace changes little and so looks well, where the whole has yet to find its pace.
+    """
     entry = EFFECTS[choices[0].slug]
     growing = [n for n in entry.grows_with if n in choices[0].values]
-    more = list(choices)
-    for own in choices if growing else ():
-        zero = {n: entry.neutral.get(n, 0.0) for n in growing}
-        more.append(own.with_values({n: zero[n] + TRACE * (own.values[n] - zero[n]) for n in growing}))
-    tried = [problem.adapted(present, own, tangent) for own in more]
-    best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
-    return None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
+    zero = {n: entry.neutral.get(n, 0.0) for n in growing}
+    traces = [
+        o.with_values({n: zero[n] + TRACE * (o.values[n] - zero[n]) for n in growing}) for o in choices if growing
+    ]
+    ends = []
+    for group in (choices, traces):
+        tried = [problem.adapted(present, own, tangent) for own in group]
+        best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
+        end = None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
+        ends += [] if end is None else [end]
+    return max(ends, key=lambda f: f.total, default=None)
 
 
 def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[Array]:

@@ -14,9 +14,9 @@ from runs_in_the_tank import towed
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
-from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose import diagnose, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
-from gcs_autotune.diagnose.attested import interval_of
+from gcs_autotune.diagnose.attested import Attested, interval_of
 from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.missing_force import words_of
 from gcs_autotune.diagnose.process_noise import (
@@ -169,6 +169,43 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
     assert found is not None
     inertia, linear = case.craft.inertia["yaw"], case.craft.linear["yaw"]
     assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craft() -> None:
+    """Without a delay of seven seconds her gain had the wrong sign and her pace was too quick: no delay within that
+    pace gained anything, and a lag was named.
+    """
+    case = draw_case("weather", 75, 0, "input-delay")
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
+    assert found is not None
+    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    _, true = case.truth["input-delay"]
+    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
+
+
+@pytest.mark.parametrize(("gain", "unseen", "named"), [(5.6, 18.0, True), (5.6, 2.5, False), (9.0, 2.5, True)])
+def test_a_name_may_earn_what_so_many_tried_ask_on_the_runs_left_out(gain: float, unseen: float, named: bool) -> None:
+    """A dead zone gained 5.6 nats on two runs, and 36 where each was foretold from the other: it was not named."""
+    effect = EffectInstance("dead-zone", "N", {"width": 0.1})
+    each = np.array([unseen, unseen])
+    assert Attested(effect, cast(WanderingFit, None), gain, each, 6.4, 1, (1.0, 60.0)).paid is named
+
+
+def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though_its_gain_elsewhere_is_not_sure() -> (
+    None
+):
+    """A trim and thrust that is weaker to one side: within two nats, and which foretells more changes with the runs."""
+
+    def attested(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> Attested:
+        effect = EffectInstance(slug, "N", {})
+        return Attested(effect, cast(WanderingFit, None), gain, np.array(unseen), 6.4, 1, (low, 40.0))
+
+    winner = attested("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
+    trim = attested("input-bias", 24.4, (3.7, 7.9), -3.0)
+    less = attested("tether-pull", 17.0, (5.0, 5.0), 1.0)
+    assert winner.paid and not trim.paid
+    assert process_noise._as_likely([trim, winner, less], winner) == [trim, winner]
 
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:

@@ -152,18 +152,23 @@ class Coordinates:
 
     def derivatives(self, x: Array, here: Point, steps: Array) -> tuple[Array, Array]:
         """Return the derivatives (q, samples) of innovations and log variances."""
-        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
-        J, D = np.zeros((len(x), len(e))), np.zeros((len(x), len(e)))
+        samples = sum(len(r[1]) for r in here[0])
+        J, D = np.zeros((len(x), samples)), np.zeros((len(x), samples))
         for i in range(len(x)):
-            sign = 1.0 if x[i] + steps[i] <= self.high[i] else -1.0
-            moved = x.copy()
-            moved[i] += sign * steps[i]
-            other = self.at(moved)
-            if other is None:
-                continue
-            J[i] = (np.concatenate([r[1] for r in other[0]]) - e) / (sign * steps[i])
-            D[i] = (np.log(np.concatenate([r[2] for r in other[0]])) - np.log(S)) / (sign * steps[i])
+            J[i], D[i] = self.derivative(i, x, here, steps[i])
         return J, D
+
+    def derivative(self, i: int, x: Array, here: Point, step: float) -> tuple[Array, Array]:
+        """Return the derivatives (samples,) of innovations and log variances by unknown *i*; 0 for one that cannot."""
+        e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
+        moved = x.copy()
+        moved[i] += step if x[i] + step <= self.high[i] else -step
+        other = self.at(moved)
+        if other is None or moved[i] == x[i]:
+            return np.zeros(len(e)), np.zeros(len(e))
+        by = moved[i] - x[i]
+        then, wider = (np.concatenate([r[k] for r in other[0]]) for k in (1, 2))
+        return (then - e) / by, (np.log(wider) - np.log(S)) / by
 
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
         """Return gradient and expected information at *here* with these derivatives."""
