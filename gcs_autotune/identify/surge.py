@@ -143,7 +143,9 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
     std = _spread(points, best)
     final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
     slope = _carried(final, lambda q: at(q, final.structure), best.square, std)
-    return _with_square(final, best.square, std, slope)
+    found = _with_square(final, best.square, std, slope)
+    largest = max(float(np.max(np.abs(t["X"].values))) for t in trials)  # not the thrust that it was bent to
+    return replace(found, extra={**found.extra, "largest": {"X": largest}})
 
 
 def _profile(at: Callable[[float], _Point]) -> list[_Point]:

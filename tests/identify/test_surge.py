@@ -58,6 +58,7 @@ def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: Sing
         q = square_of(fit)
         assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(wanted, rel=0.03)
     assert "one-sided-input" not in {d.slug for d in fit.doubts}
+    assert fit.extra["largest"] == {"X": 0.8}
 
 
 def test_the_curve_told_is_the_bottom_of_the_valley_and_its_error_a_rise_of_one() -> None:

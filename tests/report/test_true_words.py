@@ -143,7 +143,7 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
 def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() -> None:
     fitted = stories.fit("linear")
     plain = replace(
-        fitted, model=replace(fitted.model, beta_quadratic=0.0), covariance=np.zeros_like(fitted.covariance)
+        fitted, model=replace(fitted.model, beta_quadratic=0.0), covariance=np.zeros_like(fitted.covariance), extra={}
     )
     dead = EffectInstance("dead-zone", "N", {"width": 0.144})
     bent = EffectInstance("quadratic-actuator", "N", {"share": 0.8}, {"u_ref": 0.5})
@@ -169,6 +169,15 @@ def test_a_curve_is_not_followed_beyond_the_largest_output_that_was_flown() -> N
     assert float(said.split()[0]) == pytest.approx(speed, rel=0.01)
     assert float(said.split()[2].partition("°")[0]) == pytest.approx(speed * 0.5 * drag.std / drag.value, rel=0.1)
     assert "Full output sustains" not in " ".join(model_sentences(flown))
+
+
+def test_what_is_sustained_is_told_of_the_largest_output_flown_without_a_curve_as_well() -> None:
+    fitted = stories.fit("linear")
+    model = replace(fitted.model, beta_quadratic=0.0)
+    flown = replace(fitted, model=model, extra={"largest": {"N": 0.63}})
+    said = " ".join(model_sentences(flown)).partition("An output of 63 % sustains ")[2]
+    assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
+    assert "; more was not flown." in said
 
 
 def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_in_it() -> None:

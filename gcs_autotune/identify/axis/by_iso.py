@@ -77,7 +77,7 @@ def fit_by_iso(case: Case) -> AxisFit:
         iso=tuple(everything),
         decision=decision,
         traces=tuple(runs),
-        extra={"signals": [case.records[0].main.name]},
+        extra={"signals": [case.records[0].main.name], "largest": case.largest},
     )
 
 

@@ -158,6 +158,7 @@ def _assembled(
     extra: dict[str, Any] = {
         "signals": list(names),
         "signals_left_out": left_out,
+        "largest": case.largest,
         "std_inflation": float(solution.factors.max()),
         "residual_correlation_time": chosen.correlation,
         "delay_evidence": chosen.delay_evidence,

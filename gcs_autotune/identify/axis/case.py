@@ -40,6 +40,11 @@ class Case:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def largest(self) -> dict[str, float]:
+        """The largest input of all runs, by its name."""
+        return {self.records[0].input_names[0]: max(float(np.max(np.abs(r.tau))) for r in self.records)}
+
+    @property
     def relay_flown(self) -> bool:
         """Whether a relay was flown: a zig-zag by hand also switches at two headings, but nobody ran a relay there."""
         return any(t.by_relay for t in self.trials)
