@@ -47,18 +47,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One more than there are processors: browsers and links that keep real time leave theirs to others."""
-    return (os.cpu_count() or 1) + 1
+    """One more than there are processors where browsers and links keep real time: they leave theirs to others."""
+    all_compute = "not slow" in config.option.markexpr
+    return (os.cpu_count() or 1) + (0 if all_compute else 1)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Keep together the tests of a file that make something once for all, a module fixture or a compiled function."""
+    """Keep together the tests of a file that make something once for all, a module fixture or a compiled function.
+
+    So are those in a browser: they wait more than they compute, and one process that waits leaves the others the
+    processors, where all of them waiting in the end leave them idle.
+    """
     if config.getvalue("dist") != "load":
         return None
     from xdist.scheduler import LoadScopeScheduling
 
-    once = re.compile(r'scope="module"|^@njit', re.MULTILINE)
+    once = re.compile(r'scope="module"|^@njit|pytest\.mark\.browser', re.MULTILINE)
     sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if once.search(p.read_text())}
 
     class Sharing(LoadScopeScheduling):

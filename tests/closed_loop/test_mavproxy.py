@@ -63,7 +63,7 @@ def mavproxy_on_a_simulated_rov(folder: Path) -> Iterator[Prompt]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     vehicle = [sys.executable, "-m", "gcs_autotune", "sitl", "falcon", "--listen", f"tcp:127.0.0.1:{port}"]
-    vehicle += ["--speedup", "5", "--param", "FS_PILOT_TIMEOUT=30"]
+    vehicle += ["--speedup", "5", "--param", "FS_PILOT_TIMEOUT=30", "--param", "SCHED_LOOP_RATE=100"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder), "PYTHONUNBUFFERED": "1"}
     station = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master=tcp:127.0.0.1:{port}", "--no-state"]
     station += ["--default-modules=param,arm,mode"]

@@ -75,7 +75,7 @@ def serial() -> Iterator[tuple[str, str]]:
 @contextlib.contextmanager
 def vehicle_process(listen: str) -> Iterator[None]:
     command = [sys.executable, "-m", "gcs_autotune", "sitl", "falcon", "--listen", listen, "--speedup", SPEEDUP]
-    command += ["--param", "FS_PILOT_TIMEOUT=30"]
+    command += ["--param", "FS_PILOT_TIMEOUT=30", "--param", "SCHED_LOOP_RATE=100"]  # 400 Hz are four times the work
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert "FALCON" in process.stderr.readline().upper()

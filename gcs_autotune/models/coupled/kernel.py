@@ -132,7 +132,7 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
         vy += theta[P.drift_y]
     u, v, w, q, r = full[0], full[1], full[2], full[4], full[5]
     phi, tht, psi = full[9], full[10], full[11]
-    cs, sn = np.cos(psi), np.sin(psi)
+    cs, sn = (1.0, 0.0) if P.spatial == 0 and active[0] > 1 else (np.cos(psi), np.sin(psi))  # only a track needs them
     if P.spatial == 0:
         cu, cv, cr, cpsi = place[0], place[1], place[5], place[11]
         for i in range(k):
