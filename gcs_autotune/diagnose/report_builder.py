@@ -52,6 +52,9 @@ VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
 better) -> verdict."""
 
 
+ONE_SIDED = 1.645
+"""Standard errors above which one in twenty lies."""
+
 SEEN_TO_SETTLE = 3.0
 """Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
 
@@ -157,16 +160,29 @@ def _weightless(state: SearchState) -> list[Doubt]:
             continue
         settles = abs(float(model.inertia[i, i]) / model[damping])
         if settles < SEEN_TO_SETTLE * interval:
+            below = settles * math.exp(ONE_SIDED * _relative_error(state.fitted, f"{damping}dot", damping))
+            bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"
             found.append(
                 Doubt(
                     "no-inertia",
-                    f"the rate of {dof} follows the command within {settles:.2g} s, no more than three samples: these "
-                    "runs show no inertia there, whatever number the model has for it",
+                    f"these runs show no inertia in {dof}: the time constant is {bound}, and was found within three "
+                    "samples, whatever number the model has for it",
                     "take gain and delay alone from these runs; a simulator may well have no inertia there, of a craft "
                     "record faster",
                 )
             )
     return found
+
+
+def _relative_error(fitted: Fitted, *names: str) -> float:
+    """Return the standard error of the ratio of two numbers of the base over that ratio, of one where one is fitted."""
+    covariance = fitted.covariance(correlation_of(fitted))
+    at = [
+        (fitted.free.index(n), sign / fitted.model.base[n])
+        for n, sign in zip(names, (1.0, -1.0), strict=True)
+        if n in fitted.free
+    ]
+    return math.sqrt(max(sum(a * b * float(covariance[i, k]) for i, a in at for k, b in at), 0.0))
 
 
 def _cut_short(cut: Sequence[str], seconds: float) -> tuple[Doubt, ...]:

@@ -312,8 +312,11 @@ def followed(settles: float) -> Trial:
 
 @pytest.mark.parametrize(("settles", "told"), [(0.03, True), (1.0, False)])
 def test_a_rate_that_follows_within_three_samples_is_told_to_show_no_inertia(settles: float, told: bool) -> None:
-    doubts = {d.slug for d in diagnose(followed(settles), effects=[]).doubts}
+    doubts = {d.slug: d.cause for d in diagnose(followed(settles), effects=[]).doubts}
     assert ("no-inertia" in doubts) == told
+    if told:
+        below = float(doubts["no-inertia"].split("below ")[1].split(" s ")[0])
+        assert settles < below < 2.0 * settles
 
 
 @pytest.mark.slow
