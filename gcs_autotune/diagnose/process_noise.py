@@ -301,9 +301,8 @@ def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
     """Return those that explain the given runs as well as *winner* and foretell others too, if not surely: these runs
     do not tell them apart.
     """
-    return [
-        a for a in judged if a.gain > max(a.needed, winner.gain - 0.5 * ALIKE) and a.foretold > WORTH and not a.brief
-    ]
+    enough = winner.gain - 0.5 * ALIKE
+    return [a for a in judged if a.gain > enough and a.foretold > WORTH and not a.brief]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:
