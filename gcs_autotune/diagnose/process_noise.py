@@ -58,6 +58,11 @@ SLOWER_THAN_FOUND = 2.0
 """Chosen: factor by which the craft may be slower than a fit took her for that lacks a delay or a lag: how long these
 may be goes with it."""
 
+EVEN = 16
+"""Chosen: times alone are tried so many besides, evenly: beside commands that change often, a delay is found only where
+it is nearly right.
+"""
+
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
 
@@ -203,6 +208,9 @@ def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectIn
                 continue
             constants = dict(entry.constants(place, data))
             starts = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
+            if [q.unit for q in entry.parameters] == ["s"]:
+                even = np.linspace(0.0, slower.time_constant, EVEN + 1)[1:]
+                starts += [{entry.parameters[0].name: float(t)} for t in even]
             own = [s for k, s in enumerate(starts) if s not in starts[:k]]
             found.append([EffectInstance(slug, place, s, constants) for s in own])
     return found

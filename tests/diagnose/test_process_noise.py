@@ -172,11 +172,13 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
 
 
 @pytest.mark.slow
-def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craft() -> None:
+@pytest.mark.parametrize("seed", [75, 84])
+def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craft(seed: int) -> None:
     """Without a delay of seven seconds her gain had the wrong sign and her pace was too quick: no delay within that
-    pace gained anything, and a lag was named.
+    pace gained anything, and a lag was named. Of the other, 1.4 s between commands that change every second, half was
+    found: only what is nearly right leads there.
     """
-    case = draw_case("weather", 75, 0, "input-delay")
+    case = draw_case("weather", seed, 0, "input-delay")
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.named] == ["input-delay"]
