@@ -16,11 +16,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.faults.berth import Berth, Condition, Moored, events
 from benchmarks.faults.case import STEP_DURATION, Case
 from benchmarks.faults.desk import cheap_desk
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import Killed
+from benchmarks.faults.vehicle import Condition, Moored, VehicleAsFound, events
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, exit_code
 from gcs_autotune.firmware import FIRMWARE
@@ -81,8 +81,8 @@ class _Operator(Unattended):
 class _Stage:
     """One running of the tool (a tune or a restore) in this process, and the acts that can befall it."""
 
-    def __init__(self, berth: Berth, directory: Path, seed: int) -> None:
-        self.berth, self.directory = berth, directory
+    def __init__(self, vehicle: VehicleAsFound, directory: Path, seed: int) -> None:
+        self.vehicle, self.directory = vehicle, directory
         self.operator, self.ear = _Operator(), _Ear()
         self.snapshot: bytes | None = None
         self.was_killed = False
@@ -100,11 +100,11 @@ class _Stage:
             "disk-full": lambda f: _limit_files(0),
             "operator": self._stop,
         }
-        return self.berth.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
+        return self.vehicle.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
 
     def _reboot(self, fault: Fault) -> None:
         self.rebooted_unseen |= not self.journal.exists()
-        self.berth.server.reboot_soon()
+        self.vehicle.server.reboot_soon()
 
     def _stop(self, fault: Fault) -> None:
         self.operator.stopped = True
@@ -153,20 +153,20 @@ class _Play:
     def __init__(self, case: Case, folder: Path, outcome: Outcome) -> None:
         self.case, self.folder, self.outcome = case, folder, outcome
         parameters = {"SIM_RC_FAIL": 0.0 if case.has_receiver else 1.0, **case.subject.parameters}
-        self.berth = Berth(case.subject.vehicle, seed=case.index, parameters=parameters)
-        self.berth.wait(5.0)
-        autopilot = self.berth.server.vehicle.autopilot
+        self.vehicle = VehicleAsFound(case.subject.vehicle, seed=case.index, parameters=parameters)
+        self.vehicle.wait(5.0)
+        autopilot = self.vehicle.server.vehicle.autopilot
         autopilot.set_mode(case.found_mode)
         if case.found_armed:
             autopilot.arm(force=True)
-        self.berth.wait(5.0 if not case.found_armed else 0.1)
+        self.vehicle.wait(5.0 if not case.found_armed else 0.1)
         self.booted = open_vehicle(case.subject.vehicle, seed=case.index, parameters=parameters).vehicle.autopilot
-        self.found = self.berth.condition()
+        self.found = self.vehicle.condition()
         self.run_directory = folder / "run"
-        self.berth.journal = self.run_directory / "journal.jsonl"
+        self.vehicle.journal = self.run_directory / "journal.jsonl"
 
     def run(self) -> None:
-        stage = _Stage(self.berth, self.run_directory, self.case.index)
+        stage = _Stage(self.vehicle, self.run_directory, self.case.index)
         story, error = stage.run(lambda: self._tune(stage))
         outcome = self.outcome
         outcome.ending = "killed" if stage.was_killed else story.ending if story is not None else type(error).__name__
@@ -175,17 +175,17 @@ class _Play:
         if error is not None and not isinstance(error, (AutotuneError, Killed)):
             outcome.failures.append(f"{type(error).__name__}: {error}")
         self._check_writes()
-        self.berth.wait(_SETTLE)
+        self.vehicle.wait(_SETTLE)
         proved = self._proved()
         outcome.proved = bool(proved)
-        outcome.writes = len(self.berth.writes)
-        now = self.berth.condition()
+        outcome.writes = len(self.vehicle.writes)
+        now = self.vehicle.condition()
         self._take_its_word(now, stage.ear.said)
         if stage.rebooted_unseen:
             self._look_again(now)
         differences = self._differences(now, proved)
         outcome.as_found_at_once = not differences
-        journal = self.berth.journal
+        journal = self.vehicle.journal
         is_begun = journal is not None and journal.exists()
         settled = not is_begun or is_settled(journal)
         if differences and not stage.was_killed and not self._is_said(error):
@@ -196,7 +196,7 @@ class _Play:
             outcome.failures.append(f"left {'; '.join(differences)}, and nothing to restore in the journal")
         if not settled:
             self._restore()
-        left = self._differences(self.berth.condition(), proved)
+        left = self._differences(self.vehicle.condition(), proved)
         if left:
             outcome.failures.append(f"after restoring: {'; '.join(left)}")
 
@@ -208,8 +208,8 @@ class _Play:
         """
         if now.mode == self.found.mode:
             return
-        firmware = FIRMWARE["ardurover" if self.berth.server.vehicle.data.is_boat else "ardusub"]
-        path = self.berth.journal
+        firmware = FIRMWARE["ardurover" if self.vehicle.server.vehicle.data.is_boat else "ardusub"]
+        path = self.vehicle.journal
         told = events(path.read_text(encoding="utf-8")) if path is not None and path.exists() else []
         was = next((e["mode"] for e in told if e["event"] == "opened"), "")
         if was != firmware.mode_name(self.found.mode):
@@ -246,15 +246,15 @@ class _Play:
         tries = [self.case.restore_faults, ()] if self.case.restore_faults else [()]
         error: BaseException | None = None
         for k, faults in enumerate(tries):
-            stage = _Stage(self.berth, self.run_directory, self.case.index + 1 + k)
+            stage = _Stage(self.vehicle, self.run_directory, self.case.index + 1 + k)
             connection = stage.connection(tuple(faults))
             _, error = stage.run(
                 lambda c=connection, s=stage: restore_run(c, self.run_directory, s.operator, s.ear)  # type: ignore[misc]
             )
             if error is not None and not isinstance(error, (AutotuneError, Killed)):
                 self.outcome.failures.append(f"restore: {type(error).__name__}: {error}")
-            self.berth.wait(_SETTLE)
-            self._take_its_word(self.berth.condition(), stage.ear.said)
+            self.vehicle.wait(_SETTLE)
+            self._take_its_word(self.vehicle.condition(), stage.ear.said)
         if error is not None:
             self.outcome.failures.append(f"restore failed: {error}")
         elif not is_settled(self.run_directory):
@@ -264,7 +264,7 @@ class _Play:
 
     def _proved(self) -> dict[str, float]:
         """Return what the journal says was kept."""
-        path = self.berth.journal
+        path = self.vehicle.journal
         if path is None or not path.exists():
             return {}
         kept = [e["values"] for e in events(path.read_text(encoding="utf-8", errors="replace")) if e["event"] == "kept"]
@@ -272,7 +272,7 @@ class _Play:
 
     def _check_writes(self) -> None:
         """Every write that arrived was on disk before, with the value that was really found."""
-        for name, value, journal in self.berth.writes:
+        for name, value, journal in self.vehicle.writes:
             told = events(journal)
             lent = {e["name"]: e["value"] for e in told if e["event"] == "lent"}
             if not any(e["event"] == "writing" and e["name"] == name for e in told) or name not in lent:

@@ -44,7 +44,7 @@ class Worker:
     def __init__(self, *, apart: bool = True) -> None:
         self.apart = apart
         self._process: subprocess.Popen[bytes] | None = None
-        self._errand: _Errand | None = None
+        self._job: _Job | None = None
         self._abandoned = False
         if apart:
             self._start()
@@ -55,12 +55,12 @@ class Worker:
             self._end()
         if self.apart and self._process is None:
             self._start()
-        self._errand = _Errand(self._process, work)
+        self._job = _Job(self._process, work)
 
     @property
     def done(self) -> bool:
         """Whether the work begun last is done."""
-        return self._errand is not None and self._errand.done
+        return self._job is not None and self._job.done
 
     def result(self) -> Any:
         """Return what it came to, when :attr:`done`; what it raised is raised here.
@@ -70,13 +70,13 @@ class Worker:
         AutotuneError
             The process has ended in the midst of it.
         """
-        assert self._errand is not None
-        errand, self._errand = self._errand, None
-        return errand.result()
+        assert self._job is not None
+        job, self._job = self._job, None
+        return job.result()
 
     def abandon(self) -> None:
         """Nobody wants the answer any more."""
-        if self._errand is not None and not self._errand.done and self._process is not None:
+        if self._job is not None and not self._job.done and self._process is not None:
             self._process.kill()
             self._abandoned = True
 
@@ -102,8 +102,8 @@ class Worker:
             return
         process.kill()
         process.wait(_GRACE)
-        if self._errand is not None:
-            self._errand.join(_GRACE)
+        if self._job is not None:
+            self._job.join(_GRACE)
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):  # what was not sent any more
                 assert pipe is not None
@@ -118,7 +118,7 @@ class Worker:
         self.close()
 
 
-class _Errand:
+class _Job:
     """One piece of work on its way there and back, in a thread that only waits for pipes."""
 
     def __init__(self, process: subprocess.Popen[bytes] | None, work: Callable[[], Any]) -> None:
@@ -127,7 +127,7 @@ class _Errand:
         if process is None:
             self._answer = _answer_to(work)
             return
-        self._thread = Thread(target=self._run, args=(process, work), name="desk", daemon=True)
+        self._thread = Thread(target=self._run, args=(process, work), name="worker", daemon=True)
         self._thread.start()
 
     def _run(self, process: subprocess.Popen[bytes], work: Callable[[], Any]) -> None:
@@ -196,22 +196,22 @@ def serve() -> None:
         os.nice(_POLITE)
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not get between the answers
-    errands: queue.Queue[Callable[[], Any]] = queue.Queue()
-    Thread(target=partial(_receive, sys.stdin.buffer, errands), daemon=True).start()
+    jobs: queue.Queue[Callable[[], Any]] = queue.Queue()
+    Thread(target=partial(_receive, sys.stdin.buffer, jobs), daemon=True).start()
     while True:
-        answers.write(_packed(*_answer_to(errands.get())))
+        answers.write(_packed(*_answer_to(jobs.get())))
         answers.flush()
 
 
-def _receive(pipe: BinaryIO, errands: queue.Queue[Callable[[], Any]]) -> None:
+def _receive(pipe: BinaryIO, jobs: queue.Queue[Callable[[], Any]]) -> None:
     """Hand on what comes in; nobody left to answer to is the end, in the midst of work too."""
     try:
         while True:
-            errands.put(pickle.load(pipe))
+            jobs.put(pickle.load(pipe))
     except (EOFError, OSError):
         os._exit(0)
     except Exception as error:  # noqa: BLE001 - whatever a foreign object does when it is unpacked
-        errands.put(partial(_fail, error))
+        jobs.put(partial(_fail, error))
 
 
 def _fail(error: Exception) -> None:

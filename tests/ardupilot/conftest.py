@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from deck import Deck
+from bare_station import BareStation
 from firmware_process import KINDS, ArduPilot, Kind, Witness, binary_of
 
 from gcs_autotune.link import MemoryLink, Session, open_link
@@ -73,30 +73,30 @@ def _both(kind: str) -> list[object]:
 
 
 @pytest.fixture(params=_both("rover"))
-def boat(request: pytest.FixtureRequest) -> Iterator[Deck]:
+def boat(request: pytest.FixtureRequest) -> Iterator[BareStation]:
     """A boat, ours or ArduPilot's, with its sticks in our hands and outputs at 40 Hz."""
-    yield from _deck(request)
+    yield from _station_of(request)
 
 
 @pytest.fixture(params=_both("sub"))
-def rov(request: pytest.FixtureRequest) -> Iterator[Deck]:
+def rov(request: pytest.FixtureRequest) -> Iterator[BareStation]:
     """An ROV, ours or ArduPilot's."""
-    yield from _deck(request)
+    yield from _station_of(request)
 
 
 @pytest.fixture(params=_both("rover") + _both("sub"))
-def craft(request: pytest.FixtureRequest) -> Iterator[Deck]:
+def craft(request: pytest.FixtureRequest) -> Iterator[BareStation]:
     """A boat or an ROV, ours or ArduPilot's."""
-    yield from _deck(request)
+    yield from _station_of(request)
 
 
-def _deck(request: pytest.FixtureRequest) -> Iterator[Deck]:
+def _station_of(request: pytest.FixtureRequest) -> Iterator[BareStation]:
     kind, whose = request.param
     options = getattr(request.node.get_closest_marker("boot"), "kwargs", {})
     if whose in NAMES:
         ours = open_vehicle(OURS[kind], seed=1, names=whose, parameters={"SIM_RC_FAIL": 0, **options})
         with Session(MemoryLink(ours, quantum=0.02)) as session:
-            yield from _on_deck(session)
+            yield from _on_session(session)
     elif options:
         with started(KINDS[kind], extra=options) as firmware:
             warm(firmware)
@@ -105,14 +105,14 @@ def _deck(request: pytest.FixtureRequest) -> Iterator[Deck]:
         yield from _aboard(request.getfixturevalue(kind))
 
 
-def _aboard(firmware: ArduPilot) -> Iterator[Deck]:
+def _aboard(firmware: ArduPilot) -> Iterator[BareStation]:
     with Session(open_link(firmware.uri)) as session:
-        yield from _on_deck(session)
+        yield from _on_session(session)
 
 
-def _on_deck(session: Session) -> Iterator[Deck]:
-    deck = Deck(session)
-    deck.rates.request({"SERVO_OUTPUT_RAW": 40.0, "ATTITUDE": 40.0})
-    deck.run(4.0 if session.transport.is_simulated or isinstance(session.transport, MemoryLink) else 0.5)
-    yield deck
-    deck.leave()
+def _on_session(session: Session) -> Iterator[BareStation]:
+    station = BareStation(session)
+    station.rates.request({"SERVO_OUTPUT_RAW": 40.0, "ATTITUDE": 40.0})
+    station.run(4.0 if session.transport.is_simulated or isinstance(session.transport, MemoryLink) else 0.5)
+    yield station
+    station.leave()

@@ -16,8 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from bare_station import BareStation
 from conftest import warm
-from deck import Deck
 from firmware_process import KINDS, ArduPilot, binary_of
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -36,9 +36,9 @@ RELAYS = {"rover": (0.2, 0.3, 0.3), "sub": (0.25, 0.5, 0.0)}
 """Vehicle -> relay outputs of the two experiments, throttle."""
 
 
-def questions(deck: Deck, kind: str) -> None:
+def questions(station: BareStation, kind: str) -> None:
     """Ask everything once: parameters, rates up and down the ladder, a mode that does not exist, arming too early."""
-    parameters, name = deck.parameters, GAIN[kind]
+    parameters, name = station.parameters, GAIN[kind]
     parameters.read_full()
     old = parameters.read(name)
     for value in (0.33, 99.0, old):
@@ -47,13 +47,13 @@ def questions(deck: Deck, kind: str) -> None:
         parameters.read("NO_SUCH_GAIN")
     for message in MESSAGES:
         number = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
-        deck.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, number)
+        station.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, number)
         for hz in LADDER:
-            deck.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, float(round(1e6 / hz)))
-        deck.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 0.0)
-    deck.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 99.0)
-    for mode in (deck.firmware.hold_mode, deck.firmware.rest_mode, deck.firmware.manual_mode):
-        deck.commands.set_mode(mode)
+            station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, float(round(1e6 / hz)))
+        station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 0.0)
+    station.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 99.0)
+    for mode in (station.firmware.hold_mode, station.firmware.rest_mode, station.firmware.manual_mode):
+        station.commands.set_mode(mode)
 
 
 def relays(session: Session, kind: str) -> list[dict[str, float]]:
@@ -81,7 +81,7 @@ def main(kind: str, name: str = "") -> None:
         warm(firmware)
         log = Path(folder) / "session.tlog"
         with Session(open_link(firmware.uri), tlog=log) as session:
-            questions(Deck(session), kind)
+            questions(BareStation(session), kind)
             try:
                 flown = relays(session, kind)
             except AutotuneError as error:

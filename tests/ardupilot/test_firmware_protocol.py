@@ -16,9 +16,9 @@ GAIN = {"boat": "ATC_STR_RAT_P", "rov": "ATC_RAT_YAW_P"}
 UNKNOWN = "NO_SUCH_GAIN"
 
 
-def interval(deck, name: str, hz: float) -> int:
+def interval(station, name: str, hz: float) -> int:
     number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
-    return deck.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
+    return station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
 
 
 def test_it_is_found_and_known_for_what_it_is(craft):

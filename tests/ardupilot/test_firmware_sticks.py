@@ -17,8 +17,8 @@ def joystick(x=0, y=0, z=0, r=0):
     return lambda: mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)
 
 
-def is_still(deck):
-    return lambda: all(pwm in (0, NEUTRAL) for pwm in deck.pwm)
+def is_still(station):
+    return lambda: all(pwm in (0, NEUTRAL) for pwm in station.pwm)
 
 
 @pytest.mark.parametrize("stick, servo", [(1550, 1521), (1700, 1680), (1750, 1734), (1300, 1319)])

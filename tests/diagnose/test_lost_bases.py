@@ -1,4 +1,4 @@
-"""Bases that lose the craft altogether: footholds in pieces, wiring tried anew, what runs of one size can tell."""
+"""Bases that lose the craft altogether: pieces to begin from, wiring tried anew, what runs of one size can tell."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def named(told) -> list[str]:
 
 
 def test_drag_is_found_from_a_base_that_has_none_and_drifts_away_within_seconds() -> None:
-    """A blind case that ended `unexplained` before there were footholds."""
+    """A blind case that ended `unexplained` before pieces were tried as well."""
     found = play("single", 9101, 1, "linear-drag")
     assert (found.verdict, found.causes) == ("effect-found", ["linear-drag"])
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.faults import Berth, Case, Fault, Killed, play
+from benchmarks.faults import Case, Fault, Killed, VehicleAsFound, play
 from benchmarks.faults.case import FLEET
 from gcs_autotune.errors import LinkLost, NotAsFound, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
@@ -28,17 +28,17 @@ NEW = {"ATC_STR_RAT_P": 0.5, "ATC_STR_RAT_I": 0.4, "ATC_STR_RAT_FF": 1.5}
 VIDEORAY = next(subject for subject in FLEET if subject.vehicle == "videoray")
 
 
-def moored(**options: Any) -> Berth:
-    berth = Berth("charlie", seed=1, parameters={"SIM_RC_FAIL": 0.0, **options})
-    berth.wait(4.0)
-    berth.server.vehicle.autopilot.set_mode(4)
-    berth.wait(0.1)
-    return berth
+def moored(**options: Any) -> VehicleAsFound:
+    vehicle = VehicleAsFound("charlie", seed=1, parameters={"SIM_RC_FAIL": 0.0, **options})
+    vehicle.wait(4.0)
+    vehicle.server.vehicle.autopilot.set_mode(4)
+    vehicle.wait(0.1)
+    return vehicle
 
 
-def borrow(berth: Berth, path: Path, faults: tuple[Fault, ...] = (), **found: Any) -> None:
+def borrow(vehicle: VehicleAsFound, path: Path, faults: tuple[Fault, ...] = (), **found: Any) -> None:
     """What a tune does to a vehicle, in short: journal, arm, another mode, new gains; and no clean-up."""
-    with Session(berth.connection(faults).open()) as session:
+    with Session(vehicle.connection(faults).open()) as session:
         session.discover(system_id=1)
         commands = Commands(session, FIRMWARE["ardurover"])
         known = {"vehicle": session.vehicle, "mode": "HOLD", "armed": False, "link": "memory", **found}
@@ -51,8 +51,8 @@ def borrow(berth: Berth, path: Path, faults: tuple[Fault, ...] = (), **found: An
             journal.leave()
 
 
-def restore(berth: Berth, path: Path, *faults: Fault, answer: bool = True, **acts: Any) -> Any:
-    return restore_run(berth.connection(faults, **acts), path, Unattended(answer), SilentWatcher())
+def restore(vehicle: VehicleAsFound, path: Path, *faults: Fault, answer: bool = True, **acts: Any) -> Any:
+    return restore_run(vehicle.connection(faults, **acts), path, Unattended(answer), SilentWatcher())
 
 
 @pytest.fixture
@@ -61,15 +61,15 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_restore_disarms_puts_back_reads_back_and_settles(path: Path) -> None:
-    berth = moored()
-    found = berth.condition()
-    borrow(berth, path)
-    assert berth.condition().differs_from(found, {})
-    changes = restore(berth, path)
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path)
+    assert vehicle.condition().differs_from(found, {})
+    changes = restore(vehicle, path)
     assert changes == {n: (pytest.approx(v), pytest.approx(found.parameters[n])) for n, v in NEW.items()}
-    assert berth.condition().differs_from(found, {}) == []
+    assert vehicle.condition().differs_from(found, {}) == []
     assert Journal.read(path).is_settled
-    assert restore(berth, path) == {}
+    assert restore(vehicle, path) == {}
 
 
 @pytest.mark.slow
@@ -87,36 +87,38 @@ def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) ->
     moments += [("COMMAND_LONG", n, after) for n in (2, 3) for after in (0.0, 0.05)]
     for k, (name, count, after) in enumerate(moments):
         path.unlink()
-        berth = moored()
-        found = berth.condition()
+        vehicle = moored()
+        found = vehicle.condition()
         with pytest.raises(Killed):
-            borrow(berth, path, (Fault("killed", after, sent=name, count=count),))
+            borrow(vehicle, path, (Fault("killed", after, sent=name, count=count),))
         again = list(counts)[k % len(counts)]
         at = 1 + k % counts[again]
         try:
-            restore(berth, path, Fault("killed", 0.0, sent=again, count=at))
+            restore(vehicle, path, Fault("killed", 0.0, sent=again, count=at))
         except Killed:
             assert not Journal.read(path).is_settled
-        restore(berth, path)
-        assert berth.condition().differs_from(found, {}) == [], (name, count, after, again, at)
+        restore(vehicle, path)
+        assert vehicle.condition().differs_from(found, {}) == [], (name, count, after, again, at)
         assert Journal.read(path).is_settled
 
 
 def test_another_hull_under_the_same_system_id_is_refused_by_its_board(path: Path) -> None:
-    berth = moored()
-    borrow(berth, path)
+    vehicle = moored()
+    borrow(vehicle, path)
     journal = path.read_text().replace('"uid": "', '"uid": "f00')
     path.write_text(journal)
-    before = berth.condition()
+    before = vehicle.condition()
     with pytest.raises(WrongVehicle, match="its board is f00"):
-        restore(berth, path)
-    assert berth.condition().parameters == before.parameters
+        restore(vehicle, path)
+    assert vehicle.condition().parameters == before.parameters
     assert not Journal.read(path).is_settled
 
 
 def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Path) -> None:
-    berth = moored()
-    borrow(berth, path, fingerprint={"CRUISE_SPEED": berth.condition().parameters["CRUISE_SPEED"], "RC1_TRIM": 1500.0})
+    vehicle = moored()
+    borrow(
+        vehicle, path, fingerprint={"CRUISE_SPEED": vehicle.condition().parameters["CRUISE_SPEED"], "RC1_TRIM": 1500.0}
+    )
     events = [json.loads(line) for line in path.read_text().splitlines()]
     events[0]["vehicle"]["uid"] = ""
     path.write_text("".join(json.dumps(e) + "\n" for e in events))
@@ -124,71 +126,71 @@ def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Pa
     with pytest.raises(WrongVehicle, match="RC1_TRIM 1500 there, 1512 here"):
         restore(other, path)
     assert other.writes == []
-    restore(berth, path)
+    restore(vehicle, path)
     assert Journal.read(path).is_settled
 
 
 def test_what_somebody_else_wrote_since_is_said_before_it_is_written_over(path: Path) -> None:
-    berth = moored()
-    borrow(berth, path)
-    berth.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
+    vehicle = moored()
+    borrow(vehicle, path)
+    vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
     with pytest.raises(OperatorStopped, match=r"ATC_STR_RAT_P 0.77 -> 0.2 \(which is not what the run wrote"):
-        restore(berth, path, answer=False)
-    assert berth.condition().armed
+        restore(vehicle, path, answer=False)
+    assert vehicle.condition().armed
 
 
 def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
-    berth = moored()
+    vehicle = moored()
     journal = Journal(path, mode="HOLD", armed=False)
     with pytest.raises(PreconditionFailed, match="still going on"):
-        restore(berth, path)
+        restore(vehicle, path)
     journal.leave()
-    assert berth.server.now == pytest.approx(4.1)
+    assert vehicle.server.now == pytest.approx(4.1)
 
 
 def test_the_radio_lost_while_restoring_is_waited_for(path: Path) -> None:
-    berth = moored()
-    found = berth.condition()
-    borrow(berth, path)
-    restore(berth, path, Fault("silence", 0.05, 20.0, sent="PARAM_SET"))
-    assert berth.condition().differs_from(found, {}) == []
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path)
+    restore(vehicle, path, Fault("silence", 0.05, 20.0, sent="PARAM_SET"))
+    assert vehicle.condition().differs_from(found, {}) == []
 
 
 def test_a_vehicle_that_restarts_after_its_mode_was_restored_is_put_back_once_more(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    berth = moored()
-    found = berth.condition()
-    borrow(berth, path)
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path)
     looked = []
     plain = _Restoring._check_neutral
 
     def look(self: _Restoring) -> None:
         plain(self)
-        looked.append(berth.condition().mode)
+        looked.append(vehicle.condition().mode)
         if len(looked) == 1:
-            berth.server.reboot_soon()
+            vehicle.server.reboot_soon()
 
     monkeypatch.setattr(_Restoring, "_check_neutral", look)
-    restore(berth, path)
+    restore(vehicle, path)
     assert looked == [found.mode, found.mode]
-    assert berth.condition().differs_from(found, {}) == []
+    assert vehicle.condition().differs_from(found, {}) == []
     assert Journal.read(path).is_settled
 
 
 def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> None:
-    berth = moored()
-    found = berth.condition()
-    borrow(berth, path)
-    berth.deaf_to.add("ATC_STR_RAT_I")
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path)
+    vehicle.deaf_to.add("ATC_STR_RAT_I")
     with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_I.*again") as caught:
-        restore(berth, path)
+        restore(vehicle, path)
     assert set(caught.value.differences) == {"ATC_STR_RAT_I"}
-    assert [d.split()[0] for d in berth.condition().differs_from(found, {})] == ["ATC_STR_RAT_I"]
+    assert [d.split()[0] for d in vehicle.condition().differs_from(found, {})] == ["ATC_STR_RAT_I"]
     assert set(Journal.open_debts(path)) == {"ATC_STR_RAT_I"}
-    berth.deaf_to.clear()
-    restore(berth, path)
-    assert berth.condition().differs_from(found, {}) == []
+    vehicle.deaf_to.clear()
+    restore(vehicle, path)
+    assert vehicle.condition().differs_from(found, {}) == []
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from gcs_autotune.mavlink import Framer
 from gcs_autotune.workflow import Connection
 from sitl import Server, open_vehicle
 
-__all__ = ["Berth", "Condition", "Moored"]
+__all__ = ["Condition", "Moored", "VehicleAsFound"]
 
 _NEUTRAL = 1500
 _WIDTH, _OWN_WIDTH = 5, 50
@@ -62,7 +62,7 @@ class Condition:
         return differences
 
 
-class Berth:
+class VehicleAsFound:
     """One vehicle in the water. Time on it goes on from one connection to the next.
 
     ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
@@ -105,19 +105,19 @@ class Berth:
 
     def connection(self, faults: Sequence[Fault] = (), **options: Any) -> Moored:
         """Return a connection to it; every opening begins at time zero of its own."""
-        return Moored(berth=self, faults=tuple(faults), options=options)
+        return Moored(vehicle=self, faults=tuple(faults), options=options)
 
 
 class _Peer:
     """The vehicle as a peer of a link whose clock starts at zero now."""
 
-    def __init__(self, berth: Berth) -> None:
-        self._berth = berth
-        self._server = berth.server
-        self._offset = berth.server.now
+    def __init__(self, vehicle: VehicleAsFound) -> None:
+        self._vehicle = vehicle
+        self._server = vehicle.server
+        self._offset = vehicle.server.now
 
     def receive(self, data: bytes) -> None:
-        self._berth.hears(data)
+        self._vehicle.hears(data)
 
     def advance_to(self, t: float) -> bytes:
         return self._server.advance_to(self._offset + t)
@@ -128,13 +128,13 @@ class Moored(Connection):
     """A connection in this process, with faults."""
 
     uri: str = "memory"
-    berth: Any = None
+    vehicle: Any = None
     faults: tuple[Fault, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     opened: list[FaultyLink] = field(default_factory=list)
 
     def open(self) -> Transport:
-        link = FaultyLink(MemoryLink(_Peer(self.berth)), self.faults, **self.options)
+        link = FaultyLink(MemoryLink(_Peer(self.vehicle)), self.faults, **self.options)
         self.opened.append(link)
         return link
 

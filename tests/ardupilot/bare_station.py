@@ -15,14 +15,14 @@ from gcs_autotune.errors import CommandDenied
 from gcs_autotune.firmware import Firmware, firmware_for
 from gcs_autotune.link import Commands, Parameters, Rates, Session
 
-__all__ = ["Deck"]
+__all__ = ["BareStation"]
 
 _IGNORE = 65535
 _STICKS = 0.03
 """Vehicle seconds between two repetitions of the sticks."""
 
 
-class Deck:
+class BareStation:
     """Attributes: ``t`` vehicle time [s]; ``pwm`` last servo outputs [us]; ``said`` (t, text) of every STATUSTEXT.
 
     ``sticks`` is called for the message to repeat about 30 times a second of vehicle time, None for silence.
