@@ -101,7 +101,7 @@ class CalmCheck(Manoeuvre):
 
 
 STILL = math.radians(2.0), 0.05
-"""Chosen [rad/s, m/s]: a craft that turns and climbs no faster lies still, ..."""
+"""Chosen [rad/s, m/s]: a craft that turns and climbs no faster (rms) lies still, ..."""
 STILL_FOR, REST = 1.0, 20.0
 """... for so long, and is waited for so long [s]."""
 
@@ -128,11 +128,15 @@ class ComeToRest(Manoeuvre):
 
     def commands(self, now: Observation) -> Commands:
         """Yield what holds the craft."""
-        start = moved = now.t
+        start = now.t
+        seen: deque[tuple[float, float, float]] = deque()
         while True:
-            if abs(now.r) > STILL[0] or abs(now.w) > STILL[1]:
-                moved = now.t
-            if now.t - moved >= STILL_FOR:
+            seen.append((now.t, now.r, now.w))
+            while seen[0][0] < now.t - STILL_FOR:
+                seen.popleft()
+            # not at every reading: held by a hand whose thrusters have a dead band, it swings about rest for ever
+            rms = np.sqrt(np.mean(np.square(np.array(seen)[:, 1:]), axis=0))
+            if now.t - start >= STILL_FOR and not np.any(rms > STILL):
                 self._end("completed", "it lies still")
             elif now.t - start >= REST:
                 self._end("completed", f"it still moves after {REST:.0f} s")
