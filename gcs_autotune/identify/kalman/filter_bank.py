@@ -122,6 +122,11 @@ class FilterBank:
         self._max_rates = list(self._needed)
         return finer
 
+    def afresh(self) -> None:
+        """Forget how fine the steps of earlier passes were: a trial may have asked for more than there may be."""
+        self._max_rates = [1.0] * len(self.tracks)
+        self._needed = list(self._max_rates)
+
     def run(
         self,
         theta: Array,

@@ -284,7 +284,7 @@ class WanderingProblem:
         free_effects = free_of(effects, held)
         coordinates = Coordinates(self, effects, free_effects, water)
         x = coordinates.clipped(coordinates.pack(theta, effects, water))
-        here = coordinates.at(x)
+        here = coordinates.begun(x)
         if here is None:
             return None
         steps = coordinates.first_steps(x)
@@ -321,7 +321,7 @@ class WanderingProblem:
         held = frozenset[tuple[str, str]]()
         coordinates = Coordinates(self, fit.effects, free_of(fit.effects, held), fit.water)
         x = coordinates.pack(fit.theta, fit.effects, fit.water)
-        here = coordinates.at(x)
+        here = coordinates.begun(x)
         if here is None:
             return None
         scale = 1.0 / np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
@@ -335,7 +335,7 @@ class WanderingProblem:
         free_effects = free_of(effects, held)
         coordinates = Coordinates(self, effects, free_effects, fit.water)
         x = coordinates.pack(fit.theta, effects, fit.water)
-        here = coordinates.at(x)
+        here = coordinates.begun(x)
         if here is None:
             return None
         J, D = tangent.J, tangent.D

@@ -141,6 +141,15 @@ class Coordinates:
         total = float(each.sum())
         return (found, total, each) if math.isfinite(total) else None
 
+    def begun(self, x: Array) -> Point | None:
+        """Return :meth:`at` the first *x* (q,) of a series, with steps anew where those of an earlier one fail."""
+        here = self.at(x)
+        if here is None:
+            _, effects, water = self.unpack(x)
+            self.problem.bank(effects, water.smoothing).afresh()
+            here = self.at(x)
+        return here
+
     def eased(self, x: Array, here: Point) -> Point:
         """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
         _, effects, water = self.unpack(x)

@@ -69,6 +69,20 @@ def test_gain_damping_and_the_water_are_found_together() -> None:
     assert 0.85 < float(np.mean(e * e / S)) < 1.15
 
 
+def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
+    """A trial asked for steps 512 times finer than a second; no pass came to its end since, and no cause was tried."""
+    problem = problem_of([run(1)])
+    before = problem.fit(*BEGIN, rounds=2)
+    assert before is not None
+    bank = problem.bank((), 0.0)
+    bank._max_rates = [1e6]
+    assert problem.run(before.theta, (), before.water) is None
+    assert problem.tangent(before) is not None
+    bank._max_rates = [1e6]
+    again = problem.fit(before.theta, (), before.water, rounds=0)
+    assert again is not None and again.total == pytest.approx(before.total, abs=1e-3)
+
+
 def test_a_force_that_wanders_begins_anew_in_every_run_at_its_own_spread() -> None:
     problem = problem_of([run(1), run(1)])
     fit = problem.fit(*BEGIN, rounds=3)
