@@ -207,7 +207,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
     if along is not None and along.is_none:
-        log.say(f"back the boat is as quick within {2.0 * abs(along.set):.2f} m/s: no current that counts")
+        log.say(f"back the boat is as quick within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no current that counts")
         log.say("identifying, with the step")
         fit = context.run_in_background(fitted, [first, step])
         if unexplained(fit) < BY_ITSELF and not any(doubt.slug in UNKNOWN_YET for doubt in fit.doubts):
