@@ -20,6 +20,7 @@ from gcs_autotune.firmware import checked, checked_all
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.file_transfer import read_remote_file
 from gcs_autotune.link.parameters.exchange import (
+    IN_FLIGHT,
     REPLY,
     Intrusion,
     ParamExchange,
@@ -61,10 +62,12 @@ def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, fl
 
     stop = parameters.session.listen("PARAM_VALUE", count)
     try:
-        for _ in range(_ROUNDS):
+        for k in range(_ROUNDS):
             pending = [name for name in wanted if _winner(votes[name]) is None]
             if not pending:
                 break
+            if k == 0 and len(pending) <= IN_FLIGHT // 2:  # both answers in one round trip: a write waits for them
+                parameters.ask_besides(pending)
             parameters.read_all(pending, as_is=True)
     finally:
         stop()
@@ -146,6 +149,11 @@ class Parameters:
                 name=missing[0],
             )
         return found
+
+    def ask_besides(self, names: Iterable[str]) -> None:
+        """Ask for several parameters once more, beside a reading to come; do not wait."""
+        for name in names:
+            self._exchange.request(name)
 
     def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
         """Return the values of those of *names* that the vehicle has.
