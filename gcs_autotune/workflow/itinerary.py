@@ -22,9 +22,9 @@ TURNING = "turning about"
 CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
 """Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
 of half a metre to 2.4 m take."""
-KNOWN_UNDER_WAY, KNOWN_AT_REST = 30.0, 8.0
+KNOWN_UNDER_WAY, KNOWN_AT_REST, ANSWERED = 30.0, 8.0, 7.0
 """...and of a self-oscillation that ends once the gains are known: one under way, two of a craft at rest, whose
-thrusters mostly have a dead band."""
+thrusters mostly have a dead band; of a throttle level that ends once the boat has answered it."""
 HOLD, RESTS, SETTLES = 10.0, 5.0, 12.0
 """Seconds of holding still before a step, and of one that ends once the craft is at rest; and until a half is over
 that ends once the craft stands at its target."""
@@ -63,7 +63,8 @@ def legs_of_tune(
     swings = [] if given else [replace(swing, before=turn) for swing in flown]
     back = turn if swings else 0.0
     if swings and under_way and excitation_of(dof).by_throttle and settings.stop_rule != SETTLED:
-        swings, back = swings[:1], TURN  # the step is the way back
+        first = replace(swings[0], seconds=ANSWERED * len(LEVELS[0]))
+        swings, back = [first], TURN  # the step is the way back
     legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
