@@ -335,20 +335,27 @@ def _whitening(pair: _Pair, scale: float) -> Array:
     return _autoregression(_regressed(pair, scale, np.ones(1)).residual)
 
 
+def _whitened(pair: _Pair, scale: float, filt: Array) -> tuple[Array, Array, Array, Array]:
+    """Return changes and regressors (with one for a trend) through the filter, regressors as they were, and stamps."""
+    y, table, t = pair.rows(scale)
+    table = np.column_stack([table, np.ones(len(y))])
+    return _filtered(y, filt), _filtered(table, filt), table, t
+
+
 def _cost_of(pair: _Pair, scale: float, filt: Array) -> float:
     """Return the cost of :func:`_regressed` alone, by Cholesky: a search over rates asks for it a hundred times."""
-    y, table, _ = pair.rows(scale)
-    y_w, table_w = _filtered(y, filt), _filtered(np.column_stack([table, np.ones(len(y))]), filt)
+    y_w, table_w, *_ = _whitened(pair, scale, filt)
     square = table_w.T @ table_w
     square[np.diag_indices_from(square)] += SINGULAR * np.trace(square)
-    left = y_w - table_w @ cho_solve(cho_factor(square, check_finite=False), table_w.T @ y_w, check_finite=False)
+    try:
+        left = y_w - table_w @ cho_solve(cho_factor(square), table_w.T @ y_w)
+    except np.linalg.LinAlgError:  # nothing moves at all
+        return _regressed(pair, scale, filt).cost
     return len(left) * math.log(max(float(left @ left) / max(len(left) - len(square), 1), 1e-300))
 
 
 def _regressed(pair: _Pair, scale: float, filt: Array) -> _Fit:
-    y, table, t = pair.rows(scale)
-    table = np.column_stack([table, np.ones(len(y))])
-    y_w, table_w = _filtered(y, filt), _filtered(table, filt)
+    y_w, table_w, table, t = _whitened(pair, scale, filt)
     inverse = np.asarray(np.linalg.pinv(table_w.T @ table_w, rcond=SINGULAR, hermitian=True), dtype=np.float64)
     gains = inverse @ (table_w.T @ y_w)
     left = y_w - table_w @ gains
