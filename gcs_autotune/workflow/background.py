@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "await_worker", "beside", "finish", "run_in_background"]
+__all__ = ["agreed", "ask", "await_worker", "beside", "finish", "keep_company", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -44,9 +44,10 @@ def run_in_background(
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
-    _keep_company(craft)
+    keep_company(craft)
     worker.begin(partial(work, *args, **named))
-    return await_worker(craft, worker, bear)  # type: ignore[no-any-return]
+    found: T = await_worker(craft, worker, bear)
+    return found
 
 
 def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneError], bool]) -> Any:
@@ -105,7 +106,7 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     """Return the operator's answer, keeping the craft company until it comes."""
     if craft.armed:
-        _keep_company(craft)
+        keep_company(craft)
     return operator.ask(question, craft.observe)
 
 
@@ -117,7 +118,7 @@ def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: 
     return ask(craft, operator, question)
 
 
-def _keep_company(craft: MavlinkCraft) -> None:
+def keep_company(craft: MavlinkCraft) -> None:
     """Hold, unless it does already; sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())

@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, restore_on_exit
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.background import agreed, await_worker, beside, run_in_background
+from gcs_autotune.workflow.background import agreed, await_worker, beside, keep_company, run_in_background
 from gcs_autotune.workflow.connection import say_link_times
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.operator import Operator
@@ -95,10 +95,13 @@ class TuneContext:
         self.worker.begin(work)
         try:
             self.come_about(before, math.inf)
+            if not self.worker.done:
+                keep_company(self.craft)
         except BaseException:
             self.worker.abandon()
             raise
-        return await_worker(self.craft, self.worker, self.runner.bear)  # type: ignore[no-any-return]
+        found: T = await_worker(self.craft, self.worker, self.runner.bear)
+        return found
 
     def begin(self) -> None:
         """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""

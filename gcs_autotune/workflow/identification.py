@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
 from gcs_autotune.axes import excitation_of
+from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import (
     AxisFit,
     Fit,
@@ -186,10 +187,10 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     first = context.fly(out, "first throttle steps").trial
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
-        fit: AxisFit = context.come_back_meanwhile("step-before", partial(fitted, [first]))
-        if unexplained(fit) < BY_ITSELF:
-            log.fit = fit
-            return Identified(fit, [first], short=True)
+        alone = context.come_back_meanwhile("step-before", partial(_or_none, fitted, [first]))
+        if alone is not None and unexplained(alone) < BY_ITSELF:
+            log.fit = alone
+            return Identified(alone, [first], short=True)
     else:
         context.come_about("throttle-2", math.inf)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
@@ -209,15 +210,24 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
     if along is not None and along.is_none:
         log.say(f"back the boat is as quick within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no current that counts")
         log.say("identifying, with the step")
-        fit = context.run_in_background(fitted, [first, step])
-        if unexplained(fit) < BY_ITSELF and not any(doubt.slug in UNKNOWN_YET for doubt in fit.doubts):
-            log.fit = fit
-            return Identified(fit, [first, step], short=True)
+        both = context.run_in_background(_or_none, fitted, [first, step])
+        told = both is not None and not any(doubt.slug in UNKNOWN_YET for doubt in both.doubts)
+        if both is not None and told and unexplained(both) < BY_ITSELF:
+            log.fit = both
+            return Identified(both, [first, step], short=True)
     context.come_about("throttle-2", SWING_AHEAD)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials, along=along)
     return Identified(fit, trials)
+
+
+def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
+    """Return the fit of *trials*; None where they tell none by themselves: then more is flown."""
+    try:
+        return fitted(trials)
+    except AutotuneError:
+        return None
 
 
 UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")

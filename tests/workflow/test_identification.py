@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify import AxisFit
+from gcs_autotune.manoeuvres import Envelope, ThrottleSteps
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.identification import Identified, identify
@@ -143,3 +146,32 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.come_about(0.5, ahead, last=last) is turns
     assert turned == ["turning about"] * turns
+
+
+def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_flown_back_as_well() -> None:
+    flown: list[str] = []
+
+    def too_little(trials: Sequence[Trial], **_: object) -> AxisFit:
+        if len(trials) < 2:
+            raise NotInformative("too little")
+        return cast(AxisFit, SimpleNamespace(runs=len(trials)))
+
+    def fly(manoeuvre: ThrottleSteps, stage: str) -> SimpleNamespace:
+        flown.append(manoeuvre.name)
+        return SimpleNamespace(trial=manoeuvre.name)
+
+    context = SimpleNamespace(
+        settings=SimpleNamespace(structure=None, delay=None),
+        log=SimpleNamespace(say=lambda text: None),
+        throttle=0.4,
+        earlier=SimpleNamespace(has=lambda name: False),
+        fly=fly,
+        come_about=lambda *where: None,
+        come_back_meanwhile=lambda before, work: work(),
+        run_in_background=lambda work, *args: work(*args),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(identification, "fit_surge", too_little)
+        found = identification._by_throttle_steps(context, turns_first=False, early=True)  # type: ignore[arg-type]
+    assert flown == ["throttle-1", "throttle-2"]
+    assert found.runs == ["throttle-1", "throttle-2"] and not found.short
