@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.attested import WORTH, Attested
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import MissingCurve, MissingForce
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -189,7 +189,6 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
                 + ", ".join(missing.curves)
                 + "): it looks like wind, wakes or current"
             )
-    found += [_evidence_of(a, search) for a in search.named]
     named = {(a.effect.slug, a.effect.place) for a in search.named}
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
@@ -214,25 +213,6 @@ def _shortfall_of(unnamed: Attested) -> str:
     if unnamed.foretold > 0.0:
         return f"{fits} and gains on those left out together ({unnamed.foretold:+.1f}), but not on each: not named"
     return f"{fits} and loses on those left out ({unnamed.foretold:+.1f}): refuted as it stands"
-
-
-STRENGTHS = ((5.0, "very strong"), (WORTH, "strong"), (1.0, "positive"))
-"""Log-likelihood on data left out -> words, Kass1995's (half of the twice of their table)."""
-
-
-def _evidence_of(named: Attested, search: WeatherSearch) -> str:
-    """Return in words how well a name foretells what it was not fitted to, and which other came next."""
-    strength = next((w for least, w in STRENGTHS if named.foretold > least), "weak")
-    each = ", ".join(f"{v:+.1f}" for v in named.unseen)
-    told = (
-        f"{named.effect.slug} of {named.effect.place}: {strength} evidence on {search.parts}, log-likelihood "
-        f"{named.foretold:+.1f} ({each}; 90 % interval {named.interval[0]:+.1f} to {named.interval[1]:+.1f})"
-    )
-    others = [a for a in search.judged if a.step == named.step and a.effect.slug != named.effect.slug and a.gain > 0.0]
-    rival = max(others, key=lambda a: a.foretold, default=None)
-    if rival is None or not rival.foretold > 0.0:
-        return told + "; no other effect in its place foretells anything"
-    return told + f"; its best rival is {rival.effect.slug} of {rival.effect.place} ({rival.foretold:+.1f})"
 
 
 def next_of(missing: MissingForce | None) -> str | None:

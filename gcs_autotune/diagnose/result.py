@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EffectCurve, EffectInstance, ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Trace
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
@@ -128,7 +128,8 @@ class Ranked:
 
     ``gain``: share by which it lowers the held-out simulation error, all signals together (0.3: by 30 %); ``p_value``
     corrected for how many were tried; ``evidence``: twice the log-likelihood gained, less what its parameters cost.
-    ``step``: 1 for the first cause looked for, 2 for the second, and so on.
+    ``step``: 1 for the first cause looked for, 2 for the second, and so on. Under process noise ``unseen`` is the
+    log-likelihood gained on each part left out, ``ci90`` the 90 % interval of their sum, half the ``evidence``.
     """
 
     cause: str
@@ -138,6 +139,8 @@ class Ranked:
     evidence: float
     parameters: Mapping[str, Value]
     step: int = 1
+    unseen: tuple[float, ...] = ()
+    ci90: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +153,11 @@ class Cause:
     share: float
     """Of the held-out mean square error above the noise that the base model leaves, the share this cause removed."""
     curve: EffectCurve | None = None
+
+    @property
+    def is_structural(self) -> bool:
+        """Whether a first model of such a craft merely leaves it out; else something is wrong with craft or record."""
+        return self.effect.slug in EFFECTS and EFFECTS[self.effect.slug].is_structural
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +285,8 @@ class Diagnosis:
                         "gain": r.gain,
                         "p_value": r.p_value,
                         "evidence": r.evidence,
+                        "unseen": list(r.unseen),
+                        "ci90": list(r.ci90),
                         "parameters": {n: _value(v) for n, v in r.parameters.items()},
                     }
                     for r in self.ranking
@@ -289,6 +299,7 @@ class Diagnosis:
                         "cause": c.effect.slug,
                         "place": c.effect.place,
                         "meaning": c.meaning,
+                        "structural": c.is_structural,
                         "share": c.share,
                         "parameters": {n: _value(v) for n, v in c.parameters.items()},
                     }

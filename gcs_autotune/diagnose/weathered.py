@@ -259,8 +259,9 @@ def ranking_under(search: WeatherSearch, state: SearchState) -> tuple[Ranked, ..
         samples = sum(len(t) for t, _, _ in a.fit.innovations)
         gain = 1.0 - math.exp(-max(a.foretold, -50.0) / max(samples, 1))
         p = min(1.0, search.tried * math.exp(-max(min(a.foretold, 700.0), 0.0)))
+        numbers, parts = _told(effect, a.fit, state), tuple(a.unseen.tolist())
         found.append(
-            Ranked(a.effect.slug, a.effect.place, gain, p, 2.0 * a.foretold, _told(effect, a.fit, state), a.step)
+            Ranked(a.effect.slug, a.effect.place, gain, p, 2.0 * a.foretold, numbers, a.step, parts, a.interval)
         )
     return tuple(found)
 

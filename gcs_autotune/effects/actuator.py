@@ -210,6 +210,7 @@ class QuadraticActuator(Characteristic):
     """
 
     slug = "quadratic-actuator"
+    is_structural = True
     title = "Thrust curve"
     meaning = "thrust goes as the square of the command (n|n|): half command gives less than half thrust"
     parameters = (Quantity("share", "1", "quadratic share of the thrust at full command"),)

@@ -18,6 +18,7 @@ class InputDelay(ActuatorEffect):
     """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
 
     slug = "input-delay"
+    is_structural = True
     meaning = "commands act later than they were sent: radio, autopilot loops, motor controller"
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)

@@ -204,6 +204,9 @@ class Effect:
     """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
     form_of: ClassVar[tuple[str, ...]] = ()
     """Slugs of the same cause by a plainer law: where that holds too, it is named first, and both together."""
+    is_structural: ClassVar[bool] = False
+    """Whether a first model of such a craft merely leaves it out (order of the drag, coupling, speed, thrust curve,
+    delay), where others are wrong with the craft, its surroundings or the record."""
     grows_with: ClassVar[tuple[str, ...]] = ()
     """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
     neutral: ClassVar[Mapping[str, float]] = MappingProxyType({})

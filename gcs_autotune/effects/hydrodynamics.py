@@ -56,6 +56,7 @@ class Drag(Effect):
     power: ClassVar[int]
     polar: ClassVar[str]
     family = "hydrodynamics"
+    is_structural = True
     grows_with = ("coefficient",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -139,6 +140,7 @@ class CoriolisCoupling(Effect):
     """
 
     slug = "coriolis-coupling"
+    is_structural = True
     family = "hydrodynamics"
     meaning = "momentum carried through a turn: the craft slides outwards, loses way and yaws with it"
     parameters = (
@@ -197,6 +199,7 @@ class SwayYawCoupling(Effect):
     """
 
     slug = "sway-yaw-coupling"
+    is_structural = True
     family = "hydrodynamics"
     meaning = "turning pushes sideways, sliding turns: centre of gravity or of drag away from midships"
     parameters = (

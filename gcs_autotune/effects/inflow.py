@@ -39,6 +39,7 @@ class SpeedDependentSteering(ActuatorEffect):
     """
 
     slug = "speed-dependent-steering"
+    is_structural = True
     meaning = "the rudder turns the craft the harder, the faster water flows past it"
     parameters = (
         Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
@@ -182,6 +183,7 @@ class AdvanceSpeedLoss(ActuatorEffect):
     """
 
     slug = "advance-speed-loss"
+    is_structural = True
     meaning = "a propeller loses thrust with the speed of the water it works in: strong from rest, weak at speed"
     parameters = (Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),)
     grows_with = ("loss",)

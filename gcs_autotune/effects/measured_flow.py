@@ -33,6 +33,7 @@ class MeasuredFlow(Effect):
     """A yaw moment per product of ``needs``, measured velocities, and of the turn rate where ``turning``."""
 
     family = "hydrodynamics"
+    is_structural = True
     needs: ClassVar[tuple[str, ...]]
     turning: ClassVar[bool] = False
 

@@ -43,7 +43,7 @@ from gcs_autotune.identify import (
     prepare_as_recorded,
     prepare_form,
 )
-from gcs_autotune.report.diagnosis.wording import verdict_headline
+from gcs_autotune.report.diagnosis.wording import evidence_remarks, verdict_headline
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -104,7 +104,10 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert found.missing is not None
     assert 0.05 < found.missing.size < 0.3
     assert "process-noise" in {d.slug for d in found.doubts}
-    assert any("quadratic-drag of yaw: very strong evidence on each of 3 runs" in f for f in found.left.findings)
+    assert found.causes[0].is_structural
+    told = dict(evidence_remarks(found, found.causes[0]))["How strong the evidence is"]
+    assert told.startswith("Very strong: +")
+    assert len(found.ranking[0].unseen) == 3
 
 
 @pytest.mark.slow

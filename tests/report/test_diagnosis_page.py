@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosis_stories import STORIES, WHEN, dead_zone, deviation, portraits, unexplained
+from diagnosis_stories import STORIES, WHEN, cause, dead_zone, deviation, portraits, unexplained
 from page_reader import Page
 from rich.console import Console
 
@@ -18,7 +18,7 @@ from gcs_autotune.diagnose import Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
 from gcs_autotune.report.diagnosis.figures import bin_means, telling_view, views_of
-from gcs_autotune.report.diagnosis.wording import named, place_words, value_words, verdict_headline
+from gcs_autotune.report.diagnosis.wording import cause_title, named, place_words, value_words, verdict_headline
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import format_parameter
 from gcs_autotune.trial import Channel, Trial
@@ -263,3 +263,33 @@ def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside()
     assert label not in bare
     assert "Track over ground" in full
     assert "Track over ground" not in bare
+
+
+def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the_craft():
+    fault = dead_zone()
+    drag = cause("quadratic-drag", "yaw", 0.4, coefficient=(0.8, "N m s^2/rad^2", 0.05))
+    both = replace(fault, causes=(drag, *fault.causes))
+    headline = verdict_headline(both).text
+    assert "Found: dead zone on yaw moment (N); the plain model lacks quadratic drag in yaw." in headline
+    assert cause_title(both, drag) == "The plain model lacks quadratic drag in yaw"
+    assert cause_title(replace(both, verdict="partly-explained"), drag).startswith("Hypothesis: the plain model lacks")
+    assert cause_title(both, fault.causes[0]) == "Dead zone on yaw moment (N)"
+    alone = verdict_headline(replace(both, causes=(drag,))).text
+    assert alone.startswith("Found: the plain model lacks quadratic drag in yaw, coefficient 0.80 \N{PLUS-MINUS SIGN}")
+
+
+def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
+    told = terminal_of("dead-zone")
+    assert "Very strong: +406.0 in log-likelihood, the price of its numbers taken off." in told
+    assert "The best rival, quadratic actuator, gains +260.0." in told
+    assert told.count("in log-likelihood") == text_of("dead-zone").count("in log-likelihood") == 1
+
+
+def test_under_process_noise_the_evidence_is_told_part_by_part():
+    weak = dead_zone()
+    first = replace(weak.ranking[0], evidence=7.0, unseen=(5.5, -2.0), ci90=(0.5, 6.5))
+    told = shown(replace(weak, ranking=(first,)))
+    assert (
+        "Strong: +3.5 in log-likelihood on data left out (part by part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
+    )
+    assert "No other effect in its place gains anything." in told

@@ -270,7 +270,7 @@ def _view_caption(view: View, cause: str) -> str:
 def _causes(diagnosis: Diagnosis) -> Iterator[CauseStory]:
     for i, cause in enumerate(diagnosis.causes, start=1):
         table = cause_table(cause) if cause.parameters else None
-        yield CauseStory(cause_title(diagnosis, cause), cause_remarks(cause), table, _curve(cause, i))
+        yield CauseStory(cause_title(diagnosis, cause), cause_remarks(diagnosis, cause), table, _curve(cause, i))
 
 
 def _curve(cause: Cause, i: int) -> Picture | None:

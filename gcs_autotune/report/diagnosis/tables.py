@@ -14,6 +14,7 @@ from gcs_autotune.report.diagnosis.wording import (
     cannot_tell,
     cause_title,
     effect_words,
+    evidence_remarks,
     found_words,
     given_words,
     interval_words,
@@ -148,6 +149,7 @@ def diagnosis_summary(diagnosis: Diagnosis) -> Group:
     for cause in diagnosis.causes:
         parts.append(title(cause_title(diagnosis, cause)))
         parts.append(paragraph(sentence(cause.meaning)))
+        parts.extend(paragraph(said) for _, said in evidence_remarks(diagnosis, cause))
         if cause.parameters:
             parts.append(grid(cause_table(cause)))
     if diagnosis.causes and diagnosis.gains:
@@ -211,6 +213,7 @@ def effects_to_dict(effects: Mapping[str, Effect]) -> dict[str, Any]:
                 "slug": e.slug,
                 "family": e.family,
                 "meaning": e.meaning,
+                "structural": e.is_structural,
                 "parameters": _parameters(e),
                 "shown_by": e.shown_by,
                 "mistaken_for": list(e.mistaken_for),

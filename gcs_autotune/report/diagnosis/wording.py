@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Number, Numbers, Signature, Value
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Number, Numbers, Ranked, Signature, Value
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
@@ -36,6 +36,7 @@ __all__ = [
     "cause_title",
     "commands",
     "effect_words",
+    "evidence_remarks",
     "first_gain",
     "found_words",
     "gain_sentence",
@@ -274,19 +275,30 @@ def _found(diagnosis: Diagnosis) -> str:
     begin = "Partly explained" if diagnosis.verdict == "partly-explained" else "Found"
     if diagnosis.wrong_numbers:
         begin = "found" if diagnosis.verdict == "wrong-numbers-and-effect" else "a hypothesis"
-    names = [named(c) for c in diagnosis.causes]
-    if len(diagnosis.causes) == 1 and diagnosis.causes[0].parameters:
-        names[0] += f", {_parameters(diagnosis.causes[0])}"
-    said = f"{begin}: {'; '.join(names)}."
+    said = f"{begin}: {_named_by_kind(diagnosis)}."
     gain = diagnosis.gain
     if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
         return said
-    it = "it" if len(names) == 1 else "them"
+    it = "it" if len(diagnosis.causes) == 1 else "them"
     return (
         f"{said} With {it}, the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by "
         f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "
         "on data it has not seen."
     )
+
+
+def _named_by_kind(diagnosis: Diagnosis) -> str:
+    """Return the names: first what is wrong, then what a first model of such a craft merely leaves out."""
+    causes = diagnosis.causes
+    alone = len(causes) == 1 and causes[0].parameters
+    names = [(c.is_structural, f"{named(c)}, {_parameters(c)}" if alone else named(c)) for c in causes]
+    wrong, lacking = ("; ".join(n for structural, n in names if structural == kind) for kind in (False, True))
+    return "; ".join(filter(None, (wrong, lacking and f"{_base_words(diagnosis)} lacks {lacking}")))
+
+
+def _base_words(diagnosis: Diagnosis) -> str:
+    """Return what the simulation in question is called: one that was given, else the plain one fitted to the runs."""
+    return "the plain model" if diagnosis.numbers is None else f"the {diagnosis.numbers.of}"
 
 
 def _parameters(cause: Cause) -> str:
@@ -380,16 +392,53 @@ def interval_words(gain: ErrorReduction) -> str:
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
     """Return the heading over a cause: a hypothesis is called one."""
-    text = named(cause)
+    text = f"{_base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
     return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]
 
 
-def cause_remarks(cause: Cause) -> tuple[tuple[str, str], ...]:
-    """Return (label, sentence): what the effect is, how much it explains, what it is easily mistaken for."""
-    said = [("What it is", sentence(cause.meaning))]
+STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
+"""Log-likelihood gained, less the price of the numbers -> words (Kass1995, section 3.2: half of their table)."""
+
+
+def evidence_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
+    """Return (label, sentence): how much a cause explains, how strong the evidence for it is, its best rival."""
+    said = []
     if math.isfinite(cause.share):
-        text = f"It removes {format_share(cause.share)} of the squared error that noise does not account for."
-        said.append(("What it explains on held-out data", text))
+        share = format_share(cause.share)
+        if diagnosis.missing is None:
+            text = f"It removes {share} of the squared error that noise does not account for."
+            said.append(("What it explains on held-out data", text))
+        else:
+            said.append(("What it explains", f"Of the square of the force that wanders it explains {share}."))
+    own = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
+    if own and math.isfinite(own[-1].evidence):
+        others = [r for r in diagnosis.ranking if r.step == own[-1].step and r.cause != cause.effect.slug]
+        rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
+        said.append(("How strong the evidence is", f"{_strength(own[-1])} {_rival_words(rival, cause)}"))
+    return tuple(said)
+
+
+def _strength(ranked: Ranked) -> str:
+    """Return in words how strong the evidence for a candidate is, and what that rests on."""
+    gained = 0.5 * ranked.evidence
+    word = next((w for least, w in STRENGTHS.items() if gained > least), "weak")
+    if not ranked.unseen:
+        return f"{word.capitalize()}: {gained:+.1f} in log-likelihood, the price of its numbers taken off."
+    parts, (low, high) = ", ".join(f"{v:+.1f}" for v in ranked.unseen), ranked.ci90
+    interval = f"; 90 % interval {low:+.1f} to {high:+.1f}" if math.isfinite(high - low) else ""
+    return f"{word.capitalize()}: {gained:+.1f} in log-likelihood on data left out (part by part {parts}{interval})."
+
+
+def _rival_words(rival: Ranked | None, cause: Cause) -> str:
+    if rival is None:
+        return "No other effect in its place gains anything."
+    where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
+    return f"The best rival, {effect_words(rival.cause)}{where}, gains {0.5 * rival.evidence:+.1f}."
+
+
+def cause_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
+    """Return (label, sentence): what the effect is, what speaks for it, what it is easily mistaken for."""
+    said = [("What it is", sentence(cause.meaning)), *evidence_remarks(diagnosis, cause)]
     entry = EFFECTS.get(cause.effect.slug)
     if entry is not None:
         said.append(("Where it shows", sentence(entry.shown_by)))
