@@ -21,6 +21,12 @@ Array = NDArray[np.float64]
 BINS, FEWEST = 9, 8
 """Places along each axis where the missing force is told, and samples about one at least."""
 
+WAY_ON = 0.1
+"""Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
+
+UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
+"""What the missing force is told over -> its unit."""
+
 TOLD = 0.1
 """Share of the missing force that must go with something, foretold from other runs, to be told."""
 
@@ -46,8 +52,9 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
     commanded = float(np.sqrt(np.mean(pushed**2)))
     size = water.size * abs(inertia)
     curves = {}
+    units = {**UNITS, **search.problem.data.inputs}
     for name in dict.fromkeys(n for e in estimates for n in e.beside):
-        curve = _curve_over(name, [e for e in estimates if name in e.beside])
+        curve = _curve_over(name, units.get(name, ""), [e for e in estimates if name in e.beside])
         if curve is not None:
             curves[name] = curve
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
@@ -70,12 +77,15 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
     ):
         t = track.stamps
         row = np.maximum(np.searchsorted(original.t_in, t, side="right") - 1, 0)
-        command = np.zeros(len(t))
+        pushes = {}
         for k, channel in enumerate(original.input_names):
             for letter, share in search.problem.form.inputs.get(channel, ()):
                 if letter == d.force:
-                    command += (-1.0 if str(share).startswith("-") else 1.0) * original.inputs[row, k]
-        beside = {"command": command * gain * inertia, d.velocity: path[:, rate], "time": t - t[0]}
+                    pushes[channel] = original.inputs[row, k] * (-1.0 if str(share).startswith("-") else 1.0)
+        command = np.sum([*pushes.values()], axis=0) * gain * inertia
+        beside = {"command": command, d.velocity: path[:, rate], "time": t - t[0]}
+        if len(pushes) > 1:  # one of several thrusters may be at fault
+            beside |= {c: original.inputs[row, original.input_names.index(c)] for c in pushes}
         if search.dof == "yaw":
             beside["psi"] = np.mod(path[:, bank.states.index("psi")], 2.0 * np.pi)
         for name in ("u", "v"):
@@ -84,18 +94,30 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
                 known = np.isfinite(own.values)
                 if known.sum() > FEWEST:
                     beside[name] = np.interp(t, own.t[known], own.values[known])
+        if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
+            beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
         found.append(_Estimate(original.run, t, force, std, beside))
     return found
 
 
-def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
+def _places(x: Array) -> tuple[Array, Array]:
+    """Return the middles (b,) and the edges (b + 1,) of the places along *x*: its values, where they are few."""
+    values = np.unique(x)
+    if len(values) <= BINS:
+        between = 0.5 * (values[1:] + values[:-1])
+        return values, np.concatenate([values[:1], between, values[-1:]])
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    return 0.5 * (edges[1:] + edges[:-1]), edges
+
+
+def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
     """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
     if len(pieces) == 1:
         pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]
     x, y, std = (np.concatenate([p[k] for p in pieces]) for k in range(3))
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    middle, edges = _places(x)
     if len(edges) < 3:
         return None
 
@@ -120,16 +142,11 @@ def _curve_over(name: str, estimates: Sequence[_Estimate]) -> MissingCurve | Non
     spread[repeated] = np.nanstd(each[:, repeated], axis=0) / np.sqrt(count[repeated] - 1)
     force = means(x, y)
     known = np.isfinite(force) & np.isfinite(spread)
-    if known.sum() < 3:
+    if known.sum() < 2:
         return None
-    middle = 0.5 * (edges[1:] + edges[:-1])
     band = np.hypot(1.96 * spread, means(x, std) / math.sqrt(len(x) / BINS))
     share = 1.0 - left / whole if whole > 0.0 else 0.0
-    return MissingCurve(name, _unit(name), middle[known], force[known], band[known], share)
-
-
-def _unit(name: str) -> str:
-    return "s" if name == "time" else SIGNALS[name][0] if name in SIGNALS else ""
+    return MissingCurve(name, unit, middle[known], force[known], band[known], share)
 
 
 AXES: Mapping[str, str] = {
@@ -138,6 +155,7 @@ AXES: Mapping[str, str] = {
     "u": "the speed ahead",
     "v": "the speed sideways",
     "w": "the speed down",
+    "drift": "the drift angle",
     "psi": "the heading",
     "time": "the time into the run",
 }
@@ -149,6 +167,7 @@ TELLING: Mapping[str, str] = {
     "u": "the same zig-zag at slow, half and full speed, each speed steady before it begins",
     "v": "pull-outs: a hard turn, then no command until it runs straight, at two speeds, with the sideways speed "
     "recorded",
+    "drift": "turning circles at two rudder angles each way, with the sideways speed recorded, then pull-outs",
     "w": "equal pushes up and down at two depths",
     "psi": "two slow full turns, one each way: what goes with the heading is wind, current or the compass",
     "time": "the first manoeuvre once more at the end of the run: what grows with time is battery, fouling or weather",
@@ -220,9 +239,9 @@ def next_of(missing: MissingForce | None) -> str | None:
     if missing is None or not missing.curves:
         return None
     best = next(iter(missing.curves.values()))
-    if best.share <= TOLD or best.over not in TELLING:
+    if best.share <= TOLD:
         return (
             f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
             f"{_of(missing)} hides what is smaller than a fraction of it"
         )
-    return TELLING[best.over]
+    return TELLING.get(best.over, TELLING["command"])

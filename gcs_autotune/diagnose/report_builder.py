@@ -27,7 +27,7 @@ from gcs_autotune.diagnose.weathered import (
     values_under,
 )
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
-from gcs_autotune.identify import Doubt, Fitted, Problem
+from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -92,7 +92,10 @@ def build_report(
     order = [effect for effect in _found_order(state) if effect in final.effects]
     missing = None if weather is None else in_time("the missing force", lambda: missing_under(weather, state), None)
     none: tuple[str, ...] = ()
-    rivals = in_time("laws without a name", lambda: nonparametric_rivals(problem, final), none)
+    # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
+    rivals = none
+    if weather is None:
+        rivals = in_time("laws without a name", lambda: nonparametric_rivals(problem, final), none)
     left = replace(left, findings=(*left.findings, *rivals))
     if weather is not None:
         left = replace(left, findings=(*words_of(weather, missing), *left.findings))
@@ -142,11 +145,28 @@ def build_report(
             *_cut_short(cut, max_seconds),
             *state.doubts,
             *_other_places(state, order),
+            *_reversed(state),
             *_weightless(state),
         ),
         numbers=numbers,
         missing=missing,
     )
+
+
+def _reversed(state: SearchState) -> list[Doubt]:
+    """Return a doubt where commands act the other way than their names say: thruster labels exchanged, say."""
+    final, weather = state.fitted, state.weather
+    form, model = final.model.base.form, final.model.base
+    values = {n: model[n] for n in form.parameters}
+    spread = np.sqrt(np.maximum(np.diag(final.covariance(correlation_of(final))), 0.0))
+    std = dict(zip(final.free, spread[: len(final.free)].tolist(), strict=True))
+    if weather is not None:
+        # A free run of rough water knows the gain badly; the filter's has its own error.
+        gain = f"k_{DOFS[weather.dof].force}"
+        if gain in std:
+            values[gain], std[gain] = float(weather.fit.theta[0]), math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
+    doubt = reversed_input(form, values, std)
+    return [] if doubt is None else [doubt]
 
 
 def _weightless(state: SearchState) -> list[Doubt]:

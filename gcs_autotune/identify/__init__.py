@@ -119,6 +119,7 @@ from gcs_autotune.identify.result import (
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
 from gcs_autotune.identify.simulation import extended_of
+from gcs_autotune.identify.solution_doubts import reversed_input
 from gcs_autotune.identify.surge import CURVE, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.identify.thrust_curve import (
     DEAD_ZONE,
@@ -257,6 +258,7 @@ __all__ = [
     "rate_of",
     "read_steps",
     "residual_statistics",
+    "reversed_input",
     "rows_of",
     "run_plan",
     "save_model",

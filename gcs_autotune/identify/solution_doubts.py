@@ -15,6 +15,7 @@ from gcs_autotune.identify.result import Doubt, Parameter
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, fit_percents
 from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.models import Form
 from gcs_autotune.rounding import format_value
 from gcs_autotune.sname import DOFS
 
@@ -109,14 +110,12 @@ def _together(solution: Solution) -> Doubt | None:
     )
 
 
-def reversed_input(solution: Solution) -> Doubt | None:
+def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
     """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them."""
-    std = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
-    value = {n: float(solution.theta[solution.form.parameters.index(n)]) for n in solution.free}
-    names = [n for n, s in zip(solution.free, std, strict=True) if n.startswith("k_") and value[n] < -REVERSED * s]
+    names = [n for n in std if n.startswith("k_") and values[n] < -REVERSED * std[n]]
     if not names:
         return None
-    channels = [c for c, pairs in solution.form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
+    channels = [c for c, pairs in form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
     return Doubt(
         "reversed-input",
         f"{', '.join(names)} came out negative: {', '.join(channels)} act the other way than their names say",

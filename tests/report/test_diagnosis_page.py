@@ -14,7 +14,7 @@ from diagnosis_stories import STORIES, WHEN, cause, dead_zone, deviation, portra
 from page_reader import Page
 from rich.console import Console
 
-from gcs_autotune.diagnose import Value
+from gcs_autotune.diagnose import MissingCurve, MissingForce, Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
 from gcs_autotune.report.diagnosis.figures import bin_means, telling_view, views_of
@@ -293,3 +293,15 @@ def test_under_process_noise_the_evidence_is_told_part_by_part():
         "Strong: +3.5 in log-likelihood on data left out (part by part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
     )
     assert "No other effect in its place gains anything." in told
+
+
+def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
+    x = np.array([-1.0, 0.0, 1.0])
+    over_rate = MissingCurve("r", "rad/s", x, 0.2 * x, np.full(3, 0.05), 0.4)
+    over_time = MissingCurve("time", "s", 10.0 * x + 10.0, 0.01 * x, np.full(3, 0.05), -0.1)
+    over_way = MissingCurve("u", "m/s", x, 0.0 * x, np.full(3, 0.05), -0.2)
+    missing = MissingForce("yaw", "N m", 0.3, 4.0, 0.2, {c.over: c for c in (over_rate, over_time, over_way)})
+    page = Page(render_diagnosis(replace(unexplained(), missing=missing), TITLE, WHEN)).text
+    assert "over yaw rate: the other runs' curve foretells 40 % of it." in page
+    assert "over time into the run: the other runs' curve foretells nothing of it." in page
+    assert "surge velocity: the other runs'" not in page

@@ -133,9 +133,11 @@ def _doubts(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt, 
     """Return what is doubtful about the chosen fit, what the records already said first."""
     solution, records = chosen.local.solution, chosen.local.records
     notes = [doubt for record in case.records for doubt in record.notes]
+    std = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0)).tolist()
+    values = dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True))
     of_its_own = (
         _pieces(chosen.local),
-        reversed_input(solution),
+        reversed_input(solution.form, values, dict(zip(solution.free, std, strict=True))),
         delay_fitted(solution, chosen.evidence),
         odd_run(solution, records, limits),
     )

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose import ErrorReduction, Portrait
+from gcs_autotune.diagnose import ErrorReduction, MissingCurve, MissingForce, Portrait
 from gcs_autotune.effects import Effect, EffectCurve
 from gcs_autotune.identify import Trace
-from gcs_autotune.report.diagnosis.wording import signal_words
+from gcs_autotune.report.diagnosis.wording import missing_over, signal_words
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
 from gcs_autotune.report.toolkit.figures import draw_inputs, finite, thin
 from gcs_autotune.report.toolkit.wording import pretty_unit, to_people
@@ -357,6 +357,22 @@ def draw_curve(curve: EffectCurve) -> Figure:
     axes.set_ylabel(y_label)
     if not curve.polar:
         legend(axes)
+    return figure
+
+
+def draw_missing(missing: MissingForce, curve: MissingCurve) -> Figure:
+    """The force or moment that no name accounts for, over what it may go with, with its 95 % band between runs."""
+    kind = "moment" if DOFS[missing.dof].angular else "force"
+    x, x_label = for_people(curve.x, f"{missing_over(curve)} [{curve.unit or '1'}]")
+    y, y_label = for_people(curve.force, f"missing {kind} [{missing.unit}]")
+    band, _ = for_people(curve.band, y_label)
+    figure, (axes,) = new_axes((2.2,))
+    axes.axhline(0.0, color=INK, lw=0.8)
+    axes.fill_between(x, y - band, y + band, color=AFTER, alpha=0.2, lw=0, label="95 % band between runs")
+    axes.plot(x, y, color=AFTER, lw=2.0, marker="o", ms=3, label="missing")
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    legend(axes)
     return figure
 
 

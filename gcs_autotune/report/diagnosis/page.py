@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.diagnose import Cause, Diagnosis, Numbers, Portrait
+from gcs_autotune.diagnose import Cause, Diagnosis, MissingForce, Numbers, Portrait
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.figures import (
@@ -18,6 +18,7 @@ from gcs_autotune.report.diagnosis.figures import (
     draw_flight,
     draw_gains,
     draw_left,
+    draw_missing,
     draw_view,
     telling_view,
     views_of,
@@ -33,6 +34,7 @@ from gcs_autotune.report.diagnosis.wording import (
     first_gain,
     interval_words,
     left_sentence,
+    missing_over,
     numbers_title,
     rests_on,
     signal_words,
@@ -60,6 +62,9 @@ MOST_SIGNALS = 6
 
 MOST_RANKED = 8
 """Candidates shown of each step; the others are folded away."""
+
+MOST_CURVES = 2
+"""Curves of the missing force that are drawn, the most telling first."""
 
 MODEL_FILE = "model.json"
 
@@ -120,7 +125,7 @@ def render_diagnosis(
             "held_out": gain.held_out if (gain := first_gain(diagnosis)) is not None else "",
             "left": diagnosis.left.findings,
             "left_sentence": left_sentence(diagnosis.left),
-            "remains": tuple(_left(diagnosis)),
+            "remains": (*_missing(diagnosis.missing), *_left(diagnosis)),
             "steps": tuple(_steps(diagnosis)),
             "cannot_tell": cannot_tell(diagnosis),
             "next": diagnosis.next_manoeuvre,
@@ -290,6 +295,18 @@ def _left(diagnosis: Diagnosis) -> Iterator[Picture]:
             "(noise: inside the grey band), and at which frequencies they sit (noise: evenly spread)."
         )
         yield from _picture(f"left-{i}", caption, lambda portrait=portrait: draw_left(portrait))  # type: ignore[misc]
+
+
+def _missing(missing: MissingForce | None) -> Iterator[Picture]:
+    if missing is None:
+        return
+    for i, curve in enumerate(tuple(missing.curves.values())[:MOST_CURVES], start=1):
+        told = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "nothing of it"
+        caption = (
+            f"The force still missing, estimated without a name, over {missing_over(curve)}: "
+            f"the other runs' curve foretells {told}."
+        )
+        yield from _picture(f"missing-{i}", caption, lambda curve=curve: draw_missing(missing, curve))  # type: ignore[misc]
 
 
 def _steps(diagnosis: Diagnosis) -> Iterator[StepStory]:

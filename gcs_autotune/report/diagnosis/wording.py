@@ -9,7 +9,17 @@ from pathlib import PurePath
 
 import numpy as np
 
-from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Number, Numbers, Ranked, Signature, Value
+from gcs_autotune.diagnose import (
+    Cause,
+    Diagnosis,
+    ErrorReduction,
+    MissingCurve,
+    Number,
+    Numbers,
+    Ranked,
+    Signature,
+    Value,
+)
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
@@ -43,6 +53,7 @@ __all__ = [
     "given_words",
     "interval_words",
     "left_sentence",
+    "missing_over",
     "named",
     "numbers_sentence",
     "numbers_title",
@@ -453,6 +464,11 @@ def cannot_tell(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return one sentence per group of effects these runs cannot tell apart."""
     groups = (listed([effect_words(s) for s in group]) for group in diagnosis.indistinguishable)
     return tuple(sentence(f"{names}: each explains these runs about as well as the others") for names in groups)
+
+
+def missing_over(curve: MissingCurve) -> str:
+    """Return what the missing force is drawn over."""
+    return {"time": "time into the run", "drift": "drift angle"}.get(curve.over, signal_words(curve.over))
 
 
 def left_sentence(left: Signature) -> str:

@@ -1,0 +1,66 @@
+"""The force that no name accounts for, over what it may go with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.missing_force import _curve_over, _Estimate
+from gcs_autotune.identify import plain_form
+from gcs_autotune.trial import Channel, Trial
+
+
+def estimates(beside, force, runs=3):
+    """What *force* makes of a recorded quantity, with noise, in some runs."""
+    found = []
+    for k in range(runs):
+        rng = np.random.default_rng(k)
+        x = beside(rng, 400)
+        y = force(x) + 0.1 * rng.normal(size=400)
+        found.append(_Estimate(f"run{k}", np.arange(400.0), y, np.full(400, 0.1), {"x": x}))
+    return found
+
+
+def test_commands_of_two_sizes_have_a_curve_of_two_points():
+    """Of a relay's commands the quantiles are two values; it had no curve at all."""
+    found = estimates(lambda rng, n: rng.choice([-1.0, 1.0], n), lambda x: np.where(x > 0.0, 0.5, -0.1))
+    curve = _curve_over("x", "N", found)
+    assert curve is not None
+    assert curve.unit == "N"
+    assert curve.x.tolist() == [-1.0, 1.0]
+    assert np.all(np.abs(curve.force - [-0.1, 0.5]) < 3.0 * curve.band)
+    assert curve.share > 0.8
+
+
+def test_of_a_quantity_that_takes_any_value_means_are_told_along_it():
+    curve = _curve_over("x", "", estimates(lambda rng, n: rng.normal(size=n), lambda x: 0.3 * x))
+    assert curve is not None
+    assert len(curve.x) == 9
+    assert np.all(np.diff(curve.force) > 0.0)
+
+
+def test_what_never_changed_has_no_curve():
+    assert _curve_over("x", "", estimates(lambda rng, n: np.ones(n), lambda x: x)) is None
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_thrusters_whose_labels_are_exchanged_are_told(swapped):
+    """A lake boat turned the other way than its labels said, and no word was lost about it."""
+    step, samples = 0.1, 600
+    t, rng = step * np.arange(samples), np.random.default_rng(3)
+    push = 2.0 * np.sign(np.sin(0.5 * t))
+    r = np.zeros(samples)
+    for k in range(samples - 1):
+        r[k + 1] = r[k] + step * ((-1.0 if swapped else 1.0) * 0.4 * push[k] - 0.8 * r[k])
+    channels = {
+        "r": Channel("r", "rad/s", t, r + 0.01 * rng.normal(size=samples)),
+        "force_left": Channel("force_left", "N", t, push),
+        "force_right": Channel("force_right", "N", t, -push),
+    }
+    run = Trial("lake", channels)
+    assert plain_form([run], "yaw").inputs["force_right"] == (("N", "-k_N"),)
+    said = {d.slug: d.cause for d in diagnose(run, dof="yaw", effects=["quadratic-drag"]).doubts}
+    assert ("reversed-input" in said) == swapped
+    if swapped:
+        assert said["reversed-input"].endswith("force_left, force_right act the other way than their names say")
