@@ -15,7 +15,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from benchmarks.blind.case import BESIDE, GIVEN, TRACK  # noqa: E402
 from benchmarks.blind.foreign import FOREIGN  # noqa: E402
-from benchmarks.blind.referee import Outcome, play  # noqa: E402
+from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
 from benchmarks.blind.weather import CALM, HIDDEN  # noqa: E402
@@ -50,18 +50,18 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     return found
 
 
-def outcomes(todo: Sequence[Task], jobs: int) -> Iterator[Outcome]:
+def outcomes(todo: Sequence[Task], jobs: int, longest: float = LONGEST) -> Iterator[Outcome]:
     """Play *todo*, in the order in which they are done; no more under way than there are *jobs*, twice over."""
     if jobs == 1:
         for task in todo:
-            yield play(*task)
+            yield play(*task, longest)
         return
     with ProcessPoolExecutor(jobs) as pool:
         waiting = iter(todo)
-        running: set[Future[Outcome]] = {pool.submit(play, *task) for task in islice(waiting, 2 * jobs)}
+        running: set[Future[Outcome]] = {pool.submit(play, *task, longest) for task in islice(waiting, 2 * jobs)}
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {pool.submit(play, *task) for task in islice(waiting, len(done))}
+            running |= {pool.submit(play, *task, longest) for task in islice(waiting, len(done))}
             for future in done:
                 yield future.result()
 
@@ -75,6 +75,8 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     kinds = ("all", "numbers", *SHARES, "track", "clean-track", "weather", *GIVEN)
     parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
+    text = f"time for one diagnosis ({LONGEST:g}); more where others use the machine, for it is told by the clock"
+    parser.add_argument("--max-seconds", type=float, default=LONGEST, help=text)
     parser.add_argument("--quiet", action="store_true", help="the report only")
     return parser.parse_args(arguments)
 
@@ -93,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         old = [Outcome.from_json(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
     known = {(o.kind, o.seed, o.index, o.slug): o for o in old}
     done = [known[task] for task in todo if task in known]
-    for outcome in outcomes([task for task in todo if task not in known], asked.jobs):
+    for outcome in outcomes([task for task in todo if task not in known], asked.jobs, asked.max_seconds):
         done.append(outcome)
         if asked.save:
             with asked.save.open("a", encoding="utf-8") as stream:

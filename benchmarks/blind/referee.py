@@ -22,13 +22,13 @@ from gcs_autotune.identify.base_model import plain_form
 from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
 
-__all__ = ["NEAR", "Outcome", "form_of", "given_model", "judge", "play"]
+__all__ = ["LONGEST", "NEAR", "Outcome", "form_of", "given_model", "judge", "play"]
 
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
 
 LONGEST = 600.0
-"""Seconds after which a diagnosis ends with what it has."""
+"""Seconds after which a diagnosis ends with what it has, unless asked otherwise."""
 
 
 @dataclass(frozen=True)
@@ -126,17 +126,20 @@ def _as_plain(number: str) -> set[str]:
     return {f"time constant of {dof}"} | (set() if number.endswith("dot") else {f"gain of {dof}"})
 
 
-def play(kind: str, seed: int, index: int, slug: str) -> Outcome:
-    """Draw a case, ask, and return the outcome; errors of either are outcomes too."""
+def play(kind: str, seed: int, index: int, slug: str, longest: float = LONGEST) -> Outcome:
+    """Draw a case, ask, and return the outcome; errors of either are outcomes too.
+
+    longest : seconds after which the diagnosis ends with what it has.
+    """
     begun = time.perf_counter()
     try:
         case = draw_case(kind, seed, index, slug)
     except (NoCase, BadEffect) as error:
         return Outcome(kind, seed, index, slug, [slug], [], "", 0.0, 0.0, 0.0, "no-case", error=str(error))
-    return judge(case, seed, slug, time.perf_counter() - begun)
+    return judge(case, seed, slug, time.perf_counter() - begun, longest)
 
 
-def judge(case: Case, seed: int, slug: str, drawing: float) -> Outcome:
+def judge(case: Case, seed: int, slug: str, drawing: float, longest: float = LONGEST) -> Outcome:
     """Ask the diagnosis about *case*."""
     known = Outcome(
         kind=case.kind,
@@ -158,7 +161,7 @@ def judge(case: Case, seed: int, slug: str, drawing: float) -> Outcome:
         model = None if case.kind not in GIVEN or case.simulations else given_model(case)
         form = form_of(case) if model is None else None
         runs, unseen = list(case.runs), list(case.unseen)
-        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations, max_seconds=LONGEST)
+        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations, max_seconds=longest)
     except AutotuneError as error:
         told = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on
