@@ -12,21 +12,24 @@ Derivatives by the unknowns are those of ``wandering_score``; steps and covarian
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
-from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
+from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
+from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
 from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of, log_density
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WanderingFit", "WanderingProblem", "thinned_to"]
+__all__ = ["WanderingFit", "WanderingProblem"]
 
 Array = NDArray[np.float64]
 
@@ -43,10 +46,10 @@ STEP = 0.3
 """Chosen: length of a difference in standard errors, all else held. Where unknowns go together that is a small share of
 their own error, and with a step of 0.02 rounding ended a fit 1.3 nats early, its errors half of what they are."""
 
-PER_SAMPLE = 4.0
-"""Inputs and measured motions are held as means over no less than this share of the interval between samples."""
+MOST_KEPT = 60
+"""Commands as effects make them that are kept, at most."""
 
-VELOCITIES = ("u", "v", "w", "p", "q", "r")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,50 +93,6 @@ class WanderingFit:
         return math.nan
 
 
-def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> list[Segment]:
-    """Return the segments with samples of *signal* only, no closer than *interval* [s]."""
-    found = []
-    for segment in segments:
-        if signal not in segment.signals:
-            continue
-        own = segment.signals[signal]
-        step = float(np.median(np.diff(own.t)))
-        every = max(1, round(interval / step))
-        kept = replace(own, t=own.t[::every], values=own.values[::every])
-        found.append(_coarser(replace(segment, signals={signal: kept}), interval / PER_SAMPLE))
-    return found
-
-
-def _coarser(segment: Segment, width: float) -> Segment:
-    """Return the segment with inputs and measured motions as means over *width* [s], where they come more often."""
-    measured = {}
-    for name, channel in segment.measured.items():
-        known = np.isfinite(channel.values) & np.isfinite(channel.t)
-        t, values = channel.t[known], channel.values[known]
-        if len(t) < 2 or name not in VELOCITIES or 2.0 * float(np.median(np.diff(t))) > width:
-            measured[name] = channel
-            continue
-        bins = np.floor((t - t[0]) / width).astype(int)
-        count = np.maximum(np.bincount(bins), 1)
-        there = np.bincount(bins) > 0
-        mean_t, mean = (np.bincount(bins, x)[there] / count[there] for x in (t, values))
-        measured[name] = replace(channel, t=mean_t, values=mean)
-    segment = replace(segment, measured=measured)
-    t_in, end = segment.t_in, float(segment.stamps[-1])
-    if len(t_in) < 8 or 2.0 * float(np.median(np.diff(t_in))) > width or end <= t_in[0]:
-        return segment
-    edges = np.arange(t_in[0], end + width, width)
-    every = np.union1d(t_in, edges)
-    row = np.searchsorted(t_in, every, side="right") - 1
-    held = np.diff(np.append(every, max(float(every[-1]), end) + width))
-    own = np.clip(np.searchsorted(edges, every, side="right") - 1, 0, len(edges) - 1)
-    weight = np.bincount(own, held, len(edges))
-    table = np.column_stack(
-        [np.bincount(own, held * segment.inputs[row, i], len(edges)) / weight for i in range(segment.inputs.shape[1])]
-    )
-    return replace(segment, t_in=edges, inputs=table, slack=np.zeros(len(edges)))
-
-
 class WanderingProblem:
     """A form of one degree of freedom and segments with its position, ready to fit with any effects.
 
@@ -154,6 +113,8 @@ class WanderingProblem:
         self.dof = DOFS[form.dofs[0]]
         self.interval = float(np.median(np.concatenate([np.diff(s.stamps) for s in segments])))
         self._banks: dict[tuple[object, ...], FilterBank] = {}
+        self._drives: dict[tuple[object, ...], tuple[Drive, ...]] = {}
+        self._terms: dict[tuple[tuple[str, str], ...], LinearTerms | None] = {}
         self._priors = self._first()
 
     def on(self, segments: Sequence[Segment]) -> WanderingProblem:
@@ -175,37 +136,79 @@ class WanderingProblem:
 
     # -- passes
 
-    def bank(self, effects: Sequence[EffectInstance], smoothing: float = 0.0) -> FilterBank:
-        """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
+    def _kept(
+        self,
+        effects: Sequence[EffectInstance],
+        smoothing: float,
+        kept: dict[tuple[object, ...], Made],
+        make: Callable[[Sequence[EffectInstance], float], Made],
+    ) -> Made:
+        """Return what *make* returns, made once for as long as *effects* do the same to the commands."""
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
         key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
         key = (*key, *((e.slug, e.place) for e in effects), smoothing)
-        if key not in self._banks:
-            if len(self._banks) > 60:
-                self._banks.clear()
-            self._banks[key] = self._new_bank(effects, smoothing)
-        return self._banks[key]
+        if key not in kept:
+            if len(kept) > MOST_KEPT:
+                kept.clear()
+            kept[key] = make(effects, smoothing)
+        return kept[key]
+
+    def bank(self, effects: Sequence[EffectInstance], smoothing: float = 0.0) -> FilterBank:
+        """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
+        return self._kept(effects, smoothing, self._banks, self._new_bank)
+
+    def _formed(self, effects: Sequence[EffectInstance]) -> tuple[Form, list[str]]:
+        """Return the form with the inputs that *effects* add, and the derivatives they add."""
+        more = [n for e in effects for n in EFFECTS[e.slug].inputs(e)]
+        added = [n for e in effects for n in EFFECTS[e.slug].derivatives(e)]
+        inputs = {**self.form.inputs, **{n: () for n in more if n not in self.form.inputs}}
+        return replace(self.form, inputs=inputs), list(dict.fromkeys(added))
 
     def _new_bank(self, effects: Sequence[EffectInstance], smoothing: float) -> FilterBank:
-        more: dict[str, None] = {}
-        added: dict[str, None] = {}
-        for effect in effects:
-            more.update(dict.fromkeys(EFFECTS[effect.slug].inputs(effect)))
-            added.update(dict.fromkeys(EFFECTS[effect.slug].derivatives(effect)))
-        inputs = {**self.form.inputs, **{n: () for n in (*more, WANDERS) if n not in self.form.inputs}}
+        form, added = self._formed(effects)
         name = f"{self.dof.force}_{WANDERS}"
-        form = replace(self.form, inputs=inputs).freeing(*(n for n in (*added, name) if n not in self.form.parameters))
+        form = replace(form, inputs={**form.inputs, WANDERS: ()})
+        form = form.freeing(*(n for n in (*added, name) if n not in self.form.parameters))
         records = []
+        for segment, drive in zip(self.segments, self._driven(effects, smoothing), strict=True):
+            table = {n: np.ones(len(drive.t)) if n == WANDERS else drive.channels[n] for n in form.inputs}
+            records.append(segment.driven(drive.t, table))
+        return FilterBank(form, records, (name,))
+
+    def _driven(self, effects: Sequence[EffectInstance], smoothing: float) -> tuple[Drive, ...]:
+        """Return what *effects*, and a smoother of the signal, make of the commands, segment by segment."""
+        return self._kept(effects, smoothing, self._drives, self._new_drives)
+
+    def _new_drives(self, effects: Sequence[EffectInstance], smoothing: float) -> tuple[Drive, ...]:
+        found = []
         for segment in self.segments:
             passage = segment.passage
             drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
             for effect in effects:
                 drive = EFFECTS[effect.slug].drive(effect, drive)
-            if smoothing > 0.0:
-                drive = self._smoothed(drive, smoothing, float(segment.stamps[-1]))
-            table = {n: np.ones(len(drive.t)) if n == WANDERS else drive.channels[n] for n in inputs}
-            records.append(segment.driven(drive.t, table))
-        return FilterBank(form, records, (name,))
+            found.append(self._smoothed(drive, smoothing, float(segment.stamps[-1])) if smoothing > 0.0 else drive)
+        return tuple(found)
+
+    @cached_property
+    def _tracks(self) -> tuple[FilterRecord, ...]:
+        """The segments' stamps and samples, whatever drives them."""
+        return FilterBank(self.form, self.segments, ()).tracks
+
+    def _linear(self, effects: Sequence[EffectInstance]) -> LinearTerms | None:
+        """Return the equation's terms where it is linear in its velocity with *effects*, else None."""
+        key = tuple((e.slug, e.place) for e in effects)
+        if key not in self._terms:
+            self._terms[key] = linear_terms(*self._formed(effects))
+        return self._terms[key]
+
+    def ease(self, effects: Sequence[EffectInstance], smoothing: float) -> bool:
+        """Return whether the filter's steps were finer than they need be: see :meth:`.filter_bank.FilterBank.ease`."""
+        return self._linear(effects) is None and self.bank(effects, smoothing).ease()
+
+    def afresh(self, effects: Sequence[EffectInstance], smoothing: float) -> None:
+        """Forget how fine the filter's steps were: see :meth:`.filter_bank.FilterBank.afresh`."""
+        if self._linear(effects) is None:
+            self.bank(effects, smoothing).afresh()
 
     def _smoothed(self, drive: Drive, smoothing: float, end: float) -> Drive:
         """Return the inputs as means over samples, the commands smoothed forwards and backwards."""
@@ -244,11 +247,15 @@ class WanderingProblem:
 
     def theta_of(self, form: Form, theta: Array, effects: Sequence[EffectInstance]) -> Array:
         """Return all parameters of *form*, the effects' derivatives added to the base's."""
+        values = self._values(theta, effects)
+        return np.array([values.get(n, 0.0) for n in form.parameters])
+
+    def _values(self, theta: Array, effects: Sequence[EffectInstance]) -> dict[str, float]:
         values = dict(zip(self.form.free, theta.tolist(), strict=True)) | dict(self.form.known)
         for effect in effects:
             for n, v in EFFECTS[effect.slug].derivatives(effect).items():
                 values[n] = values.get(n, 0.0) + v
-        return np.array([values.get(n, 0.0) for n in form.parameters])
+        return values
 
     # -- likelihood
 
@@ -256,6 +263,9 @@ class WanderingProblem:
         self, theta: Array, effects: Sequence[EffectInstance], water: Water
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
         """Return stamps, innovations and their variances of every segment, (n,) each; None where the filter fails."""
+        terms = self._linear(effects)
+        if terms is not None:
+            return self._linear_innovations(terms, theta, effects, water)
         done = self.run(theta, effects, water)
         if done is None:
             return None
@@ -264,6 +274,31 @@ class WanderingProblem:
         for track, history in zip(bank.tracks, result.histories, strict=True):
             seen = ~np.isnan(history.S[:, 0])
             found.append((track.stamps[seen], history.e[seen, 0], history.S[seen, 0]))
+        return tuple(found)
+
+    def _linear_innovations(
+        self, terms: LinearTerms, theta: Array, effects: Sequence[EffectInstance], water: Water
+    ) -> tuple[tuple[Array, Array, Array], ...] | None:
+        """Do as :meth:`innovations_at` with exact transitions."""
+        values = self._values(theta, effects)
+        states, spread = self._priors
+        order = [states_of(self.form).index(n) for n in (self.dof.velocity, self.dof.position)]
+        found = []
+        drives = self._driven(effects, water.smoothing)
+        for track, drive, start, std in zip(self._tracks, drives, states[:, order], spread[:, order], strict=True):
+            force, damping = terms.rows(values, drive.channels)
+            y = track.Y[:, 0]
+            seen = ~np.isnan(y)
+            e, S = np.zeros(len(y)), np.zeros(len(y))
+            of_velocity = self.dof.velocity in track.record.signals
+            finite = linear_pass(
+                drive.t, force, damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise, start,
+                std, e, S,
+            )  # fmt: skip
+            e, S = e[seen], S[seen]
+            if not finite or not np.all(np.isfinite(e)) or not np.all(S > 0.0):
+                return None
+            found.append((track.stamps[seen], e, S))
         return tuple(found)
 
     def fit(

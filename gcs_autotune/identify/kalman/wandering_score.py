@@ -146,14 +146,14 @@ class Coordinates:
         here = self.at(x)
         if here is None:
             _, effects, water = self.unpack(x)
-            self.problem.bank(effects, water.smoothing).afresh()
+            self.problem.afresh(effects, water.smoothing)
             here = self.at(x)
         return here
 
     def eased(self, x: Array, here: Point) -> Point:
         """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
         _, effects, water = self.unpack(x)
-        return (self.at(x) or here) if self.problem.bank(effects, water.smoothing).ease() else here
+        return (self.at(x) or here) if self.problem.ease(effects, water.smoothing) else here
 
     def score(self, x: Array, here: Point, steps: Array) -> tuple[Array, Array]:
         """Return gradient and expected information by differences of passes."""

@@ -55,6 +55,7 @@ def problem_of(segments: list[Segment]) -> WanderingProblem:
     return WanderingProblem(FORM, segments, data, (np.full(2, -np.inf), np.full(2, np.inf)))
 
 
+DRAG = (EffectInstance("quadratic-drag", "yaw", {"coefficient": 0.1}),)
 BEGIN = (np.array([0.3, -1.0]), (), Water(0.02, 1.0, 3e-3))
 
 
@@ -72,14 +73,14 @@ def test_gain_damping_and_the_water_are_found_together() -> None:
 def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
     """A trial asked for steps 512 times finer than a second; no pass came to its end since, and no cause was tried."""
     problem = problem_of([run(1)])
-    before = problem.fit(*BEGIN, rounds=2)
+    before = problem.fit(BEGIN[0], DRAG, BEGIN[2], rounds=2)
     assert before is not None
-    bank = problem.bank((), 0.0)
+    bank = problem.bank(DRAG, 0.0)
     bank._max_rates = [1e6]
-    assert problem.run(before.theta, (), before.water) is None
+    assert problem.run(before.theta, DRAG, before.water) is None
     assert problem.tangent(before) is not None
     bank._max_rates = [1e6]
-    again = problem.fit(before.theta, (), before.water, rounds=0)
+    again = problem.fit(before.theta, before.effects, before.water, rounds=0)
     assert again is not None and again.total == pytest.approx(before.total, abs=1e-3)
 
 
@@ -103,11 +104,11 @@ def test_a_trial_of_a_craft_without_inertia_leaves_no_fine_steps_behind(
 
     monkeypatch.setattr(filter_bank, "forward", noted)
     problem = problem_of([run(1)])
-    assert problem.run(np.array([GAIN, -200.0]), (), BEGIN[2]) is not None
-    fit = problem.fit(*BEGIN)
+    assert problem.run(np.array([GAIN, -200.0]), DRAG, BEGIN[2]) is not None
+    fit = problem.fit(BEGIN[0], DRAG, BEGIN[2])
     assert asked[1] > 200.0  # [1/s], what steps are short against
     assert max(asked[2:]) < 10.0
-    alone = problem_of([run(1)]).fit(*BEGIN)
+    alone = problem_of([run(1)]).fit(BEGIN[0], DRAG, BEGIN[2])
     assert fit is not None and alone is not None
     assert fit.theta == pytest.approx(alone.theta, rel=1e-6)
 
@@ -205,3 +206,70 @@ def test_a_heading_smoothed_both_ways_is_no_lag() -> None:
     late = problem.fit(blurred.theta, (lag,), blurred.water)
     assert late is not None
     assert late.total < blurred.total + 6.0
+
+
+LINEAR: dict[str, tuple[EffectInstance, ...]] = {
+    "nothing": (),
+    "input-delay": (EffectInstance("input-delay", "N", {"delay": 0.73}),),
+    "dead-zone": (EffectInstance("dead-zone", "N", {"width": 0.2}),),
+    "actuator-lag": (EffectInstance("actuator-lag", "N", {"time_constant": 0.8}),),
+    "input-bias": (EffectInstance("input-bias", "yaw", {"bias": 0.07}),),
+    "sway-moment": (EffectInstance("sway-moment", "yaw", {"N_v": 0.3}),),
+    "advance-speed-loss": (EffectInstance("advance-speed-loss", "N", {"loss": 0.2}, {"axis": 5.0, "gain": 1.0}),),
+    "speed-damping and a delay": (
+        EffectInstance("input-delay", "N", {"delay": 0.31}),
+        EffectInstance("speed-damping", "yaw", {"N_ur": -0.4}),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LINEAR)
+@pytest.mark.parametrize("smoothing", [0.0, 0.35])
+def test_exact_transitions_filter_as_the_general_pass_does(name: str, smoothing: float) -> None:
+    runs = [run(1), run(2)]
+    speed = Channel("u", "m/s", runs[0].stamps, 1.0 + 0.3 * np.sin(0.2 * runs[0].stamps))
+    problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in runs])
+    effects, water = LINEAR[name], Water(0.05, 2.5, 2e-3, smoothing=smoothing)
+    theta = np.array([0.45, -0.7])
+    assert problem._linear(effects) is not None
+    exact = problem.innovations_at(theta, effects, water)
+    done = problem.run(theta, effects, water)
+    assert exact is not None and done is not None
+    for (_, e, S), history in zip(exact, done[1].histories, strict=True):
+        seen = ~np.isnan(history.S[:, 0])
+        assert e == pytest.approx(history.e[seen, 0], abs=1e-3 * float(np.sqrt(S.min())))
+        assert S == pytest.approx(history.S[seen, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3, 0.3, 40.0, -0.1])
+def test_exact_transitions_hold_at_every_pace(damping: float) -> None:
+    """From the series of a craft without damping to one that follows at once."""
+    problem = problem_of([run(1)])
+    water = Water(0.05, 2.5, 2e-3)
+    exact = problem.innovations_at(np.array([0.45, -damping]), (), water)
+    done = problem.run(np.array([0.45, -damping]), (), water)
+    assert exact is not None and done is not None
+    history = done[1].histories[0]
+    seen = ~np.isnan(history.S[:, 0])
+    assert exact[0][1] == pytest.approx(history.e[seen, 0], abs=1e-4 * float(np.sqrt(exact[0][2].min())))
+    assert exact[0][2] == pytest.approx(history.S[seen, 0], rel=1e-4)
+
+
+@pytest.mark.parametrize("slug", ["quadratic-drag", "tether-pull", "wind-moment"])
+def test_what_bends_the_equation_goes_the_general_way(slug: str) -> None:
+    values = {q.name: 0.1 for q in EFFECTS[slug].parameters}
+    assert problem_of([run(1)])._linear((EffectInstance(slug, "yaw", values),)) is None
+
+
+def test_samples_of_a_velocity_are_filtered_the_same() -> None:
+    segment = run(1)
+    own = segment.signals["psi"]
+    rate = Signal("r", own.t, np.gradient(own.values, own.t), 0.0)
+    problem = problem_of([replace(segment, signals={"r": rate})])
+    exact = problem.innovations_at(np.array([0.45, -0.7]), (), Water(0.05, 2.5, 2e-2))
+    done = problem.run(np.array([0.45, -0.7]), (), Water(0.05, 2.5, 2e-2))
+    assert exact is not None and done is not None
+    history = done[1].histories[0]
+    seen = ~np.isnan(history.S[:, 0])
+    assert exact[0][1] == pytest.approx(history.e[seen, 0], abs=1e-6)
+    assert exact[0][2] == pytest.approx(history.S[seen, 0], rel=1e-5)

@@ -1,0 +1,182 @@
+"""One degree of freedom that is linear in its own motion, filtered with exact transitions.
+
+Commands bent, delayed or scaled, forces by measured flow and damping that goes with it leave the equation linear in the
+craft's own velocity: between two stamps its motion is an exponential, and neither Runge-Kutta steps nor sensitivities
+are needed. The force that wanders is held over an interval between samples, as :func:`.sweep.forward` holds it, so that
+likelihoods of either pass may be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gcs_autotune.models import Form, term_of
+from gcs_autotune.models.coupled import kernel
+from gcs_autotune.sname import DOFS
+
+__all__ = ["LinearTerms", "linear_pass", "linear_terms"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LinearTerms:
+    """Terms of an equation that is linear in its velocity: (parameter, sign, (input, by its size) of a product).
+
+    ``forces`` : added up as force; ``dampings``: times the velocity.
+    """
+
+    forces: tuple[tuple[str, float, tuple[tuple[str, bool], ...]], ...]
+    dampings: tuple[tuple[str, float, tuple[tuple[str, bool], ...]], ...]
+
+    def rows(self, values: Mapping[str, float], channels: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return force and damping rate per inertia (j,) of inputs (j,) with these parameters."""
+        samples = len(next(iter(channels.values())))
+        found = []
+        for terms in (self.forces, self.dampings):
+            row = np.zeros(samples)
+            for name, sign, factors in terms:
+                product: Array | float = sign * values.get(name, 0.0)
+                for channel, by_size in factors:
+                    product = product * (np.abs(channels[channel]) if by_size else channels[channel])
+                row += product
+            found.append(row)
+        return found[0], -found[1]
+
+
+def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
+    """Return the terms of *form*, of one degree of freedom, with the derivatives *added*.
+
+    None where one is not linear in the velocity, goes with a position, or is an input's with no free gain. The form
+    drives by every input it has.
+    """
+    d, inputs = DOFS[form.dofs[0]], list(form.inputs)
+    own = kernel.NU + "uvwpqr".index(d.velocity)
+    forces: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
+    dampings: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
+    for channel, pairs in form.inputs.items():
+        for force, gain in pairs:
+            if not isinstance(gain, str):
+                return None
+            if force == d.force:
+                forces.append((gain.lstrip("-"), -1.0 if gain.startswith("-") else 1.0, ((channel, False),)))
+    for name in dict.fromkeys((f"{d.force}_{d.velocity}", *added)):
+        factors, products, velocities = term_of(name, inputs).factors, [], 0
+        for code in factors:
+            if code == own:
+                velocities += 1
+            elif code >= kernel.INPUT:
+                by_size = code >= kernel.INPUT_SIZE
+                products.append((inputs[code - (kernel.INPUT_SIZE if by_size else kernel.INPUT)], by_size))
+            else:
+                return None
+        if velocities > 1 or not name.startswith(d.force):
+            return None
+        (dampings if velocities else forces).append((name, 1.0, tuple(products)))
+    return LinearTerms(tuple(forces), tuple(dampings))
+
+
+NEAR_ZERO = 1e-3
+"""Damping times interval below which its exponential is taken by the series: what is cancelled loses digits."""
+
+
+@njit(cache=True, nogil=True)
+def linear_pass(
+    t_in: Array,
+    force: Array,
+    damping: Array,
+    stamps: Array,
+    y: Array,
+    of_velocity: bool,
+    size: float,
+    memory: float,
+    noise: float,
+    start: Array,
+    spread: Array,
+    e: Array,
+    S: Array,
+) -> bool:
+    """Filter one record; return whether the motion stayed finite.
+
+    t_in, force, damping : (j,) held from each stamp on, per inertia. y : (s,) position at *stamps* (s,), NaN where
+    there is none; *of_velocity*: velocity instead. size, memory [s] : of the force that wanders (Ornstein-Uhlenbeck);
+    noise : standard deviation of *y*. start, spread : (2,) velocity and position at the first stamp and their standard
+    deviations. e, S : (s,) filled with innovations and their variances, left alone where there is no sample.
+    """
+    v, x, w = start[0], start[1], 0.0
+    # Covariance of (v, x, w), the upper triangle.
+    vv, vx, vw, xx, xw, ww = spread[0] ** 2, 0.0, 0.0, spread[1] ** 2, 0.0, size**2
+    row, last = 0, len(t_in) - 1
+    while row < last and t_in[row + 1] <= stamps[0]:
+        row += 1
+    for s in range(len(stamps)):
+        if s > 0:
+            now, stop = stamps[s - 1], stamps[s]
+            # Of the whole interval: v <- E v + a w, x <- x + p v + q w beside what the commands do.
+            E, a, p, q = 1.0, 0.0, 0.0, 0.0
+            while True:
+                end = stop if row == last or t_in[row + 1] >= stop else t_in[row + 1]
+                h, b = end - now, damping[row]
+                bh = b * h
+                kept = np.exp(-bh)
+                if abs(bh) < NEAR_ZERO:
+                    one = h * (1.0 - 0.5 * bh * (1.0 - bh / 3.0))
+                    two = 0.5 * h * h * (1.0 - bh / 3.0 * (1.0 - 0.25 * bh))
+                else:
+                    one = (1.0 - kept) / b
+                    two = (h - one) / b
+                f = force[row] + w
+                x += one * v + two * f
+                v = kept * v + one * f
+                q += one * a + two
+                p += one * E
+                a = kept * a + one
+                E *= kept
+                now = end
+                if row < last and t_in[row + 1] <= stop:
+                    row += 1
+                if now >= stop:
+                    break
+            gone = np.exp(-(stop - stamps[s - 1]) / memory)
+            w *= gone
+            # P <- F P F' with F = [[E, 0, a], [p, 1, q], [0, 0, 1]]; then the force forgets.
+            fv, fx, fw = E * vv + a * vw, E * vx + a * xw, E * vw + a * ww
+            gx, gw = p * vx + xx + q * xw, p * vw + xw + q * ww
+            gv = p * vv + vx + q * vw
+            vv, vx, xx = fv * E + fw * a, fv * p + fx + fw * q, gv * p + gx + gw * q
+            vw, xw = fw * gone, gw * gone
+            ww = ww * gone * gone + size**2 * (1.0 - gone * gone)
+            if not (abs(v) < 1e9 and abs(x) < 1e9):
+                return False
+        if np.isnan(y[s]):
+            continue
+        if of_velocity:
+            error, hv, hx, hw, variance = y[s] - v, vv, vx, vw, vv + noise**2
+        else:
+            error, hv, hx, hw, variance = y[s] - x, vx, xx, xw, xx + noise**2
+        e[s], S[s] = error, variance
+        kv, kx, kw = hv / variance, hx / variance, hw / variance
+        v, x, w = v + kv * error, x + kx * error, w + kw * error
+        # Joseph's form: (I - K H) P (I - K H)' + K r K' keeps what is small positive.
+        if of_velocity:
+            keep, r = 1.0 - kv, noise**2
+            xx = xx - 2.0 * kx * vx + kx * kx * (vv + r)
+            xw = xw - kx * vw - kw * vx + kx * kw * (vv + r)
+            ww = ww - 2.0 * kw * vw + kw * kw * (vv + r)
+            vx = keep * (vx - kx * vv) + kv * kx * r
+            vw = keep * (vw - kw * vv) + kv * kw * r
+            vv = keep * keep * vv + kv * kv * r
+        else:
+            keep, r = 1.0 - kx, noise**2
+            vv = vv - 2.0 * kv * vx + kv * kv * (xx + r)
+            vw = vw - kv * xw - kw * vx + kv * kw * (xx + r)
+            ww = ww - 2.0 * kw * xw + kw * kw * (xx + r)
+            vx = keep * (vx - kv * xx) + kx * kv * r
+            xw = keep * (xw - kw * xx) + kx * kw * r
+            xx = keep * keep * xx + kx * kx * r
+    return True
