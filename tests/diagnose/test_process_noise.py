@@ -111,6 +111,21 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
 
 
 @pytest.mark.slow
+def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
+    """Judged at every sample its shape halved the damping, and a spring stood beside the delay."""
+    case = draw_case("weather", 90, 0, "input-delay")
+    form = plain_form(case.runs)
+    problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
+    found = search_under_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
+    assert found is not None
+    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    _, true = case.truth["input-delay"]
+    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.1)
+    damping = case.craft.linear["yaw"] / case.craft.inertia["yaw"]
+    assert -found.fit.theta[1] == pytest.approx(damping, rel=0.3)
+
+
+@pytest.mark.slow
 def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     found = diagnose(weathered(2), effects=SOME)
     assert found.causes == ()
