@@ -20,8 +20,8 @@ from scipy.optimize import minimize
 
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
-from gcs_autotune.design.prediction import predict_metrics
-from gcs_autotune.design.result import ReferenceModel, StepMetrics
+from gcs_autotune.design.prediction import predict_error
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,
@@ -30,7 +30,7 @@ from gcs_autotune.design.selection import (
     judge,
     max_overshoot,
 )
-from gcs_autotune.design.step_metrics import noise_floor
+from gcs_autotune.design.step_metrics import StepError, noise_floor
 from gcs_autotune.design.verdict import is_better
 
 __all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "refine", "sobol"]
@@ -186,7 +186,7 @@ class _Cost:
 
     def of(self, settings: Settings) -> float:
         """Return the cost of *settings*; without that of the limits where it is hopeless already."""
-        steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
+        steps = [predict_error(self._problem, settings, step, self._duration) for step in self._steps]
         error = float(np.mean([m.itae for m in steps]))
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
         plain = max(error, MIN_ERROR)
@@ -196,7 +196,7 @@ class _Cost:
         self._least = min(self._least, cost)
         return cost
 
-    def _price(self, settings: Settings, step: StepMetrics) -> float:
+    def _price(self, settings: Settings, step: StepError) -> float:
         """Return what missing limits costs, by the sum of the fractions of them that are missed."""
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
