@@ -95,6 +95,29 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
     return _refined(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
 
 
+def refine_briefly(
+    problem: DesignProblem, near: GainCandidate, duration: float, *, everywhere: bool = False
+) -> GainCandidate:
+    """Return nearly what :func:`refine` does, by one descent: from *near*, or *everywhere* from the best of a scatter.
+
+    Gains that the law lets it take up are sought only where *near* has them.
+    """
+    taken = [g for g in problem.late if near.settings[g.parameter] > problem.law.fixed[g.parameter]]
+    noise = CALM if taken else NOISE_LIMIT
+    problem = replace(problem, gains=(*problem.gains, *taken))
+    found = near
+    for lenient in (False, True):
+        cost = _Cost(problem, near.wanted, duration, found.settings, noise, lenient=lenient)
+        begins = [np.sqrt(problem.as_fractions(found.settings))]
+        if everywhere and not lenient:
+            begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
+        settings = _rounded(problem, cost.settings(_descend(cost, begins[0])))
+        found = judge(problem, near.wanted, settings, duration)
+        if not found.objections:
+            break
+    return found
+
+
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
     """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
 
