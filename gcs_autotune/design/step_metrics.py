@@ -33,7 +33,7 @@ the corners off, narrower ones leave more noise (tests/design/test_error_estimat
 LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., None]], Callable[..., None]] = njit(**_LEAN)
 
 
@@ -176,7 +176,8 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
             width = 2 * half + 1
             if width > n:
                 break
-            first = min(max(i - half, 0), n - width)
+            first = i - half
+            first = 0 if first < 0 else (n - width if first > n - width else first)
             middle, w = first + half - 0.5 * n, float(width)
             sum_0 = sums[0, first + width] - sums[0, first]
             sum_1 = sums[1, first + width] - sums[1, first]
@@ -190,7 +191,9 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
             q = p * p - s2 / w
             value = sum_0 / w + p * sum_1 / s2 + q * (sum_2 - sum_0 * s2 / w) / q2
             error_of_it = math.sqrt(1.0 / w + p * p / s2 + q * q / q2)
-            low, high = max(low, value - interval * error_of_it), min(high, value + interval * error_of_it)
+            reach = interval * error_of_it
+            low = value - reach if value - reach > low else low
+            high = value + reach if value + reach < high else high
             if low > high:
                 break
             if error_of_it < least:

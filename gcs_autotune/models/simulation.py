@@ -122,8 +122,9 @@ def _step(x: Array, p: Array, tau: float, rest: float, w: Array, by_nu: Array, b
     side = 1.0 if nu > 0.0 or (nu == 0.0 and force >= 0.0) else -1.0
     rate = abs(a) + 2.0 * abs(c * nu) + 2.0 * math.sqrt(abs(c * force))
     h = rest if rate * rest <= REACH else REACH / rate
-    share = min(max(rate * h / REACH, 1e-9), 1.0)
-    degree = min(max(int(LEFT / math.log(0.13 * share)), 2), DEGREE)
+    share = rate * h / REACH
+    degree = 2 if share < 1e-9 else int(LEFT / math.log(0.13 * share))
+    degree = 2 if degree < 2 else (DEGREE if degree > DEGREE else degree)
     _series(a, c, force, nu, side, degree, w)
     after = _value(w[0], h, degree)
     if nu != 0.0 and after * side < 0.0:
@@ -181,14 +182,16 @@ def _sweep(
 
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
-# Those within are never called from Python: an entry for it would only have to be compiled.
+# Those within are never called from Python: an entry for it would only have to be compiled. What is called in one place
+# is pasted there before types are known, so that it is compiled, and made quick, once.
 _LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
-_series = _lean(_series)
+_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(inline="always", _nrt=False)
+_series = _pasted(_series)
 _value = _lean(_value)
 _area = _lean(_area)
-_crossing = _lean(_crossing)
-_step = _lean(_step)
+_crossing = _pasted(_crossing)
+_step = _pasted(_step)
 _compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)
 
 
