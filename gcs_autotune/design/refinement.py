@@ -153,7 +153,8 @@ def _refined(
     settings = dict(chosen.settings)
     cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
     usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient)
-    best, least = chosen, worth * usual.of(chosen.settings)  # it was chosen under the usual limit of noise
+    before = usual.of(chosen.settings)  # it was chosen under the usual limit of noise
+    best, least = chosen, worth * before
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)
@@ -164,8 +165,11 @@ def _refined(
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
         acceptable = is_tolerable(found) and (lenient or len(found.objections) <= len(chosen.objections))
-        if acceptable and cost.of(settings) < least:
-            best, least = found, cost.of(settings)
+        is_for = cost.of(settings)
+        if acceptable and is_for < least:
+            best, least = found, is_for
+        elif is_for > before:  # two descents have ended above where they are to end below: a third would not
+            break
     return best
 
 

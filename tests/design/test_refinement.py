@@ -191,20 +191,24 @@ def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last one of each search was not once, a quarter of the time a design took."""
     model, axis, wish = CRAFTS["charlie"]
     monkeypatch.setattr(refinement, "EVALUATIONS", 8)
-    ends, judged = [], []
+    ends, judged, order = [], [], []
     descend, judge = refinement._descend, refinement.judge
 
     def descended(cost: refinement._Cost, start: object) -> object:
         end = descend(cost, start)
-        ends.append({name: float(f"{value:.3g}") for name, value in cost.settings(end).items()})
+        order.append("ended")
+        ends.append(dict(cost.settings(end)))
         return end
 
     def judged_by(problem: object, wanted: object, settings: Mapping[str, float], duration: float) -> object:
-        judged.append({name: float(f"{value:.3g}") for name, value in settings.items()})
+        order.append("judged")
+        judged.append(dict(settings))
         return judge(problem, wanted, settings, duration)
 
     monkeypatch.setattr(refinement, "_descend", descended)
     monkeypatch.setattr(refinement, "judge", judged_by)
     design(model, uncertain(model), axis, present(axis), wish)
     assert len(ends) > refinement.DESCENTS
-    assert ends[-1] in judged
+    of_the_last = [end for end in ends[-refinement.DESCENTS :] if judged[-1] == pytest.approx(end, rel=2e-3, abs=1e-4)]
+    assert of_the_last, "the last alone, or the better of those side by side"
+    assert order[-1] == "judged"
