@@ -1,6 +1,7 @@
 """From an identified model to gains for the autopilot's own control law. Proposes; never writes to a vehicle.
 
-What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` of a model with effects;
+What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` of a model with effects,
+:func:`provisional` nearly the same gains in a fifth of the time while more is being flown;
 :func:`step_metrics` and :func:`is_better` judge the flown steps by the same ruler; :func:`design_ipd` and
 :func:`stability_bound` are the controller of Miskovic2010.
 """
@@ -17,7 +18,7 @@ from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.prediction import told_over
-from gcs_autotune.design.proposal import design, design_from
+from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
 from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
@@ -38,6 +39,7 @@ __all__ = [
     "OpenLoop",
     "Prediction",
     "Proposal",
+    "ProvisionalGains",
     "Reduction",
     "ReferenceModel",
     "Remark",
@@ -54,6 +56,7 @@ __all__ = [
     "in_fractions",
     "is_better",
     "omega_for_settling",
+    "provisional",
     "pulse_of",
     "reduce",
     "reference_model",

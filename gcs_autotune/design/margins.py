@@ -71,13 +71,16 @@ def worst(margins: list[Margins]) -> Margins:
 def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
     """Return the margins of open loops whose responses over the grid are the rows of *value* (k, n)."""
     real, imaginary = value.real, value.imag
-    with np.errstate(divide="ignore"):
-        size = np.log(np.abs(value))
+    power = real * real + imaginary * imaginary
     gain, phase, delay = (np.full(len(value), most) for most in (NO_CROSSING, math.pi, NO_CROSSING))
     turned = (imaginary[:, :-1] * imaginary[:, 1:] <= 0.0) & (real[:, :-1] < 0.0)
-    row, i, share = _zeros(turned, imaginary)
-    np.minimum.at(gain, row, np.exp(np.abs(size[row, i] + share * (size[row, i + 1] - size[row, i]))))
-    row, i, share = _zeros(size[:, :-1] * size[:, 1:] <= 0.0, size)
+    row, i = np.nonzero(turned)
+    share = _zero_between(imaginary[row, i], imaginary[row, i + 1])
+    before, after = _sizes(power, row, i)
+    np.minimum.at(gain, row, np.exp(np.abs(before + share * (after - before))))
+    beyond = power - 1.0
+    row, i = np.nonzero(beyond[:, :-1] * beyond[:, 1:] <= 0.0)
+    share = _zero_between(*_sizes(power, row, i))
     crossing = value[row, i] + share * (value[row, i + 1] - value[row, i])
     angle = np.arctan2(-crossing.imag, -crossing.real)
     np.minimum.at(phase, row, np.abs(angle))
@@ -87,11 +90,16 @@ def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
     return [Margins(g, p, d, stable=True) if good else none for g, p, d, good in found]
 
 
-def _zeros(between: NDArray[np.bool_], value: Array) -> tuple[Index, Index, Array]:
-    """Return row, column and how far on to the next column zero lies, of all places where *between* says so."""
-    row, i = np.nonzero(between)
-    before, rise = value[row, i], value[row, i + 1] - value[row, i]
-    return row, i, np.divide(-before, rise, out=np.zeros(len(row)), where=rise != 0.0)
+def _sizes(power: Array, row: Index, i: Index) -> tuple[Array, Array]:
+    """Return the logarithm of the size of responses, whose squares are *power*, at columns *i* and behind them."""
+    with np.errstate(divide="ignore"):
+        return 0.5 * np.log(power[row, i]), 0.5 * np.log(power[row, i + 1])
+
+
+def _zero_between(before: Array, after: Array) -> Array:
+    """Return how far on from one column to the next a value is zero that is *before* and *after* (n,) there."""
+    rise = after - before
+    return np.divide(-before, rise, out=np.zeros(len(rise)), where=rise != 0.0)
 
 
 @lru_cache(maxsize=2048)

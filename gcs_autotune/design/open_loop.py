@@ -40,16 +40,17 @@ class Rational:
 
     def __add__(self, other: Rational) -> Rational:
         """Add; integrators the two have in common are counted once, so that no false pole at zero appears."""
-        mine, n = _split(self.den)
-        theirs, m = _split(other.den)
-        left = _raise(np.convolve(self.num, theirs), max(m - n, 0))
-        right = _raise(np.convolve(other.num, mine), max(n - m, 0))
-        return Rational(
-            np.asarray(np.polyadd(left, right), dtype=np.float64), _raise(np.convolve(mine, theirs), max(n, m))
-        )
+        mine, n = _split(self.den.tolist())
+        theirs, m = _split(other.den.tolist())
+        left = _product(self.num.tolist(), theirs) + [0.0] * (m - n)
+        right = _product(other.num.tolist(), mine) + [0.0] * (n - m)
+        return Rational(np.array(_sum(left, right)), np.array(_product(mine, theirs) + [0.0] * max(n, m)))
 
     def __mul__(self, other: Rational) -> Rational:
-        return Rational(np.convolve(self.num, other.num), np.convolve(self.den, other.den))
+        return Rational(
+            np.array(_product(self.num.tolist(), other.num.tolist())),
+            np.array(_product(self.den.tolist(), other.den.tolist())),
+        )
 
     def at(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the value at complex frequencies *s* (n,) [rad/s]."""
@@ -121,15 +122,28 @@ def second_order(cutoff: float) -> Rational:
     return Rational(np.array([1.0]), np.array([1.0 / w**2, math.sqrt(2.0) / w, 1.0]))
 
 
-def _split(den: Array) -> tuple[Array, int]:
+def _split(den: list[float]) -> tuple[list[float], int]:
     """Return *den* without its poles at zero, and how many there are."""
-    count = len(den) - 1 - int(np.flatnonzero(den)[-1])
+    count = 0
+    while den[-1 - count] == 0.0:
+        count += 1
     return den[: len(den) - count], count
 
 
-def _raise(polynomial: Array, power: int) -> Array:
-    """Return the polynomial times ``s**power``."""
-    return np.concatenate([polynomial, np.zeros(power)])
+def _product(one: list[float], other: list[float]) -> list[float]:
+    """Return the product of two polynomials: of a few coefficients each, which NumPy takes ten times as long for."""
+    product = [0.0] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for j, b in enumerate(other):
+            product[i + j] += a * b
+    return product
+
+
+def _sum(one: list[float], other: list[float]) -> list[float]:
+    """Return the sum of two polynomials."""
+    longer, shorter = (one, other) if len(one) >= len(other) else (other, one)
+    ahead = len(longer) - len(shorter)
+    return longer[:ahead] + [a + b for a, b in zip(longer[ahead:], shorter, strict=True)]
 
 
 def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:

@@ -17,11 +17,11 @@ from gcs_autotune.design.matching import DesignProblem, output_noise
 from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.design.result import Prediction, Proposal, ReferenceModel, Ruler, StepHalf, StepMetrics
 from gcs_autotune.design.spec import Spec
-from gcs_autotune.design.step_metrics import combine, step_metrics
+from gcs_autotune.design.step_metrics import StepError, combine, step_error, step_metrics
 from gcs_autotune.models import SingleDof
 from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 
-__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_metrics", "ruler_of", "told_over"]
+__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_error", "ruler_of", "told_over"]
 
 Array = NDArray[np.float64]
 
@@ -57,10 +57,17 @@ def predict(
     return Prediction(there.t, np.full_like(there.t, problem.step), there.position, ideal, there.output, metrics)
 
 
-def predict_metrics(problem: DesignProblem, settings: Settings, step: float, duration: float) -> StepMetrics:
-    """Return what :func:`predict` would measure for a step of *step* [rad or m] on the identified model."""
-    pair = _there_and_back(problem, problem.model, settings, step, duration)
-    return combine([_measure(flown, ruler_of(problem.spec)) for flown in pair])
+def predict_error(
+    problem: DesignProblem, settings: Settings, step: float, duration: float, model: SingleDof | None = None
+) -> StepError:
+    """Return error and overshoot that :func:`predict` would measure of a step of *step* [rad or m].
+
+    model : the identified one if None.
+    """
+    ruler = ruler_of(problem.spec)._asdict()
+    pair = _there_and_back(problem, model or problem.model, settings, step, duration)
+    there, back = (step_error(half.t, half.position, half.size, **ruler) for half in pair)
+    return StepError(0.5 * (there.itae + back.itae), max(there.overshoot, back.overshoot))
 
 
 def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:

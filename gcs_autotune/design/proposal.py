@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.actuator import PERFECT, Actuator
+from gcs_autotune.design.actuator import PERFECT
 from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
-from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
+from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import notes_on, said
-from gcs_autotune.design.plant import Region, heavier, in_fractions, sample_region
-from gcs_autotune.design.prediction import predict, predict_as_flown, ruler_of
+from gcs_autotune.design.plant import heavier, in_fractions, sample_region
+from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
-from gcs_autotune.design.refinement import MIN_ERROR, any_better, refine
+from gcs_autotune.design.refinement import MIN_ERROR, any_better, refine, refine_briefly
 from gcs_autotune.design.result import Change, Proposal, ReferenceModel
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
@@ -30,7 +30,7 @@ from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
 
-__all__ = ["design", "design_from"]
+__all__ = ["ProvisionalGains", "design", "design_from", "provisional"]
 
 LOOP_PERIODS = 1.5
 """Delay of a digital loop: one period to compute, half a period because the output is held."""
@@ -40,6 +40,21 @@ SMALL = 1.0 / 3.0
 """Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProvisionalGains:
+    """What gains would be designed from what is known so far: the step ``wanted``, the ``gains`` under canonical names.
+
+    ``itae`` [s^2]: their predicted error over time, as it is read where steps are flown; ``spread`` as in
+    :class:`Proposal`; ``span`` [s]: what they were searched over.
+    """
+
+    wanted: ReferenceModel
+    gains: Settings
+    span: float
+    itae: float
+    spread: float
 
 
 def design(
@@ -71,23 +86,12 @@ def design(
         The axis names a law we do not have.
     """
     spec = spec or Spec()
-    law = lookup(LAWS, axis.law, "control law")
-    _check(fit_model, axis, present, spec)
-    model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
-    model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
-    region, actuator = sample_region(model, covariance), PERFECT
-    if spec.skid:
-        present = {**present, SKID: 1.0}
-    if spec.throttle > 0.0:
-        present = {**present, THROTTLE: spec.throttle}
-    if reduction is not None:
-        actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
-        region = heavier(region, reduction.heavier)
-    problem = _problem(law, axis, region, present, spec, actuator)
+    problem = _problem(fit_model, covariance, axis, present, spec, reduction)
+    law, model, actuator = problem.law, problem.model, problem.actuator
     chosen = choose(problem)
     span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
-    before = judge(problem, chosen.wanted, dict(present), span)
+    before = judge(problem, chosen.wanted, problem.settings, span)
     keep = False
     if spec.is_automatic:
         after, keep = _best(problem, before, after, span)
@@ -110,7 +114,7 @@ def design(
         wanted=chosen.wanted,
         margins=shown.margins,
         worst_margins=shown.worst_margins,
-        bound=_bound(law, model, chosen.wanted, covariance, velocity),
+        bound=_bound(law, model, chosen.wanted, problem.region.covariance, velocity),
         before=told[0],
         after=told[1],
         notes=(
@@ -123,9 +127,38 @@ def design(
         loops=(problem.loops(before.settings, chosen.wanted), problem.loops(shown.settings, chosen.wanted)),
         actuator=actuator,
         windows=windows,
-        spread=_spread(problem, shown, span),
+        spread=_spread(problem, shown.settings, span),
         ruler=ruler_of(spec),
     )
+
+
+def provisional(
+    fit_model: SingleDof,
+    covariance: NDArray[np.float64],
+    axis: Axis,
+    present: Mapping[str, float],
+    spec: Spec,
+    last: ProvisionalGains | None = None,
+) -> ProvisionalGains:
+    """Return nearly what :func:`design` would come to: enough to tell what is left open as long as more is flown.
+
+    The search goes on from the *last* ones, for the same wish; without them it begins as a design does. It is the
+    short one of either, and what is there already counts for nothing. Errors as those of :func:`design`.
+    """
+    problem = _problem(fit_model, covariance, axis, present, spec)
+    if last is None or not spec.is_automatic:
+        near = choose(problem)
+        span = _span(spec, near)
+    else:
+        span = last.span
+        near = judge(problem, last.wanted, {**problem.settings, **last.gains}, span)
+    if spec.is_automatic:
+        near = refine_briefly(problem, near, span, everywhere=last is None)
+    itae = predict_error(problem, near.settings, problem.step, span).itae
+    if math.isfinite(spec.settled_time):
+        itae = predict_as_flown(problem, (problem.settings, near.settings), span).other.itae
+    gains = {g.parameter: near.settings[g.parameter] for g in axis.gains}
+    return ProvisionalGains(near.wanted, gains, span, itae, _spread(problem, near.settings, span))
 
 
 def design_from(
@@ -168,10 +201,10 @@ def _best(
     return (refined, is_tolerable(before)) if other is None else (other, False)
 
 
-def _spread(problem: DesignProblem, shown: GainCandidate, span: float) -> float:
+def _spread(problem: DesignProblem, settings: Settings, span: float) -> float:
     """Return by what share the error over time is larger than predicted at the worst of the 95 % region."""
-    nominal = max(predict(problem, problem.model, shown.wanted, shown.settings, span).metrics.itae, MIN_ERROR)
-    each = (predict(problem, m, shown.wanted, shown.settings, span).metrics.itae for m in problem.region.samples)
+    nominal = max(predict_error(problem, settings, problem.step, span).itae, MIN_ERROR)
+    each = (predict_error(problem, settings, problem.step, span, m).itae for m in problem.region.samples)
     return max(max(each, default=nominal) / nominal - 1.0, 0.0)
 
 
@@ -205,8 +238,25 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
 
 
 def _problem(
-    law: Law, axis: Axis, region: Region, present: Mapping[str, float], spec: Spec, actuator: Actuator
+    fit_model: SingleDof,
+    covariance: NDArray[np.float64],
+    axis: Axis,
+    present: Mapping[str, float],
+    spec: Spec,
+    reduction: Reduction | None = None,
 ) -> DesignProblem:
+    law = lookup(LAWS, axis.law, "control law")
+    _check(fit_model, axis, present, spec)
+    model, covariance = in_fractions(fit_model, covariance, spec.full_scale)
+    model = replace(model, delay=max(model.delay - spec.link_delay, 0.0))
+    region, actuator = sample_region(model, covariance), PERFECT
+    if spec.skid:
+        present = {**present, SKID: 1.0}
+    if spec.throttle > 0.0:
+        present = {**present, THROTTLE: spec.throttle}
+    if reduction is not None:
+        actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
+        region = heavier(region, reduction.heavier)
     by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step

@@ -20,8 +20,8 @@ from scipy.optimize import minimize
 
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
-from gcs_autotune.design.prediction import predict_metrics
-from gcs_autotune.design.result import ReferenceModel, StepMetrics
+from gcs_autotune.design.prediction import predict_error
+from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,
@@ -30,7 +30,7 @@ from gcs_autotune.design.selection import (
     judge,
     max_overshoot,
 )
-from gcs_autotune.design.step_metrics import noise_floor
+from gcs_autotune.design.step_metrics import StepError, noise_floor
 from gcs_autotune.design.verdict import is_better
 
 __all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "refine", "sobol"]
@@ -95,6 +95,29 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
     return _refined(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
 
 
+def refine_briefly(
+    problem: DesignProblem, near: GainCandidate, duration: float, *, everywhere: bool = False
+) -> GainCandidate:
+    """Return nearly what :func:`refine` does, by one descent: from *near*, or *everywhere* from the best of a scatter.
+
+    Gains that the law lets it take up are sought only where *near* has them.
+    """
+    taken = [g for g in problem.late if near.settings[g.parameter] > problem.law.fixed[g.parameter]]
+    noise = CALM if taken else NOISE_LIMIT
+    problem = replace(problem, gains=(*problem.gains, *taken))
+    found = near
+    for lenient in (False, True):
+        cost = _Cost(problem, near.wanted, duration, found.settings, noise, lenient=lenient)
+        begins = [np.sqrt(problem.as_fractions(found.settings))]
+        if everywhere and not lenient:
+            begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
+        settings = _rounded(problem, cost.settings(_descend(cost, begins[0])))
+        found = judge(problem, near.wanted, settings, duration)
+        if not found.objections:
+            break
+    return found
+
+
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
     """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
 
@@ -130,7 +153,8 @@ def _refined(
     settings = dict(chosen.settings)
     cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
     usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient)
-    best, least = chosen, worth * usual.of(chosen.settings)  # it was chosen under the usual limit of noise
+    before = usual.of(chosen.settings)  # it was chosen under the usual limit of noise
+    best, least = chosen, worth * before
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)
@@ -141,8 +165,11 @@ def _refined(
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
         acceptable = is_tolerable(found) and (lenient or len(found.objections) <= len(chosen.objections))
-        if acceptable and cost.of(settings) < least:
-            best, least = found, cost.of(settings)
+        is_for = cost.of(settings)
+        if acceptable and is_for < least:
+            best, least = found, is_for
+        elif is_for > before:  # two descents have ended above where they are to end below: a third would not
+            break
     return best
 
 
@@ -186,7 +213,7 @@ class _Cost:
 
     def of(self, settings: Settings) -> float:
         """Return the cost of *settings*; without that of the limits where it is hopeless already."""
-        steps = [predict_metrics(self._problem, settings, step, self._duration) for step in self._steps]
+        steps = [predict_error(self._problem, settings, step, self._duration) for step in self._steps]
         error = float(np.mean([m.itae for m in steps]))
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
         plain = max(error, MIN_ERROR)
@@ -196,7 +223,7 @@ class _Cost:
         self._least = min(self._least, cost)
         return cost
 
-    def _price(self, settings: Settings, step: StepMetrics) -> float:
+    def _price(self, settings: Settings, step: StepError) -> float:
         """Return what missing limits costs, by the sum of the fractions of them that are missed."""
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,7 +14,7 @@ from gcs_autotune.design.reference_model import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
 
-__all__ = ["combine", "error_behind", "noise_floor", "step_metrics"]
+__all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", "step_metrics"]
 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 8
@@ -26,14 +26,22 @@ QUANTUM = 1.01
 """A reading one quantum off the target is as near as the sensor can tell; the hundredth is for float32 rounding."""
 HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Parabolas that an error is read through reach over so many samples to each side, ..."""
+_HALVES = np.array(HALVES)
 INTERVAL = 1.5
 """...as long as intervals of so many standard errors have a point in common. Chosen on synthetic steps: wider ones take
 the corners off, narrower ones leave more noise (tests/design/test_error_estimate.py)."""
 LAST_PART = 1.0 / 3.0
 """Share of the record that tells about the steady state."""
 
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., None]], Callable[..., None]] = njit(**_LEAN)
+
+
+class StepError(NamedTuple):
+    """What a search for gains asks of a step: ``itae`` [s^2] and ``overshoot`` as in ``StepMetrics``."""
+
+    itae: float
+    overshoot: float
 
 
 def noise_floor(noise_std: float, quantum: float) -> float:
@@ -80,10 +88,7 @@ def step_metrics(
     t, target, position, output = _checked(t, target, position, output)
     begin, start = _find_step(target, position)
     size = float(target[-1] - start)
-    floor = noise_floor(noise_std, quantum)
-    if abs(size) <= 2.0 * floor:
-        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
-    floor /= abs(size)
+    floor = _floor_of(size, noise_std, quantum)
     if len(t) - begin < MIN_SAMPLES:
         raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
     smooth = _without_spikes(position, size)[begin:]
@@ -100,6 +105,33 @@ def step_metrics(
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
         oscillation=swing,
     )
+
+
+def step_error(
+    t: Array, position: Array, size: float, *, noise_std: float = 0.0, quantum: float = 0.0, noise_time: float = 0.0
+) -> StepError:
+    """Return what :func:`step_metrics` says of a simulated step of *size* from rest at 0: nothing there is wild.
+
+    Raises
+    ------
+    NotInformative
+        The motion is not finite, or the step within the noise.
+    """
+    floor = _floor_of(size, noise_std, quantum)
+    share = position / size
+    seconds = t - t[0]
+    itae = _error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time)
+    if not math.isfinite(itae):
+        raise NotInformative("the simulated step holds samples that are not finite")
+    return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor))
+
+
+def _floor_of(size: float, noise_std: float, quantum: float) -> float:
+    """Return :func:`noise_floor` as a share of a step of *size*."""
+    floor = noise_floor(noise_std, quantum)
+    if abs(size) <= 2.0 * floor:
+        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
+    return floor / abs(size)
 
 
 def _error_over_time(t: Array, error: Array, noise_std: float, floor: float, noise_time: float) -> float:
@@ -121,28 +153,31 @@ def error_behind(error: Array, std: float) -> Array:
     error = np.ascontiguousarray(error)  # one kind of array: the kernel is compiled for each kind
     found = error.copy()
     if std > 0.0:
-        place = np.arange(len(error)) - 0.5 * len(error)
-        sums = np.zeros((3, len(error) + 1))
-        np.cumsum([error, error * place, error * place**2], axis=1, out=sums[:, 1:])
-        _read_behind(error, sums, np.array(HALVES), INTERVAL * std, found)
+        _read_behind(error, np.zeros((3, len(error) + 1)), _HALVES, INTERVAL * std, found)
     return found
 
 
 @_lean
 def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval: float, found: Array) -> None:
-    """Fill *found* (n,); *sums* (3, n + 1): of *error* before each sample, times its place to the power 0, 1, 2.
+    """Fill *found* (n,) and *sums* (3, n + 1): of *error* before each sample, times its place to the power 0, 1, 2.
 
-    With the sums every parabola costs the same, however wide: its three coefficients by polynomials orthogonal over
-    the window, ``1``, ``p`` and ``p p - s2 / w`` of the distance ``p`` from its middle.
+    *sums* begins with zeros. With them every parabola costs the same, however wide: its three coefficients by
+    polynomials orthogonal over the window, ``1``, ``p`` and ``p p - s2 / w`` of the distance ``p`` from its middle.
     """
     n = len(error)
+    for i in range(n):
+        place = i - 0.5 * n
+        sums[0, i + 1] = sums[0, i] + error[i]
+        sums[1, i + 1] = sums[1, i] + error[i] * place
+        sums[2, i + 1] = sums[2, i] + error[i] * place * place
     for i in range(n):
         low, high, least = error[i] - interval, error[i] + interval, 1.0
         for half in halves:
             width = 2 * half + 1
             if width > n:
                 break
-            first = min(max(i - half, 0), n - width)
+            first = i - half
+            first = 0 if first < 0 else (n - width if first > n - width else first)
             middle, w = first + half - 0.5 * n, float(width)
             sum_0 = sums[0, first + width] - sums[0, first]
             sum_1 = sums[1, first + width] - sums[1, first]
@@ -156,7 +191,9 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
             q = p * p - s2 / w
             value = sum_0 / w + p * sum_1 / s2 + q * (sum_2 - sum_0 * s2 / w) / q2
             error_of_it = math.sqrt(1.0 / w + p * p / s2 + q * q / q2)
-            low, high = max(low, value - interval * error_of_it), min(high, value + interval * error_of_it)
+            reach = interval * error_of_it
+            low = value - reach if value - reach > low else low
+            high = value + reach if value + reach < high else high
             if low > high:
                 break
             if error_of_it < least:

@@ -2,9 +2,9 @@
 
 Between two jumps of the input the motion ``nu_dot = F - a*nu - c*|nu|*nu`` is a polynomial differential
 equation on either side of ``nu = 0``, so its Taylor coefficients follow from a short recursion. A step is
-one Taylor polynomial of degree :data:`DEGREE` over at most :data:`REACH` of the fastest time constant, and
-ends exactly at an input jump, an output stamp, or where the velocity changes sign: the error stays near
-rounding (below 1e-11 relative), whatever the sampling.
+one Taylor polynomial of degree :data:`DEGREE`, of less where it is short, over at most :data:`REACH` of the fastest
+time constant, and ends exactly at an input jump, an output stamp, or where the velocity changes sign: the error stays
+near rounding (below 1e-11 relative), whatever the sampling.
 
 Parameters here are those of the explicit form ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``, i.e.
 ``alpha = 1/b, beta = a/b, beta_quadratic = c/b, delta = d/b`` of Miskovic2010, eq. (6.33)-(6.34).
@@ -31,10 +31,13 @@ COLUMNS = ("b", "a", "c", "d", "delay", "eta_0", "nu_0")
 """Order of the sensitivities' columns."""
 
 DEGREE = 12
-"""Degree of the Taylor polynomials. Chosen: with REACH it leaves 0.13**13 = 3e-12 of a step's change."""
+"""Highest degree of the Taylor polynomials. Chosen: with REACH it leaves 0.13**13 = 3e-12 of a step's change."""
 
 REACH = 0.2
 """Longest step as a fraction of the fastest time constant; the solution's poles are 8 times further off."""
+
+LEFT = math.log(0.13) * (DEGREE + 1)
+"""Logarithm of what is left; a shorter step, so much smaller than REACH, leaves no more with fewer terms."""
 
 RUNAWAY = 1e9
 """Velocity at which a simulation with destabilising drag is given up."""
@@ -58,15 +61,15 @@ class SimulatedMotion:
     finite: bool
 
 
-def _series(b: float, a: float, c: float, force: float, nu: float, side: float, w: Array) -> None:
-    """Fill ``w`` (5, DEGREE + 1) with Taylor coefficients on one side of ``nu = 0``.
+def _series(a: float, c: float, force: float, nu: float, side: float, degree: int, w: Array) -> None:
+    """Fill ``w`` (5, DEGREE + 1) with Taylor coefficients up to *degree* on one side of ``nu = 0``.
 
     Rows: velocity, homogeneous sensitivity, and the particular ones to ``d``, ``a``, ``c``, whose first coefficients
     are left at the zeros that they come with.
     """
     w[0, 0], w[1, 0] = nu, 1.0
     k2 = 2.0 * side * c
-    for n in range(DEGREE):
+    for n in range(degree):
         square, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(n + 1):
             x = w[0, i]
@@ -84,28 +87,28 @@ def _series(b: float, a: float, c: float, force: float, nu: float, side: float, 
         w[4, n + 1] = g * (-a * w[4, n] - k2 * s4 - side * square)
 
 
-def _value(series: Array, h: float) -> float:
+def _value(series: Array, h: float, degree: int) -> float:
     """Evaluate one row of ``w`` at *h*. (A row, not its number: numba compiles anew for every literal number.)"""
-    total = series[DEGREE]
-    for n in range(DEGREE - 1, -1, -1):
+    total = series[degree]
+    for n in range(degree - 1, -1, -1):
         total = total * h + series[n]
     return float(total)
 
 
-def _area(series: Array, h: float) -> float:
+def _area(series: Array, h: float, degree: int) -> float:
     """Integrate one row of ``w`` from 0 to *h*."""
-    total = series[DEGREE] / (DEGREE + 1)
-    for n in range(DEGREE - 1, -1, -1):
+    total = series[degree] / (degree + 1)
+    for n in range(degree - 1, -1, -1):
         total = total * h + series[n] / (n + 1)
     return float(total * h)
 
 
-def _crossing(w: Array, h: float, side: float) -> float:
+def _crossing(w: Array, h: float, side: float, degree: int) -> float:
     """Return where in (0, h] the velocity, monotone there, passes zero (bisection: robust and rare)."""
     low, high = 0.0, h
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if _value(w[0], middle) * side > 0.0:
+        if _value(w[0], middle, degree) * side > 0.0:
             low = middle
         else:
             high = middle
@@ -119,24 +122,27 @@ def _step(x: Array, p: Array, tau: float, rest: float, w: Array, by_nu: Array, b
     side = 1.0 if nu > 0.0 or (nu == 0.0 and force >= 0.0) else -1.0
     rate = abs(a) + 2.0 * abs(c * nu) + 2.0 * math.sqrt(abs(c * force))
     h = rest if rate * rest <= REACH else REACH / rate
-    _series(b, a, c, force, nu, side, w)
-    after = _value(w[0], h)
+    share = rate * h / REACH
+    degree = 2 if share < 1e-9 else int(LEFT / math.log(0.13 * share))
+    degree = 2 if degree < 2 else (DEGREE if degree > DEGREE else degree)
+    _series(a, c, force, nu, side, degree, w)
+    after = _value(w[0], h, degree)
     if nu != 0.0 and after * side < 0.0:
-        h = _crossing(w, h, side)
+        h = _crossing(w, h, side, degree)
         after = 0.0
-    x[0] += _area(w[0], h)
+    x[0] += _area(w[0], h, degree)
     x[1] = after
-    phi, phi_area = _value(w[1], h), _area(w[1], h)
+    phi, phi_area = _value(w[1], h, degree), _area(w[1], h, degree)
     for i in range(7):
         by_eta[i] += by_nu[i] * phi_area
         by_nu[i] *= phi
-    unit, unit_area = _value(w[2], h), _area(w[2], h)
+    unit, unit_area = _value(w[2], h, degree), _area(w[2], h, degree)
     by_nu[0] += tau * unit
     by_eta[0] += tau * unit_area
-    by_nu[1] += _value(w[3], h)
-    by_eta[1] += _area(w[3], h)
-    by_nu[2] += _value(w[4], h)
-    by_eta[2] += _area(w[4], h)
+    by_nu[1] += _value(w[3], h, degree)
+    by_eta[1] += _area(w[3], h, degree)
+    by_nu[2] += _value(w[4], h, degree)
+    by_eta[2] += _area(w[4], h, degree)
     by_nu[3] += unit
     by_eta[3] += unit_area
     return h
@@ -176,14 +182,16 @@ def _sweep(
 
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
-# Those within are never called from Python: an entry for it would only have to be compiled.
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+# Those within are never called from Python: an entry for it would only have to be compiled. What is called in one place
+# is pasted there before types are known, so that it is compiled, and made quick, once.
+_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
-_series = _lean(_series)
+_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(inline="always", _nrt=False)
+_series = _pasted(_series)
 _value = _lean(_value)
 _area = _lean(_area)
-_crossing = _lean(_crossing)
-_step = _lean(_step)
+_crossing = _pasted(_crossing)
+_step = _pasted(_step)
 _compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)
 
 

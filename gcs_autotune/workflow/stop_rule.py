@@ -3,7 +3,8 @@
 Five periods that agree (Miskovic2010, 6.7) are needed to read a limit cycle by its first harmonic. Here the record is
 fitted exactly, together with the step flown before, so an experiment may end as soon as what is left in doubt about the
 craft hardly matters to the gains. After the step, and after each half period from the third on, the model is fitted and
-designed for, and the predicted error over time of those gains looked at all over the 95 % region of its parameters.
+designed for, briefly and each time from the last gains on, and the predicted error over time of those gains looked at
+all over the 95 % region of its parameters. What is offered in the end is designed anew.
 
 An actuator with a dead zone or a bent curve makes the step another craft's than the oscillation. Each of two sizes is
 then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
@@ -21,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.design import Spec, design
+from gcs_autotune.design import ProvisionalGains, Spec, provisional
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, unexplained
@@ -69,15 +70,14 @@ class Assessment:
 
     ``lacks``: what the design still lacks, in words, empty when it is known. ``another_size``: the run is explained by
     itself but not together with the step. ``values``, ``stds``: the model's numbers and their standard errors.
-    ``cost`` [s^2 per unit step]: the predicted error over time; ``spread``: by what share it is larger at worst.
+    ``gains`` as they would be now: their predicted error over time, and by what share it is larger at worst.
     """
 
     lacks: str
     another_size: bool = False
     values: tuple[float, ...] = ()
     stds: tuple[float, ...] = ()
-    spread: float = float("nan")
-    cost: float = float("nan")
+    gains: ProvisionalGains | None = None
 
     def moved_from(self, last: Assessment) -> bool:
         """Whether any number is further from what it was in the *last* one than chance explains."""
@@ -85,15 +85,18 @@ class Assessment:
         return any(abs(now - then) > MOVED * std for now, then, std in pairs)
 
 
-def assess(question: DesignQuestion, run: Trial | None = None) -> Assessment:
-    """Return what *run*, as far as it has come, and the step, or the step alone, tell about the gains wanted."""
+def assess(question: DesignQuestion, run: Trial | None = None, last: ProvisionalGains | None = None) -> Assessment:
+    """Return what *run*, as far as it has come, and the step, or the step alone, tell about the gains wanted.
+
+    last : the gains when less was known, to go on from.
+    """
     try:
-        return _assess(question, run)
+        return _assess(question, run, last)
     except (AutotuneError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return Assessment(f"no gains can be designed yet ({error})")
 
 
-def _assess(question: DesignQuestion, run: Trial | None) -> Assessment:
+def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains | None) -> Assessment:
     runs = [question.step] if run is None else [question.step, run]
     signal = str(runs[-1].meta["signal"])
     if len(runs[-1][signal]) < LEAST_SAMPLES:
@@ -105,13 +108,13 @@ def _assess(question: DesignQuestion, run: Trial | None) -> Assessment:
         much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
     covariance = fit.craft_covariance
-    proposal = design(fit.model, covariance, question.axis, question.present, question.spec)
+    gains = provisional(fit.model, covariance, question.axis, question.present, question.spec, last)
     m = fit.model
     values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
     stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    wide = proposal.spread > SPREAD
-    lacks = f"the predicted error over time is uncertain by {proposal.spread:.0%}" if wide else ""
-    return Assessment(lacks, values=values, stds=stds, spread=proposal.spread, cost=proposal.after.metrics.itae)
+    wide = gains.spread > SPREAD
+    lacks = f"the predicted error over time is uncertain by {gains.spread:.0%}" if wide else ""
+    return Assessment(lacks, values=values, stds=stds, gains=gains)
 
 
 def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
@@ -141,6 +144,7 @@ class KnownDesign:
         self._reversals = 0
         self._of_step: Assessment | None = None
         self._last: Assessment | None = None
+        self._gains: ProvisionalGains | None = None
         self._times = 0
         self.known = self.another_size = False
 
@@ -178,8 +182,8 @@ class KnownDesign:
 
     def _ask(self, run: Trial | None) -> str:
         if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
-            return self._judged(assess(self.question, run))
-        self._worker.begin(partial(assess, self.question, run))
+            return self._judged(assess(self.question, run, self._gains))
+        self._worker.begin(partial(assess, self.question, run, self._gains))
         self._at_work = True
         return ""
 
@@ -187,15 +191,16 @@ class KnownDesign:
         if self._of_step is None:
             self._of_step = now
         last, self._last = self._last, now
-        if np.isfinite(now.cost):
-            self._watcher.note(PredictedCost(now.cost, now.cost * (1.0 + now.spread)))
+        if now.gains is not None:
+            self._gains = now.gains
+            self._watcher.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
         is_known = not now.lacks and (last is None or bool(last.lacks) or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
         if self._reversals < LEAST_REVERSALS:
             return ""
-        if self._times >= TWICE:
+        if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return f"the gains are known: what is unknown of the craft changes their error by {now.spread:.0%}"
+            return f"the gains are known: what is unknown of the craft changes their error by {now.gains.spread:.0%}"
         if now.another_size:
             self.another_size = True
             return "this size of oscillation is explained, and not the step: small and large commands act differently"

@@ -19,7 +19,7 @@ from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.laws.kernel import actuate
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import Region, heavier
-from gcs_autotune.design.prediction import predict_metrics
+from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.identify.model_file import as_extended
@@ -173,7 +173,7 @@ def cost(gains: Proposal, aware: Proposal, *effects: EffectInstance) -> tuple[fl
     delay = 1.5 * law.loop_period(ROVER_DEFAULTS)
     problem = DesignProblem(law, [], region, ROVER_DEFAULTS, SPEC, law.usual_step, delay, actuator=r.actuator)
     settings = {**ROVER_DEFAULTS, **gains.new}
-    steps = [predict_metrics(problem, settings, f * problem.step, 20.0) for f in (1.0, 1.0 / 3.0)]
+    steps = [predict_error(problem, settings, f * problem.step, 20.0) for f in (1.0, 1.0 / 3.0)]
     return float(np.mean([m.itae for m in steps])), max(m.overshoot for m in steps)
 
 

@@ -16,7 +16,7 @@ from gcs_autotune.design import proposal as door
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import sample_region
-from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_metrics, ruler_of
+from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_error, ruler_of
 from gcs_autotune.design.reduction import Reduction
 from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
@@ -120,9 +120,9 @@ def test_a_prediction_says_what_a_step_will_be_read_as_through_the_noise_at_the_
         return combine(legs).itae
 
     flown = float(np.mean([read() for _ in range(30)]))
-    assert predict_metrics(problem, gains, 30.0 * DEG, 30.0).itae == pytest.approx(flown, rel=0.06)
+    assert predict_error(problem, gains, 30.0 * DEG, 30.0).itae == pytest.approx(flown, rel=0.06)
     unlike = replace(problem, spec=replace(spec, noise_bandwidth=25.0))
-    assert predict_metrics(unlike, gains, 30.0 * DEG, 30.0).itae != pytest.approx(flown, rel=0.06)
+    assert predict_error(unlike, gains, 30.0 * DEG, 30.0).itae != pytest.approx(flown, rel=0.06)
 
 
 def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_longest_it_may_last() -> None:
@@ -157,10 +157,10 @@ def test_noise_on_the_output_works_off_inside_a_dead_band_what_the_mean_alone_do
     region = sample_region(loaded, SPREAD)
     problem = DesignProblem(law, (), region, gains, replace(STEP, hold=10.0), 30.0 * DEG, 0.004, actuator=THRUSTERS)
     calm = replace(problem, spec=replace(problem.spec, jitter_std=0.0))
-    noisy, still = (predict_metrics(p, gains, 30.0 * DEG, 8.0).itae for p in (problem, calm))
+    noisy, still = (predict_error(p, gains, 30.0 * DEG, 8.0).itae for p in (problem, calm))
     assert noisy < 0.9 * still
     straight = replace(problem, actuator=Actuator())
-    assert predict_metrics(straight, gains, 30.0 * DEG, 8.0) == predict_metrics(
+    assert predict_error(straight, gains, 30.0 * DEG, 8.0) == predict_error(
         replace(straight, spec=calm.spec), gains, 30.0 * DEG, 8.0
     )
 
@@ -182,7 +182,7 @@ def test_a_prediction_holds_the_craft_as_long_as_the_flight_did() -> None:
         spec = replace(STEP, hold=hold)
         law, region = LAWS["sub-heading"], sample_region(HULL, SPREAD)
         problem = DesignProblem(law, (), region, SUB_HEADING_DEFAULTS, spec, 30.0 * DEG, 0.004, actuator=THRUSTERS)
-        return predict_metrics(problem, {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.03}, spec.step, 30.0).itae
+        return predict_error(problem, {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.03}, spec.step, 30.0).itae
 
     short, long, settled = step(3.0), step(12.0), step(60.0)
     assert short > 1.3 * long > 1.3 * settled

@@ -89,10 +89,23 @@ def test_the_input_in_force_is_the_last_that_has_arrived_and_the_first_also_befo
 def test_a_series_is_evaluated_and_integrated_to_its_last_coefficient() -> None:
     value, area = (getattr(f, "py_func", f) for f in (simulation._value, simulation._area))
     series = np.random.default_rng(3).uniform(0.5, 1.0, 13)
-    whole = np.polynomial.Polynomial(series)
-    for h in (0.0, 0.4, 1.3):
-        assert value(series, h) == pytest.approx(whole(h), rel=1e-13)
-        assert area(series, h) == pytest.approx(whole.integ()(h), rel=1e-13)
+    for degree in (12, 3):
+        whole = np.polynomial.Polynomial(series[: degree + 1])
+        for h in (0.0, 0.4, 1.3):
+            assert value(series, h, degree) == pytest.approx(whole(h), rel=1e-13)
+            assert area(series, h, degree) == pytest.approx(whole.integ()(h), rel=1e-13)
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.19999, 0.1, 0.03, 0.004, 1e-4])
+def test_short_steps_of_few_terms_leave_no_more_than_long_ones(reach: float) -> None:
+    """With a constant force and linear drag, stamps *reach* of the time constant apart."""
+    a, b, start = 2.0, 1.5, -0.4
+    stamps = np.arange(40) * reach / a
+    motion = simulate_explicit((b, a, 0.0, 0.3, 0.0, 0.0, start), np.zeros(1), np.ones(1), stamps)
+    end = (b + 0.3) / a
+    assert motion.nu == pytest.approx(end + (start - end) * np.exp(-a * stamps), abs=2e-11)
+    assert motion.nu_by[:, 6] == pytest.approx(np.exp(-a * stamps), abs=2e-11)
+    assert motion.eta == pytest.approx(end * stamps - (start - end) * np.expm1(-a * stamps) / a, abs=2e-11)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

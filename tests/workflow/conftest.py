@@ -35,4 +35,5 @@ def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def taken_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do as :func:`plainly`."""
-    monkeypatch.setattr("gcs_autotune.design.proposal.refine", lambda problem, chosen, duration: chosen)
+    for name in ("refine", "refine_briefly"):
+        monkeypatch.setattr(f"gcs_autotune.design.proposal.{name}", lambda problem, chosen, duration, **how: chosen)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.design import Spec
+from gcs_autotune.design import ProvisionalGains, Spec, reference_model
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Relay, RelaySettings
@@ -73,7 +73,7 @@ def question(**craft: float) -> DesignQuestion:
 def test_of_a_linear_craft_a_step_and_three_reversals_tell_the_gains() -> None:
     found = assess(question(), swing(7.0))
     assert found.lacks == ""
-    assert found.spread < stop_rule.SPREAD
+    assert found.gains is not None and found.gains.spread < stop_rule.SPREAD
     assert found.values[:2] == pytest.approx((0.4, 0.5), rel=0.05)
 
 
@@ -112,7 +112,8 @@ def test_what_no_gains_can_be_designed_for_is_not_known() -> None:
     assert assess(lost, swing(7.0)).lacks.startswith("no gains can be designed yet")
 
 
-KNOWN = Assessment("", values=(1.0, 2.0), stds=(0.1, 0.1), spread=0.03)
+GAINS = ProvisionalGains(reference_model("bessel", 1.0), {}, span=15.0, itae=20.0, spread=0.03)
+KNOWN = Assessment("", values=(1.0, 2.0), stds=(0.1, 0.1), gains=GAINS)
 MOVED = replace(KNOWN, values=(1.0, 2.3))
 UNKNOWN = Assessment("too little")
 
@@ -177,8 +178,7 @@ def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
             self.told.append(fact)
 
     craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
-    known = replace(KNOWN, cost=20.0)
-    rule = KnownDesign(craft, Desk(UNKNOWN, UNKNOWN, known, known), question(), Ear())  # type: ignore[arg-type]
+    rule = KnownDesign(craft, Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN), question(), Ear())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
     ended_after(rule)
@@ -230,11 +230,13 @@ def test_a_desk_that_breaks_down_ends_nothing_and_one_at_work_is_told_to_stop() 
     assert deepcopy(rule) is rule
 
 
-def test_in_simulated_time_the_answer_is_there_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
+def test_in_simulated_time_the_answer_is_there_at_once_and_goes_on_from_the_last_gains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[int, ProvisionalGains | None]] = []
 
-    def answer(question: DesignQuestion, run: Trial | None) -> Assessment:
-        asked.append(0 if run is None else len(run["psi"]))
+    def answer(question: DesignQuestion, run: Trial | None, last: ProvisionalGains | None) -> Assessment:
+        asked.append((0 if run is None else len(run["psi"]), last))
         return KNOWN
 
     monkeypatch.setattr(stop_rule, "assess", answer)
@@ -243,4 +245,4 @@ def test_in_simulated_time_the_answer_is_there_at_once(monkeypatch: pytest.Monke
     rule.start()
     rule.begin()
     assert ended_after(rule)[0] == 3
-    assert asked == [0, 70]
+    assert asked == [(0, None), (70, GAINS)]

@@ -17,7 +17,7 @@ from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Channel, Trial, save_trial
 from gcs_autotune.workflow.supplied_gains import load_gains, step_of
 
-from .sitl_harness import Answers, SitlHarness
+from .sitl_harness import SLOW_LOOP, Answers, SitlHarness
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def proposed(tmp_path_factory):
     """A dry run: its harness and its story."""
-    harness = SitlHarness(tmp_path_factory.mktemp("dry"), "automarine")
+    harness = SitlHarness(tmp_path_factory.mktemp("dry"), "automarine", **SLOW_LOOP)
     command = "gcs-autotune tune heading --gains"
     return harness, harness.tune(dry_run=True, step=np.radians(25.0), proving=command)
 
@@ -51,7 +51,7 @@ def test_the_page_names_the_command_that_proves_it(proposed):
 
 def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed, tmp_path):
     dry, told = proposed
-    harness = SitlHarness(tmp_path, "automarine")
+    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     operator = Answers(True, True)
     story = harness.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
@@ -69,7 +69,7 @@ def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed
 def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
     file = tmp_path / "mine.param"
     file.write_text("ATC_RAT_YAW_P,0.05\n")
-    harness = SitlHarness(tmp_path, "automarine")
+    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harness.tune(gains=load_gains(file, "heading"))
     assert story.ending == "restored", story.reason
     harness.assert_as_found()
