@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
 
@@ -34,6 +34,8 @@ SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 stands there."""
 ONE_QUANTUM = 1.01
 """A reading one quantum off is as near as the sensor can tell."""
+LEAST_HALF = 4.0
+"""Chosen [s]: a half that lasted so long can be compared. Twice that is less than a boat has where its room ends."""
 LEAST_SAMPLES = 5
 """Second differences fewer than this tell no noise."""
 
@@ -123,6 +125,7 @@ class Step(Manoeuvre):
         self._there_since = math.inf
         self._band = math.nan
         self._lasted: list[float] = []
+        self._now = math.nan
 
     @property
     def asked(self) -> Mapping[str, Any]:
@@ -155,7 +158,7 @@ class Step(Manoeuvre):
             now = yield self._tick(now)
 
     def _tick(self, observation: Observation) -> Command:
-        s = self._settings
+        s, self._now = self._settings, observation.t
         elapsed = observation.t - self._step_start
         error = observation.value(s.signal) - self.target
         self._rest.update(observation.t, error, observation.output.get(SIGNAL_FORCES[s.signal], math.nan))
@@ -173,6 +176,22 @@ class Step(Manoeuvre):
             self._lasted.append(min(elapsed, s.duration))
             self._next(observation.t)
         return self._command()
+
+    def where_room_ends(self, where: str) -> Outcome | None:
+        """Cut the half that is flown short, where it has lasted long enough to be compared; end with the second one."""
+        elapsed = self._now - self._step_start
+        if self._step not in (1, 2) or not elapsed >= LEAST_HALF:
+            return None
+        self._lasted.append(elapsed)
+        if self._step == 1:
+            self._next(self._now)
+            return None
+        there, back = self._lasted
+        return Outcome(
+            "stopped",
+            f"the room ends {there:.0f} s into the step and {back:.0f} s into the step back: {where}; "
+            "what was recorded is used",
+        )
 
     def _stands_there(self, t: float, error: float) -> bool:
         """Whether the signal has been at its target for long enough; a lone wild sample is no motion."""

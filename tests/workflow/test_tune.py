@@ -227,11 +227,14 @@ def test_the_relay_and_the_step_can_be_given(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_boat_whose_relay_does_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(tmp_path, plainly):
+def test_a_boat_whose_step_and_relay_do_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(
+    tmp_path, plainly
+):
     waves = parse_effect("wave-disturbance@yaw.amplitude=0.1,frequency=1.5,bandwidth=0.15")
     harness = SitlHarness(tmp_path, "blueboat", effects=[waves])
-    story = harness.tune(stop_rule="settled", envelope=Envelope(distance=120.0), dry_run=True)
+    story = harness.tune(stop_rule="settled", envelope=Envelope(distance=60.0), dry_run=True)
     assert story.ending == "dry-run"
     said = " ".join(harness.said)
-    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 108 m", said)
+    assert re.search(r"step-before: stopped, the room ends \d+ s into the step and 4 s into the step back: 4\d m", said)
+    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 4\d m", said)
     assert story.proposal.changes
