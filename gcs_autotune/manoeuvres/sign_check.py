@@ -86,6 +86,7 @@ class SignCheck(Manoeuvre):
         self._size = 0
         self._reversals = 0
         self._command = 0.0
+        self._began_at = math.nan
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
         self._back: list[Tick] = []
@@ -111,6 +112,7 @@ class SignCheck(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield the approach, then the pulses."""
         self._approach.start(now)
+        self._began_at = now.value(self._settings.signal)
         while True:
             command = self._tick(now)
             self.phase = "approach" if self._command == 0.0 else "pulse"
@@ -151,7 +153,16 @@ class SignCheck(Manoeuvre):
         settled = self._approach.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
         if settled and not self._nothing_to_steer_by():
             self._forward = [tick]
-            self._push(t, self._settings.outputs[self._size])
+            self._push(t, self._way(x) * self._settings.outputs[self._size])
+
+    def _way(self, x: float) -> float:
+        """Return the side of the first pulse: to port if waves that swing the bow have it far to starboard by now.
+
+        Nothing holds it there, and the pulses add to that. What drifts one way is no swing.
+        """
+        s, seen = self._settings, [x for _, x, _ in self._rest]
+        swing = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
+        return -1.0 if s.signal == "psi" and swing > s.reach and x - self._began_at > s.reach else 1.0
 
     def _nothing_to_steer_by(self) -> bool:
         s, idle = self._settings, self._rest[-1][2]
@@ -184,7 +195,8 @@ class SignCheck(Manoeuvre):
     def _judge(self) -> None:
         """End with a verdict, or come to rest and try the next size."""
         s = self._settings
-        self.answer = seen = pulse_response(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
+        command = -self._command  # of the first pulse: the second is flown last
+        self.answer = seen = pulse_response(command, self._rest, self._forward, self._back, self._least)
         self._command = 0.0
         if seen.unheeded is not None:
             self._refuse(messages.not_followed(seen.unheeded, s.force, s.outlets))
