@@ -86,7 +86,7 @@ class SignCheck(Manoeuvre):
         self._size = 0
         self._reversals = 0
         self._command = 0.0
-        self._began_at = math.nan
+        self._began_at, self._swings = math.nan, False
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
         self._back: list[Tick] = []
@@ -161,8 +161,10 @@ class SignCheck(Manoeuvre):
         Nothing holds it there, and the pulses add to that. What drifts one way is no swing.
         """
         s, seen = self._settings, [x for _, x, _ in self._rest]
-        swing = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
-        return -1.0 if s.signal == "psi" and swing > s.reach and x - self._began_at > s.reach else 1.0
+        if self.answer is None:  # afterwards it swings by what was done to it, too
+            swing = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
+            self._swings = s.signal == "psi" and swing > s.reach
+        return -1.0 if self._swings and x - self._began_at > s.reach else 1.0
 
     def _nothing_to_steer_by(self) -> bool:
         s, idle = self._settings, self._rest[-1][2]
