@@ -113,6 +113,26 @@ def test_a_boat_stays_within_the_room_that_was_announced(tuned):
     assert 100.0 < far < float(need.split(" up to ")[1].split(" m")[0])
 
 
+def told_and_flown(harness):
+    """Return how long [s] a tune said it would take, and how long what it flew was."""
+    said = " ".join(harness.said)
+    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", said).groups()
+    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", said))
+    return float(count) * {"s": 1.0, "min": 60.0}[unit], float(flown)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
+def test_the_time_told_beforehand_is_about_what_it_takes(tuned, tmp_path):
+    large, _ = tuned
+    small = SitlHarness(tmp_path, QUICK)
+    small.tune(axis="speed")
+    for harness in (large, small):
+        told, flown = told_and_flown(harness)
+        assert 0.7 * flown <= told <= 1.3 * flown, (told, flown)
+    assert flown < 90.0
+
+
 @pytest.mark.slow
 def test_the_journal_is_settled_in_the_end(tuned):
     harness, _ = tuned
