@@ -30,6 +30,9 @@ NOISES = 5.0
 """A motion below so many standard deviations of the noise says nothing."""
 BACK_LONGER = 2.5
 """The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
+LAST_LONGER = 2.0
+"""Chosen: the largest pulse may take so many times ``longest``: a boat with a yaw time constant of 8 s turns by 2.5 deg
+in 4 s of 0.6 of full rudder, which a poor compass does not tell, and by 9 deg in 8 s."""
 TWICE = 2
 """Pulses there and back that must move the craft the wrong way before its actuator is called turned round."""
 STANDING = 0.9
@@ -50,7 +53,7 @@ class SignCheckSettings:
     ----------
     signal, force : what is watched (``psi`` or ``z``) and what is driven.
     outputs : sizes of the pulse, tried until one is answered.
-    reach : a pulse ends when the craft has moved so far, else after ``longest``.
+    reach : a pulse ends when the craft has moved so far, else after ``longest``, the largest after twice that.
     least : the least motion that counts as an answer.
     throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
         bite on.
@@ -126,7 +129,9 @@ class SignCheck(Manoeuvre):
         elif not self._back:
             self._forward.append(tick)
             moved, seconds = x - self._forward[0][1], t - self._forward[0][0]
-            if seconds >= SHORTEST and (seconds >= s.longest or abs(moved) >= s.reach):
+            is_last = self._size + 1 == len(s.outputs)
+            longest = s.longest * (LAST_LONGER if is_last else 1.0)
+            if seconds >= SHORTEST and (seconds >= longest or abs(moved) >= s.reach):
                 self._back = [tick]
                 self._push(t, -self._command)
         else:

@@ -300,3 +300,12 @@ def test_a_bow_that_waves_swing_is_first_pushed_back_to_where_the_check_began(ph
     _, flown = check(Swinging())
     first = next(m for m in flown.trial.marks if m.kind == "pulse")
     assert math.copysign(1.0, float(first.detail["N"])) == side
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_boat_that_takes_eight_seconds_to_turn_is_given_the_time_for_it_by_a_poor_compass(seed: int) -> None:
+    boat = Noisy(seed, gain=0.016, drag=0.125)
+    boat.r = 0.0
+    manoeuvre, flown = check(boat)
+    assert flown.outcome.ending == "completed"
+    assert manoeuvre.answer is not None and manoeuvre.answer.signs == (1, 1)
