@@ -5,10 +5,20 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sitl.hull import Body, Loads
 
-__all__ = ["FRAMES", "Actuators", "RudderBoat", "ThrustCurve", "ThrusterFrame", "TwinThrusterBoat", "YawSchedule"]
+__all__ = [
+    "FRAMES",
+    "Actuators",
+    "Motor",
+    "RudderBoat",
+    "ThrustCurve",
+    "ThrusterFrame",
+    "TwinThrusterBoat",
+    "YawSchedule",
+]
 
 _NEUTRAL_PWM = 1500
 _RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0
@@ -183,14 +193,25 @@ class ThrustCurve:
         return u * value / sum(self.odd)
 
 
+class Motor(NamedTuple):
+    """What one thruster adds at full output, as a share of each axis' authority; ``Z`` down, ``M`` bow up."""
+
+    N: float = 0.0
+    X: float = 0.0
+    Z: float = 0.0
+    Y: float = 0.0
+    M: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class ThrusterFrame(Actuators):
-    """Fixed thrusters; the authorities are what all of them do together, ``full_Y`` 0 on frames that do not sway.
+    """Fixed thrusters. An authority is what those do together that the autopilot drives for its axis; ``full_Y`` is 0
+    on frames that do not sway, ``full_M`` on craft that do not pitch.
 
     The ``curve`` is that of one thruster, applied to each axis: all that drive an axis share its command.
     """
 
-    motors: Sequence[tuple[float, float, float, float]]
+    motors: Sequence[Motor]
     full_N: float
     full_X: float
     full_Z: float
@@ -198,17 +219,18 @@ class ThrusterFrame(Actuators):
     bias_Z: float
     curve: ThrustCurve | None = None
     full_Y: float = 0.0
+    full_M: float = 0.0
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1."""
+        """Degree of freedom -> force at a share of 1; pitch is nobody's to command."""
         sway = {"sway": self.full_Y} if self.full_Y else {}
         return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return what all motors together make of full ``N``, ``X``, ``Z`` and ``Y``."""
-        N = X = Z = Y = 0.0
-        for pulse, (yaw, ahead, down, side) in zip(pwm, self.motors, strict=False):
+        """Return what all motors together make of full ``N``, ``X``, ``Z`` (``Y``, ``M``)."""
+        N = X = Z = Y = M = 0.0
+        for pulse, (yaw, ahead, down, side, pitching) in zip(pwm, self.motors, strict=False):
             if pulse == _NEUTRAL_PWM:
                 continue
             output = _fraction(pulse, _MOTOR_SPAN)
@@ -216,13 +238,19 @@ class ThrusterFrame(Actuators):
             X += ahead * output
             Z += down * output
             Y += side * output
-        return {"N": N, "X": X, "Z": Z, "Y": Y} if self.full_Y else {"N": N, "X": X, "Z": Z}
+            M += pitching * output
+        shares = {"N": N, "X": X, "Z": Z}
+        if self.full_Y:
+            shares["Y"] = Y
+        if self.full_M:
+            shares["M"] = M
+        return shares
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
         """Return the motors' pulses moved along each axis' own pattern (the patterns are orthogonal)."""
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
-        for axis, name in enumerate(("N", "X", "Z", "Y")[: len(now)]):
-            pattern = [motor[axis] for motor in self.motors]
+        for name in now:
+            pattern = [getattr(motor, name) for motor in self.motors]
             step = (shares[name] - now[name]) / sum(part * part for part in pattern)
             for i, part in enumerate(pattern):
                 outputs[i] += part * step
@@ -231,39 +259,38 @@ class ThrusterFrame(Actuators):
 
     def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
         """Fill *loads*, in proportion unless there is a curve."""
-        N, X, Z, Y = shares["N"], shares["X"], shares["Z"], shares.get("Y", 0.0)
+        N, X, Z, Y, M = (shares.get(name, 0.0) for name in Motor._fields)
         if self.curve is not None:
-            N, X, Z, Y = self.curve(N), self.curve(X), self.curve(Z), self.curve(Y)
+            N, X, Z, Y, M = (self.curve(share) for share in (N, X, Z, Y, M))
         loads.N = self.full_N * N + self.bias_N
         loads.X = self.full_X * X
         loads.Y = self.full_Y * Y
         loads.Z = self.full_Z * Z + self.bias_Z
+        loads.M = self.full_M * M
 
 
-_PAIR = ((-0.5, 0.5, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0))
-_LIFT, _ASIDE = (0.0, 0.0, -0.25, 0.0), (0.0, 0.0, 0.0, 0.5)
-FRAMES: Mapping[str, Sequence[tuple[float, float, float, float]]] = {
-    "simple-rov-3": (*_PAIR, (0.0, 0.0, 1.0, 0.0)),
-    "vectored": (
-        (0.25, -0.25, 0.0, 0.25),
-        (-0.25, -0.25, 0.0, -0.25),
-        (-0.25, 0.25, 0.0, 0.25),
-        (0.25, 0.25, 0.0, -0.25),
-        (0.0, 0.0, 0.5, 0.0),
-        (0.0, 0.0, 0.5, 0.0),
+_PAIR = (Motor(N=-0.5, X=0.5), Motor(N=0.5, X=0.5))
+_PLANE = (
+    Motor(N=0.25, X=-0.25, Y=0.25),
+    Motor(N=-0.25, X=-0.25, Y=-0.25),
+    Motor(N=-0.25, X=0.25, Y=0.25),
+    Motor(N=0.25, X=0.25, Y=-0.25),
+)
+_LIFT, _DOWN, _ASIDE = Motor(Z=-0.25), Motor(Z=0.5), Motor(Y=1.0)
+FRAMES: Mapping[str, Sequence[Motor]] = {
+    "simple-rov-3": (*_PAIR, Motor(Z=1.0)),
+    "vectored": (*_PLANE, _DOWN, _DOWN),
+    "vectored-6dof": (*_PLANE, *(2 * (Motor(Z=0.25, M=-0.25),)), *(2 * (Motor(Z=0.25, M=0.25),))),
+    "vectored-6dof-90": (
+        *(_LIFT, Motor(N=0.5, X=0.5), _LIFT, Motor(Y=0.5, N=0.5), Motor(Y=0.5, N=-0.5)),
+        *(_LIFT, Motor(N=-0.5, X=0.5), _LIFT),
     ),
-    "vectored-6dof": (
-        (0.25, -0.25, 0.0, 0.25),
-        (-0.25, -0.25, 0.0, -0.25),
-        (-0.25, 0.25, 0.0, 0.25),
-        (0.25, 0.25, 0.0, -0.25),
-        *(4 * ((0.0, 0.0, 0.25, 0.0),)),
-    ),
-    "vectored-6dof-90": (*(_LIFT, (0.5, 0.5, 0.0, 0.0), _LIFT, _ASIDE, _ASIDE, _LIFT, (-0.5, 0.5, 0.0, 0.0), _LIFT),),
-    "bluerov1": (*_PAIR, *(3 * ((0.0, 0.0, -1.0 / 1.9, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
-    "simple-rov-5": (*_PAIR, *(2 * ((0.0, 0.0, 0.5, 0.0),)), (0.0, 0.0, 0.0, 1.0)),
+    "bluerov1": (*_PAIR, *(3 * (Motor(Z=-1.0 / 1.9),)), _ASIDE),
+    "simple-rov-5": (*_PAIR, _DOWN, _DOWN, _ASIDE),
+    "rov-4-fore-aft": (*_PAIR, Motor(Z=0.5, M=-0.5), Motor(Z=0.5, M=0.5)),
 }
-"""Where the thrusters really sit: each motor's share of full (N, X, Z down, Y). Miskovic2010, table 2.2, has them
-as (a) simple-rov-3, (b) simple-rov-5, (c) vectored, (d) vectored-6dof-90 (without the moment of its lateral two), (e)
-but for its pitch simple-rov-5, (f) a rudder that pushes sideways. ArduSub drives BlueROV1's front two of three lifting
-thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""
+"""Where the thrusters really sit. Miskovic2010, table 2.2, has them as (a) simple-rov-3, (b) simple-rov-5, (c)
+vectored, (d) vectored-6dof-90, (e) rov-4-fore-aft, (f) a rudder that pushes sideways. Of (d) ArduSub turns by the two
+that drive ahead alone: full N is theirs, and what the lateral two turn shows where they do not push alike. (e) it knows
+not: driven as SimpleROV-4 its lifting two get one command, and what they pitch shows likewise. ArduSub drives
+BlueROV1's front two of three lifting thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""

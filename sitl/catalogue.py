@@ -4,7 +4,9 @@ A data file is TOML; every number in it is a table ``{ value, unit, source }``. 
 ``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
 takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
 ``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
-``coriolis``: whether Coriolis' forces follow from the inertia. With ``[rangefinder]`` it faces a wall.
+``coriolis``: whether Coriolis' forces follow from the inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment,
+``authority`` of a frame whose lifting thrusters sit fore and aft) it pitches and swings back. With ``[rangefinder]`` it
+faces a wall.
 """
 
 from __future__ import annotations
@@ -102,6 +104,8 @@ class VehicleData:
         body.z, body.psi = start["depth"], start["heading"]
         if "sway" in self.tables:
             body.couple(_axis(self.tables["sway"]), self._coupling())
+        if "pitch" in self.tables:
+            body.pitches(_axis(self.tables["pitch"]), _values(self.tables["pitch"])["righting"])
         return body
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
@@ -134,8 +138,10 @@ class VehicleData:
         motors = FRAMES[self.tables["actuators"]]
         full = (yaw["authority"], surge["authority"], heave["authority"])
         curve = ThrustCurve(**_values(self.tables["thruster"])) if "thruster" in self.tables else None
-        sideways = _values(self.tables.get("sway", {})).get("authority", 0.0)
-        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, sideways)
+        others = [_values(self.tables.get(dof, {})).get("authority", 0.0) for dof in ("sway", "pitch")]
+        if others[1] and not any(motor.M for motor in motors):
+            raise ValueError(f"no thrusters of frame '{self.tables['actuators']}' pitch it; leave out [pitch]")
+        return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, *others)
 
 
 def _values(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

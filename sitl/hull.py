@@ -1,9 +1,9 @@
 """The hull: its degrees of freedom, what couples them, their Runge-Kutta steps, and where they take it.
 
 Surge, heave and yaw each obey ``alpha*nudot + beta*nu + beta2*|nu|*nu = force`` (SNAME axes, z down, SI and
-radians); roll and pitch only follow a little. A hull that sways has surge, sway and yaw coupled besides (Fossen2011,
-section 6.5): vehicles with a sway of their own, and models brought from outside. A bare hull in open loop
-(:mod:`sitl.open_loop`) is this one too, stepped by another rule.
+radians); roll and pitch only follow a little, unless it pitches by a moment of its own. A hull that sways has surge,
+sway and yaw coupled besides (Fossen2011, section 6.5): vehicles with a sway of their own, and models brought from
+outside. A bare hull in open loop (:mod:`sitl.open_loop`) is this one too, stepped by another rule.
 """
 
 from __future__ import annotations
@@ -59,12 +59,14 @@ class AxisDynamics:
 
 @dataclass(slots=True)
 class Loads:
-    """What acts on the hull: ``X`` [N] ahead, ``Y`` [N] to starboard, ``Z`` [N] down, ``N`` [N m] to starboard."""
+    """What acts on the hull: ``X`` [N] ahead, ``Y`` [N] to starboard, ``Z`` [N] down, ``N`` [N m] to starboard, ``M``
+    [N m] bow up."""
 
     X: float = 0.0
     Y: float = 0.0
     Z: float = 0.0
     N: float = 0.0
+    M: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +178,18 @@ class Body:
         self.wdot = 0.0
         self.v = self.V_x = self.V_y = self.Y_rdot = 0.0
         self.over_ground = True
+        self.pitch: AxisDynamics | None = None
+        self.righting = 0.0
         if sway is not None:
             self.couple(sway, coupling)
 
     def couple(self, sway: AxisDynamics, coupling: Coupling | None) -> None:
         """From now on it sways, with surge, sway and yaw tied by *coupling*, if there is one."""
         self.sway, self.sways, self.coupling = sway, True, coupling
+
+    def pitches(self, pitch: AxisDynamics, righting: float) -> None:
+        """From now on it pitches by a moment, which *righting* [N m/rad] works against, and swings."""
+        self.pitch, self.righting = pitch, righting
 
     def axes(self) -> tuple[tuple[float, float, float], ...]:
         """Return (alpha, beta, beta2) of surge, heave, yaw and sway."""
@@ -247,7 +255,7 @@ class Body:
             self._step_coupled(loads, dt)
         if not self.world.floats:
             self._heave(loads.Z + self._cushion(), dt)
-        self._rock((self.u - old_u) / dt, dt)
+        self._rock((self.u - old_u) / dt, loads.M, dt)
 
     def _step_uncoupled(self, loads: Loads, dt: float) -> None:
         """Step each degree of freedom by itself; the track is that of the heading halfway."""
@@ -286,10 +294,15 @@ class Body:
         beyond = self.z if self.z < 0.0 else self.z - self.world.bottom
         return -self.heave.alpha * _CUSHION * (_CUSHION * beyond + 2.0 * self.w)
 
-    def _rock(self, udot: float, dt: float) -> None:
+    def _rock(self, udot: float, M: float, dt: float) -> None:
         share = dt / (_ROCK_TIME + dt)
         rolled = share * (-_HEEL * self.u * self.r - self.phi)
-        pitched = share * (_SQUAT * udot - self.theta)
         self.phi += rolled
+        self.p = rolled / dt
+        if self.pitch is None:
+            pitched = share * (_SQUAT * udot - self.theta)
+            self.q = pitched / dt
+        else:
+            moment = M + self.righting * (_SQUAT * udot - self.theta)
+            self.q, pitched = self.pitch.step(self.q, moment, dt)
         self.theta += pitched
-        self.p, self.q = rolled / dt, pitched / dt

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs_autotune.trial import Trial, load_trial
@@ -16,13 +16,17 @@ ROVER = {"t_sim": "t[s]", "heading_deg": "psi[deg]", "yawrate_dps": "r[deg/s]", 
 SUB_YAW = {"t_sim": "t[s]", "y": "psi[deg]", "ydot": "r[deg/s]", "cmd": "N[1]"}
 SUB_DEPTH = {"t_sim": "t[s]", "y": "z[m]", "ydot": "w[m/s]", "cmd": "Z[1]", "z": "true_z", "vz": "true_w"}
 """Heads of the recorder's own names."""
+SUB_YAW_FULL, SUB_DEPTH_FULL = {"N": 2000.0}, {"Z": 1000.0}
+"""The sub's commands are axes of MANUAL_CONTROL, in thousandths (the vertical one of half its range), of which the
+autopilot took half (JS_GAIN_DEFAULT 0.5): 1000 gave 200 of the motors' 400 us, 250 down gave 100, as the files' own
+servo columns show. This is what full output would take."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
     """Runs of one craft: file names without ending, degrees of freedom as for ``--dof``, heads to be renamed.
 
-    Without ``unseen`` ones the runs are left out in turn.
+    Without ``unseen`` ones the runs are left out in turn. ``full``: channel -> its number at full output.
     """
 
     folder: str
@@ -30,14 +34,17 @@ class Case:
     runs: tuple[str, ...]
     unseen: tuple[str, ...]
     columns: Mapping[str, str] = field(default_factory=dict)
+    full: Mapping[str, float] = field(default_factory=dict)
 
     def load(self) -> tuple[list[Trial], list[Trial]]:
         """Return the runs to diagnose and those to foretell."""
-        found = [
-            [load_trial(DATA / self.folder / f"{name}.csv", self.columns) for name in names]
-            for names in (self.runs, self.unseen)
-        ]
+        found = [[self._load(name) for name in names] for names in (self.runs, self.unseen)]
         return found[0], found[1]
+
+    def _load(self, name: str) -> Trial:
+        run = load_trial(DATA / self.folder / f"{name}.csv", self.columns)
+        shares = {n: replace(run[n], values=run[n].values / full) for n, full in self.full.items()}
+        return replace(run, channels={**run.channels, **shares})
 
 
 CASES: Mapping[str, Case] = {
@@ -50,9 +57,16 @@ CASES: Mapping[str, Case] = {
         "kvlcc2_hsva", "yaw", ("Z_05_01", "Z_10_01", "Z_10_05", "Z_10_10_S", "Z_20_05", "Z_20_10_P", "Z_30_05"), ()
     ),
     "rover-yaw": Case("ardupilot_sitl", "yaw", ("rover_relay_C0.1_h5",), ("rover_relay_C0.2_h5",), ROVER),
-    "sub-yaw": Case("ardupilot_sitl", "yaw", ("sub_yaw_relay_C500_h5",), ("sub_yaw_relay_C1000_h10",), SUB_YAW),
+    "sub-yaw": Case(
+        "ardupilot_sitl", "yaw", ("sub_yaw_relay_C500_h5",), ("sub_yaw_relay_C1000_h10",), SUB_YAW, SUB_YAW_FULL
+    ),
     "sub-depth": Case(
-        "ardupilot_sitl", "heave", ("sub_depth_relay_C250_h0.1",), ("sub_depth_relay_C400_h0.2",), SUB_DEPTH
+        "ardupilot_sitl",
+        "heave",
+        ("sub_depth_relay_C250_h0.1",),
+        ("sub_depth_relay_C400_h0.2",),
+        SUB_DEPTH,
+        SUB_DEPTH_FULL,
     ),
 }
 """Name -> case. More runs of the same craft exist elsewhere; these are for looking at, not for tuning to."""

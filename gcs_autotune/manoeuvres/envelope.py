@@ -15,8 +15,8 @@ __all__ = ["GUARDS", "NEARLY", "Envelope", "Guard", "Watch"]
 
 NEARLY = 0.9
 """Chosen: the share of the distance limit that no manoeuvre may lead to, where that can be helped."""
-TO_COME_ABOUT = 8.0
-"""Chosen [s]: what a boat at its cruise goes on while it turns about."""
+TO_COME_ABOUT = 12.0
+"""Chosen [s]: what a boat at its cruise goes on while it turns about; Charlie, out of an unsteady step, 8 to 11."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +173,19 @@ class Watch:
         """Return how far [m] the craft is from where the visit began; NaN while nobody knows."""
         return _distance(self.anchor, now)
 
-    def room_ends(self, now: Observation) -> bool:
-        """Whether the craft is so near its limit of distance that it should come back now."""
-        limit = self.envelope.distance_limit
-        to_come_about = min(TO_COME_ABOUT * self.envelope.cruise, 0.5 * limit)  # a small room is not over at its start
-        return self.away(now) >= min(NEARLY * limit, limit - to_come_about)
+    def room_ends(self, now: Observation) -> str:
+        """Return in words which limit of its room the craft is so near that it should come back now; empty: none."""
+        envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
+        to_come_about = TO_COME_ABOUT * envelope.cruise
+        least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
+        if away >= min(NEARLY * limit, limit - least):
+            return f"{away:.0f} m from the start, limit {limit:.0f} m (--max-distance)"
+        if envelope.area is None or not to_come_about:
+            return ""
+        ahead = now.x + to_come_about * math.cos(now.psi), now.y + to_come_about * math.sin(now.psi)
+        if not envelope.area.beyond(*ahead):
+            return ""
+        return f"{to_come_about:.0f} m before the edge of {envelope.area.source}"
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and its used share (0..1).

@@ -82,8 +82,8 @@ class Manoeuvre(ABC):
         marks, self._marks = self._marks, []
         return marks
 
-    def where_room_ends(self, away: float, limit: float) -> Outcome | None:
-        """Return how it ends *away* [m] from where the visit began, near the *limit* [m]; None: it goes on up to there.
+    def where_room_ends(self, where: str) -> Outcome | None:
+        """Return how it ends *where* the room does, in words; None: it goes on up to the limit.
 
         What has a good record by then ends with that.
         """

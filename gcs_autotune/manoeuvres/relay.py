@@ -215,11 +215,11 @@ class Relay(Manoeuvre):
         self._judge(observation.t, x - self._reference)
         return self._command(self._output if self._high else -self._output, observation)
 
-    def where_room_ends(self, away: float, limit: float) -> Outcome | None:
+    def where_room_ends(self, where: str) -> Outcome | None:
         """End with what is recorded, if that tells anything: one that does not settle would go on to the limit."""
         if self._reversals < LEAST_REVERSALS:
             return None
-        return Outcome("stopped", messages.room_ends(self._reversals, away, limit))
+        return Outcome("stopped", messages.room_ends(self._reversals, where))
 
     def progress(self, observation: Observation) -> Progress:
         """Return amplitude, periods and scatter so far."""

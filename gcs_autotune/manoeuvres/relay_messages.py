@@ -29,12 +29,9 @@ def never_settled(settings: RelaySettings, scatter: float) -> str:
     )
 
 
-def room_ends(reversals: int, away: float, limit: float) -> str:
-    """It has not settled yet, *away* [m] from where the visit began."""
-    return (
-        f"not settled after {reversals} reversals, and the room ends: {away:.0f} m from the start, limit {limit:.0f} m "
-        "(--max-distance); what was recorded is used"
-    )
+def room_ends(reversals: int, where: str) -> str:
+    """It has not settled yet *where* the room ends."""
+    return f"not settled after {reversals} reversals, and the room ends: {where}; what was recorded is used"
 
 
 def link_too_slow(settings: RelaySettings, period: float) -> str:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Craft, Observation
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, NotAsFound, PreconditionFailed
+from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.trial import Trial
@@ -81,6 +82,13 @@ class Sequencer:
         """Return how far [m] the craft is from where the first manoeuvre began; NaN while nobody knows."""
         return math.nan if self._home is None else math.hypot(now.x - self._home.x, now.y - self._home.y)
 
+    def home_side(self, now: Observation) -> float:
+        """Return 1 if the first manoeuvre began to starboard of the bow, -1 if to port; 1 if nobody knows."""
+        if self._home is None:
+            return 1.0
+        north, east = self._home.x - now.x, self._home.y - now.y
+        return -1.0 if to_body(north, east, now.psi)[1] < 0.0 else 1.0
+
     def go_on(self) -> None:
         """What ended the last manoeuvre is over, and the craft is neutral: more may be flown."""
         self._broken = ""
@@ -109,10 +117,10 @@ class Sequencer:
             if manoeuvre.outcome is not None:
                 return manoeuvre.outcome
             nearest, share = watch.check(observation)
-            if watch.room_ends(observation):
-                ended = manoeuvre.where_room_ends(watch.away(observation), envelope.distance_limit)
-                if ended is not None:
-                    return ended
+            where = watch.room_ends(observation)
+            ended = manoeuvre.where_room_ends(where) if where else None
+            if ended is not None:
+                return ended
             command = commands.send(observation)
 
     def _end(self, manoeuvre: Manoeuvre, outcome: Outcome, error: BaseException | None) -> Trial:

@@ -16,7 +16,7 @@ from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.approach import Approach, Part
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class SetPointRelay(Manoeuvre):
         self._approach = Approach(self.signal, needs_way=speed > 0.0)
         self._course, self._base = math.nan, math.nan
         self._unsettled = 0
+        self._flown, self._switchings = 0, 0
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
@@ -98,6 +99,13 @@ class SetPointRelay(Manoeuvre):
             self._end("completed", f"{len(self._relays)} relays about the {self._about}{rest}")
         yield self._wanted(0.0)
 
+    def where_room_ends(self, where: str) -> Outcome | None:
+        """End the last relay with what is recorded, if it has switched often enough: the loop takes all of them."""
+        if self._flown < len(self._relays) or self._switchings < LEAST_SWITCHINGS:
+            return None
+        told = f"not settled after {self._switchings} reversals of the last relay, and the room ends: {where}"
+        return Outcome("stopped", f"{told}; what was recorded is used")
+
     @property
     def _about(self) -> str:
         return "course" if self.signal == "psi" else self._axis.name
@@ -118,6 +126,7 @@ class SetPointRelay(Manoeuvre):
         """Fly one relay until it has settled."""
         monitor, high, switched, began = _monitor(C, x_a), True, now.t, now.t
         commanded = f"{self.signal}_ref"
+        self._flown, self._switchings = number, 0
         self.phase = f"relay {number}"
         self._mark(now.t, "relay", {"C": C, "x_a": x_a})
         self._mark(now.t, "switch", {commanded: self._base + C})
@@ -127,6 +136,7 @@ class SetPointRelay(Manoeuvre):
                 high, switched = not high, now.t
                 self._mark(now.t, "switch", {commanded: self._base + (C if high else -C)})
             state = monitor.update(now.t, x, high)
+            self._switchings = state.switchings
             command = self._wanted(C if high else -C)
             late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
             if state.settled or late or state.switchings >= 2 * MOST_PERIODS:

@@ -30,6 +30,9 @@ NOISES = 5.0
 """A motion below so many standard deviations of the noise says nothing."""
 BACK_LONGER = 2.5
 """The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
+LAST_LONGER = 2.0
+"""Chosen: the largest pulse may take so many times ``longest``: a boat with a yaw time constant of 8 s turns by 2.5 deg
+in 4 s of 0.6 of full rudder, which a poor compass does not tell, and by 9 deg in 8 s."""
 TWICE = 2
 """Pulses there and back that must move the craft the wrong way before its actuator is called turned round."""
 STANDING = 0.9
@@ -50,7 +53,7 @@ class SignCheckSettings:
     ----------
     signal, force : what is watched (``psi`` or ``z``) and what is driven.
     outputs : sizes of the pulse, tried until one is answered.
-    reach : a pulse ends when the craft has moved so far, else after ``longest``.
+    reach : a pulse ends when the craft has moved so far, else after ``longest``, the largest after twice that.
     least : the least motion that counts as an answer.
     throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
         bite on.
@@ -86,6 +89,7 @@ class SignCheck(Manoeuvre):
         self._size = 0
         self._reversals = 0
         self._command = 0.0
+        self._began_at, self._swings = math.nan, False
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
         self._back: list[Tick] = []
@@ -111,6 +115,7 @@ class SignCheck(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield the approach, then the pulses."""
         self._approach.start(now)
+        self._began_at = now.value(self._settings.signal)
         while True:
             command = self._tick(now)
             self.phase = "approach" if self._command == 0.0 else "pulse"
@@ -124,7 +129,9 @@ class SignCheck(Manoeuvre):
         elif not self._back:
             self._forward.append(tick)
             moved, seconds = x - self._forward[0][1], t - self._forward[0][0]
-            if seconds >= SHORTEST and (seconds >= s.longest or abs(moved) >= s.reach):
+            is_last = self._size + 1 == len(s.outputs)
+            longest = s.longest * (LAST_LONGER if is_last else 1.0)
+            if seconds >= SHORTEST and (seconds >= longest or abs(moved) >= s.reach):
                 self._back = [tick]
                 self._push(t, -self._command)
         else:
@@ -151,7 +158,18 @@ class SignCheck(Manoeuvre):
         settled = self._approach.done and t - self._rest[0][0] >= 0.9 * DRIFT_WINDOW
         if settled and not self._nothing_to_steer_by():
             self._forward = [tick]
-            self._push(t, self._settings.outputs[self._size])
+            self._push(t, self._way(x) * self._settings.outputs[self._size])
+
+    def _way(self, x: float) -> float:
+        """Return the side of the first pulse: to port if waves that swing the bow have it far to starboard by now.
+
+        Nothing holds it there, and the pulses add to that. What drifts one way is no swing.
+        """
+        s, seen = self._settings, [x for _, x, _ in self._rest]
+        if self.answer is None:  # afterwards it swings by what was done to it, too
+            swing = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
+            self._swings = s.signal == "psi" and swing > s.reach
+        return -1.0 if self._swings and x - self._began_at > s.reach else 1.0
 
     def _nothing_to_steer_by(self) -> bool:
         s, idle = self._settings, self._rest[-1][2]
@@ -184,7 +202,8 @@ class SignCheck(Manoeuvre):
     def _judge(self) -> None:
         """End with a verdict, or come to rest and try the next size."""
         s = self._settings
-        self.answer = seen = pulse_response(s.outputs[self._size], self._rest, self._forward, self._back, self._least)
+        command = -self._command  # of the first pulse: the second is flown last
+        self.answer = seen = pulse_response(command, self._rest, self._forward, self._back, self._least)
         self._command = 0.0
         if seen.unheeded is not None:
             self._refuse(messages.not_followed(seen.unheeded, s.force, s.outlets))

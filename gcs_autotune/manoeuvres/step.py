@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
 
@@ -34,6 +34,14 @@ SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 stands there."""
 ONE_QUANTUM = 1.01
 """A reading one quantum off is as near as the sensor can tell."""
+SWINGS, SWUNG = 4, 8.0
+"""Chosen: what passes its mean so often in the later two thirds of a hold, of so many seconds at least, swings: by
+waves, or by itself. More of it tells nothing new."""
+MOST_SWING = 0.5
+"""Chosen: of the step. A signal that swings about its target by less stands there; what swings by more is recorded for
+as long as was asked."""
+LEAST_HALF = 4.0
+"""Chosen [s]: a half that lasted so long can be compared. Twice that is less than a boat has where its room ends."""
 LEAST_SAMPLES = 5
 """Second differences fewer than this tell no noise."""
 
@@ -101,6 +109,19 @@ def _noise_in(x: Array) -> float:
     return math.sqrt(float(np.mean(second**2)) / 6.0) if len(second) >= LEAST_SAMPLES else 0.0
 
 
+def _later(held: Array) -> Array:
+    """Return the later two thirds of *held* (n,), when what was before has died away."""
+    return held[len(held) // 3 :]
+
+
+def _swing_in(x: Array) -> float:
+    """Return the standard deviation of *x* (n,) about its mean, if it passes that often enough; else 0."""
+    off = x - x.mean()
+    std = float(off.std())
+    plain = np.sign(off[np.abs(off) > 0.5 * std])  # noise about the mean is no passing of it
+    return std if np.count_nonzero(np.diff(plain)) >= SWINGS else 0.0
+
+
 class Step(Manoeuvre):
     """Hold, step, step back. Marks ``target`` at each change of the wanted value."""
 
@@ -123,6 +144,7 @@ class Step(Manoeuvre):
         self._there_since = math.inf
         self._band = math.nan
         self._lasted: list[float] = []
+        self._now = math.nan
 
     @property
     def asked(self) -> Mapping[str, Any]:
@@ -155,7 +177,7 @@ class Step(Manoeuvre):
             now = yield self._tick(now)
 
     def _tick(self, observation: Observation) -> Command:
-        s = self._settings
+        s, self._now = self._settings, observation.t
         elapsed = observation.t - self._step_start
         error = observation.value(s.signal) - self.target
         self._rest.update(observation.t, error, observation.output.get(SIGNAL_FORCES[s.signal], math.nan))
@@ -173,6 +195,22 @@ class Step(Manoeuvre):
             self._lasted.append(min(elapsed, s.duration))
             self._next(observation.t)
         return self._command()
+
+    def where_room_ends(self, where: str) -> Outcome | None:
+        """Cut the half that is flown short, where it has lasted long enough to be compared; end with the second one."""
+        elapsed = self._now - self._step_start
+        if self._step not in (1, 2) or not elapsed >= LEAST_HALF:
+            return None
+        self._lasted.append(elapsed)
+        if self._step == 1:
+            self._next(self._now)
+            return None
+        there, back = self._lasted
+        return Outcome(
+            "stopped",
+            f"the room ends {there:.0f} s into the step and {back:.0f} s into the step back: {where}; "
+            "what was recorded is used",
+        )
 
     def _stands_there(self, t: float, error: float) -> bool:
         """Whether the signal has been at its target for long enough; a lone wild sample is no motion."""
@@ -194,14 +232,23 @@ class Step(Manoeuvre):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
         over = self._is_over(elapsed, s.hold, s.least_hold if steady else math.inf)
-        if over and (steady or elapsed >= s.settle):
+        if over and (steady or elapsed >= s.settle or self._only_swings(elapsed)):
             self._band = self._band_about(np.array(self._held))
             self._next(observation.t)
 
+    def _only_swings(self, elapsed: float) -> bool:
+        """Whether what is held swings about where it is held, and longer waiting will not change that."""
+        s, late = self._settings, _later(np.array(self._held))
+        if elapsed < SWUNG or not math.isfinite(s.enough) or abs(late.mean()) > s.steady_band * abs(s.size):
+            return False
+        return 0.0 < SETTLED_NOISES * _swing_in(late) <= MOST_SWING * abs(s.size)
+
     def _band_about(self, held: Array) -> float:
         """Return how near [SI] is there, by the noise of what was *held* (n,) before the step."""
-        noise = SETTLED_NOISES * _noise_in(held)
-        return max(SETTLED_BAND * abs(self._settings.size), noise, ONE_QUANTUM * self._quantum(held))
+        noise, size = SETTLED_NOISES * _noise_in(held), abs(self._settings.size)
+        swing = SETTLED_NOISES * _swing_in(_later(held))
+        swing = swing if swing <= MOST_SWING * size else 0.0
+        return max(SETTLED_BAND * size, noise, swing, ONE_QUANTUM * self._quantum(held))
 
     def _next(self, t: float) -> None:
         if self._step == 2:

@@ -22,7 +22,7 @@ import numpy as np
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HeadingHold
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 
 __all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
 
@@ -43,6 +43,8 @@ COASTED = 0.35
 """Coasting ends at this share of the working speed: the rudder is to bite again."""
 FEW = 5
 """Chosen: of so many readings is the speed that a level begins with."""
+TELLING = 2
+"""Chosen: so many levels flown to their end tell something, where the room ends."""
 BEFORE = 2.0
 """So much [s] of the steady approach belongs to the record proper: the state the first step starts from."""
 
@@ -111,6 +113,16 @@ class ThrottleSteps(Manoeuvre):
             command = self._tick(now)
             self.phase = "approach" if math.isnan(self._began) else f"throttle {100.0 * self._level:.0f} %"
             now = yield command
+
+    def where_room_ends(self, where: str) -> Outcome | None:
+        """End with the levels that are recorded, if they tell anything."""
+        flown = self._next - 1
+        if flown < TELLING:
+            return None
+        return Outcome(
+            "stopped",
+            f"the room ends after {flown} of {len(self._levels)} throttle levels: {where}; what was recorded is used",
+        )
 
     def _tick(self, observation: Observation) -> Command:
         if math.isfinite(observation.u):

@@ -12,7 +12,7 @@ from gcs_autotune.manoeuvres import NEARLY, Envelope
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
-from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_tune
+from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune, pace_of
 from gcs_autotune.workflow.runner import FAR_OUT
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
@@ -32,8 +32,11 @@ def announce(context: TuneContext) -> None:
     """
     now, firmware, axis = context.craft.observe(), context.craft.firmware, context.axis
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    itinerary = context.log.itinerary = Itinerary(_legs(context, now))
-    patient = Itinerary(_legs(replace(context, settings=replace(context.settings, stop_rule=SETTLED)), now))
+    pace, slow = (
+        pace_of(under_way=firmware.needs_way, skid=context.craft.skid, restless=restless) for restless in (False, True)
+    )
+    itinerary = context.log.itinerary = Itinerary(_legs(context, pace, now), pace.turn)
+    patient = Itinerary(_legs(replace(context, settings=replace(context.settings, stop_rule=SETTLED)), slow, now))
     context.log.announce(
         (
             arming(context.craft, now),
@@ -52,12 +55,13 @@ def announce(context: TuneContext) -> None:
         raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
 
 
-def _legs(context: TuneContext, now: Observation) -> tuple[Leg, ...]:
+def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
     dof, firmware = context.axis.dof, context.craft.firmware
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
-    return legs_of_tune(context.settings, dof, under_way=firmware.needs_way, moving=moving, given=given, dives=dives)
+    way = firmware.needs_way
+    return legs_of_tune(context.settings, dof, pace, under_way=way, moving=moving, given=given, dives=dives)
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
@@ -86,7 +90,7 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     up_to = "" if longest == usual else f", up to {longest} where it comes to no rest"
     return (
         f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates from craft "
-        "of a few metres, mended as the first stage of each kind is flown"
+        "that steer alike, mended as the first stage of each kind is flown"
     )
 
 
@@ -116,7 +120,8 @@ def after_a_silence(settings: TuneSettings, now: Observation) -> tuple[str, ...]
 
 
 def _minutes(seconds: float) -> str:
-    return f"{math.ceil(seconds / 60.0)} min"
+    tens = 10 * math.ceil(seconds / 10.0)
+    return f"{tens} s" if tens < 2 * 60 else f"{math.ceil(seconds / 60.0)} min"
 
 
 def _movements(context: TuneContext, now: Observation) -> str:

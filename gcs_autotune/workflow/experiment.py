@@ -19,7 +19,7 @@ from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
 from gcs_autotune.workflow.experiments import dive_for, speed_for
 from gcs_autotune.workflow.identification import identify
-from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment
+from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, pace_of
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
@@ -106,8 +106,9 @@ def _announce(context: TuneContext, now: Observation) -> None:
     settings, craft, dof = context.settings, context.craft, context.axis.dof
     firmware, kind = craft.firmware, axis_kind(context.axis.name)
     dive = dive_for(dof, firmware, now)
-    legs = legs_of_experiment(dof, under_way=firmware.needs_way, dives=dive is not None)
-    itinerary = context.log.itinerary = Itinerary(legs)
+    pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+    legs = legs_of_experiment(dof, pace, under_way=firmware.needs_way, dives=dive is not None)
+    itinerary = context.log.itinerary = Itinerary(legs, pace.turn)
     modes, down = f"mode {firmware.manual_mode}", ""
     if dive is not None:
         modes = f"modes {firmware.hold_mode} and {firmware.manual_mode}"

@@ -23,8 +23,6 @@ from gcs_autotune.manoeuvres import (
     StopRule,
     ThrottleSteps,
     ThrottleStepsSettings,
-    TurnAbout,
-    TurnAboutSettings,
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import TuneSettings
@@ -49,7 +47,6 @@ __all__ = [
     "speed_for",
     "steering_throttle",
     "throttle_steps_for",
-    "turn_for",
     "windows_of",
 ]
 
@@ -130,11 +127,6 @@ def relay_for(
         name,
         rule,
     )
-
-
-def turn_for(firmware: Firmware, throttle: float) -> TurnAbout | None:
-    """Return what brings a boat back between two manoeuvres; None for a craft that stays where it is."""
-    return TurnAbout(TurnAboutSettings(throttle)) if firmware.needs_way else None
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:

@@ -34,7 +34,7 @@ from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
 from gcs_autotune.workflow.foresight import DEEPER, Foresight
-from gcs_autotune.workflow.itinerary import CHECK, DIVE, Itinerary, Leg, Paced
+from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, Paced, pace_of
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
@@ -240,9 +240,9 @@ class _Flight:
         for dof in (*dofs, *self._held_dofs):
             see_depth_is_told(craft, dof)
         dive = any(dive_for(dof, craft.firmware, now) for dof in (*dofs, *self._held_dofs))
-        self._itinerary = Itinerary(
-            [Leg(STAGE, CHECK) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive + list(self._planned_legs())
-        )
+        pace = pace_of(under_way=craft.firmware.needs_way, skid=craft.skid)
+        first = [Leg(STAGE, pace.check) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive
+        self._itinerary = Itinerary([*first, *self._planned_legs()], pace.turn)
         if not self._to_fly and plan.until is None:
             self._watcher.say(
                 "every run is flown already: nothing is armed or moved, figures and models are read again"

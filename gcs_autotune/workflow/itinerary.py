@@ -1,13 +1,13 @@
 """The stages of a tune or an experiment in their order, with how long each takes: told beforehand, kept while it runs.
 
 Times are of the vehicle. What is flown by a clock (a step) is known; how long a self-oscillation takes is the craft's
-affair, so it is estimated from craft of a few metres, and from the first one flown for the next.
+affair, so it is estimated from craft that steer alike, and from the first one flown for the next.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
@@ -16,18 +16,51 @@ from gcs_autotune.watch import Fact, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
-__all__ = ["TURNING", "Itinerary", "Leg", "Paced", "legs_of_experiment", "legs_of_tune"]
+__all__ = ["TURNING", "Itinerary", "Leg", "Pace", "Paced", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
 TURNING = "turning about"
-CHECK, DIVE, TURN, RELAY, LEVEL = 25.0, 20.0, 32.0, 110.0, 12.0
-"""Seconds of a sign check, a dive, a turn about, a self-oscillation and a throttle level. Chosen: as simulated craft
-of half a metre to 2.4 m take."""
-KNOWN_UNDER_WAY, KNOWN_AT_REST, ANSWERED = 30.0, 8.0, 7.0
-"""...and of a self-oscillation that ends once the gains are known: one under way, two of a craft at rest, whose
-thrusters mostly have a dead band; of a throttle level that ends once the boat has answered it."""
-HOLD, RESTS, SETTLES = 10.0, 5.0, 12.0
-"""Seconds of holding still before a step, and of one that ends once the craft is at rest; and until a half is over
-that ends once the craft stands at its target."""
+DIVE, HOLD = 20.0, 10.0
+"""Seconds of a dive, and of holding still before a step that is flown by the clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long [s] what is not flown by the clock takes: a sign check, a turn about, a self-oscillation and a throttle
+    level until they are steady, both where they end once enough is ``known``; holding before a step until the craft
+    ``rests``, and a half of one until it ``settles`` at its target, in a speed or a turn rate (``moving``) as well.
+    """
+
+    check: float
+    turn: float
+    relay: float
+    level: float
+    known: float
+    answered: float
+    rests: float
+    settles: float
+    moving: float
+
+
+_PACES: Mapping[str, Pace] = {
+    "rudder": Pace(40.0, 32.0, 110.0, 12.0, 30.0, 7.0, 12.0, 24.0, 16.0),
+    "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
+    "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0),
+}
+"""Chosen: as simulated craft took (Charlie; a BlueBoat; a BlueROV2, a VideoRay). How quick a craft is nobody knows
+before it has moved, but those that thrusters turn are small and quick."""
+
+
+_RESTLESS = 110.0
+"""Chosen [s]: a self-oscillation of a craft that comes to no rest, as an ROV that hunts in its thrusters' dead band."""
+
+
+def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
+    """Return the pace of a boat (*under_way*) that steers by two thrusters (*skid*) or a rudder, or of an ROV.
+
+    restless : where it comes to no rest.
+    """
+    pace = _PACES["rov" if not under_way else "thrusters" if skid else "rudder"]
+    return replace(pace, relay=max(pace.relay, _RESTLESS)) if restless else pace
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,46 +83,47 @@ class Leg:
 
 
 def legs_of_tune(
-    settings: TuneSettings, dof: str, *, under_way: bool, moving: bool, given: bool, dives: bool
+    settings: TuneSettings, dof: str, pace: Pace, *, under_way: bool, moving: bool, given: bool, dives: bool
 ) -> tuple[Leg, ...]:
     """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown."""
-    turn = TURN if under_way else 0.0
-    step = _step_seconds(settings, dof, moving=moving)
-    legs = _first(dives=dives)
+    turn = pace.turn if under_way else 0.0
+    step = _step_seconds(settings, pace, moving=moving)
+    legs = _first(pace, dives=dives)
     before = Leg("step with present gains", step, kind="step")
     thorough = moving or settings.stop_rule == SETTLED
     turn = turn if settings.stop_rule == SETTLED else 0.0
-    flown = _swings(dof, under_way) if thorough else _known(under_way)
+    flown = _swings(dof, pace, under_way) if thorough else _known(pace, under_way)
     swings = [] if given else [replace(swing, before=turn) for swing in flown]
     back = turn if swings else 0.0
     if swings and under_way and excitation_of(dof).by_throttle and settings.stop_rule != SETTLED:
-        first = replace(swings[0], seconds=ANSWERED * len(LEVELS[0]))
-        swings, back = [first], TURN  # the step is the way back
+        first = replace(swings[0], seconds=pace.answered * len(LEVELS[0]))
+        swings, back = [first], pace.turn  # the step is the way back
     legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
     if not settings.dry_run:
         legs.append(Leg("step with new gains", step, turn, "step"))
     return tuple(legs)
 
 
-def legs_of_experiment(dof: str, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
+def legs_of_experiment(dof: str, pace: Pace, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
-    first, second = _swings(dof, under_way)
-    return (*_first(dives=dives), first, replace(second, before=TURN if under_way else 0.0))
+    first, second = _swings(dof, pace, under_way)
+    return (*_first(pace, dives=dives), first, replace(second, before=pace.turn if under_way else 0.0))
 
 
-def _first(*, dives: bool) -> list[Leg]:
-    return [Leg(STAGE, CHECK)] + [Leg("diving", DIVE)] * dives
+def _first(pace: Pace, *, dives: bool) -> list[Leg]:
+    return [Leg(STAGE, pace.check)] + [Leg("diving", DIVE)] * dives
 
 
-def _swings(dof: str, under_way: bool) -> list[Leg]:
+def _swings(dof: str, pace: Pace, under_way: bool) -> list[Leg]:
     if excitation_of(dof).by_throttle and under_way:
-        return _two("throttle steps", LEVEL * len(LEVELS[0]))
-    return _two("self-oscillation", RELAY)
+        return _two("throttle steps", pace.level * len(LEVELS[0]))
+    return _two("self-oscillation", pace.relay)
 
 
-def _known(under_way: bool) -> list[Leg]:
-    """Return the self-oscillations that end once the gains are known."""
-    legs = _two("self-oscillation", KNOWN_UNDER_WAY if under_way else KNOWN_AT_REST)
+def _known(pace: Pace, under_way: bool) -> list[Leg]:
+    """Return the self-oscillations that end once the gains are known: one under way, two of a craft at rest, whose
+    thrusters mostly have a dead band."""
+    legs = _two("self-oscillation", pace.known)
     return legs[:1] if under_way else legs
 
 
@@ -97,7 +131,7 @@ def _two(kind: str, seconds: float) -> list[Leg]:
     return [Leg(f"{n} {kind}", seconds, kind=kind) for n in ("first", "second")]
 
 
-def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
+def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
     """Return seconds of holding, the step and the step back."""
     each = settings.step_duration
     if each is None:
@@ -105,14 +139,18 @@ def _step_seconds(settings: TuneSettings, dof: str, *, moving: bool) -> float:
         each = kind.guessed_duration if moving else kind.step_duration
     if settings.stop_rule == SETTLED:
         return HOLD + 2.0 * each
-    return RESTS + 2.0 * min(each, SETTLES)
+    return pace.rests + 2.0 * min(each, pace.moving if moving else pace.settles)
 
 
 class Itinerary:
-    """Where one is in the stages, by the *stage* of each tick; one that was not planned is put in where it comes."""
+    """Where one is in the stages, by the *stage* of each tick; one that was not planned is put in where it comes.
 
-    def __init__(self, legs: Sequence[Leg]) -> None:
+    turn : seconds of a turn about that was not planned.
+    """
+
+    def __init__(self, legs: Sequence[Leg], turn: float = 0.0) -> None:
         self.legs = list(legs)
+        self._turn = turn
         self._now = -1
         self._turning = self._flown = False
         self._began = self._leg_began = self._t = math.nan
@@ -124,10 +162,11 @@ class Itinerary:
 
     def told(self) -> str:
         """Return the stages with their times, in words."""
-        turns = sum(leg.before > 0.0 for leg in self.legs)
+        turns = [leg.before for leg in self.legs if leg.before > 0.0]
         pieces = [f"{leg.stage} {leg.seconds:.0f} s" for leg in self.legs]
         if turns:
-            pieces.append(f"turning about {turns} times {TURN:.0f} s" if turns > 1 else f"turning about {TURN:.0f} s")
+            times = f" {len(turns)} times" if len(turns) > 1 else ""
+            pieces.append(f"turning about{times} {turns[0]:.0f} s")
         return ", ".join(pieces)
 
     def at(self, progress: Progress) -> Progress:
@@ -150,7 +189,7 @@ class Itinerary:
                 self._enter(self._now + 1)
                 self._flown = False
                 leg = self.legs[self._now]
-                self.legs[self._now] = replace(leg, before=leg.before or TURN)
+                self.legs[self._now] = replace(leg, before=leg.before or self._turn)
             self._turning = True
             return
         self._turning = False

@@ -14,12 +14,23 @@ from copy import deepcopy
 from dataclasses import replace
 
 from gcs_autotune.axes import AxisKind
+from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import NEARLY, ComeToRest, Dive, Envelope, Flown, Manoeuvre, Sequencer
+from gcs_autotune.manoeuvres import (
+    NEARLY,
+    ComeToRest,
+    Dive,
+    Envelope,
+    Flown,
+    Manoeuvre,
+    Sequencer,
+    TurnAbout,
+    TurnAboutSettings,
+)
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.experiments import SHALLOW, turn_for
+from gcs_autotune.workflow.experiments import SHALLOW
 
 __all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
 
@@ -90,18 +101,24 @@ class ManoeuvreRunner:
     def come_about(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
         """Turn a boat round when the room asks for it, and return whether; other craft stay where they are.
 
+        It turns to the side where it began: the other one takes more room.
+
         ahead : how long [s] what comes next takes; infinite: turn in any case. last : nothing comes after that.
         """
-        turn = turn_for(self._craft.firmware, throttle)
-        if turn is None or not self._is_far_out(ahead, NEARLY if last else FAR_OUT):
+        if not self._craft.firmware.needs_way:
             return False
-        self.attempt(turn, "turning about", replace(self._envelope, heading_excursion=math.inf))
+        now = self._craft.observe()
+        if not self._is_far_out(now, ahead, NEARLY if last else FAR_OUT):
+            return False
+        turn = TurnAboutSettings(throttle)
+        turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
+        self.attempt(TurnAbout(turn), "turning about", replace(self._envelope, heading_excursion=math.inf))
         return True
 
-    def _is_far_out(self, ahead: float, share: float) -> bool:
+    def _is_far_out(self, now: Observation, ahead: float, share: float) -> bool:
         """Whether the boat must come back: far from where it began, perhaps too far at the end of what comes next."""
         envelope, limit = self._envelope, self._envelope.distance_limit
-        away = self._sequencer.away(self._craft.observe())
+        away = self._sequencer.away(now)
         near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
         return not near
 

@@ -158,7 +158,7 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         proof = _proof_of_velocity(context, found or given)
     else:
         proof = proof_about_rest(settings, axis, context.speed)
-    before = context.fly(proof.step("step-before"), "step with present gains").trial
+    before = _step_with_present_gains(context, proof)
     if axis.steers_by_way and found is None:
         context = replace(context, throttle=steering_throttle(before, context.present, context.throttle))
     proof, grain = proof.after(before), resolution(before)
@@ -184,6 +184,13 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
     accept_or_revert(context, proposal, before, criteria, journal)
 
 
+def _step_with_present_gains(context: TuneContext, proof: Proof) -> Trial:
+    """Return the step before; a boat comes about first where it would leave its room."""
+    if not context.law.controls_velocity and context.settings.stop_rule != SETTLED:
+        context.come_about("step-before", STEP_AHEAD, last=True)
+    return context.fly(proof.step("step-before"), "step with present gains").trial
+
+
 def _proof_of_velocity(context: TuneContext, source: Identified | SuppliedModel | None) -> Proof:
     assert source is not None
     known = known_of(source, context.axis)
@@ -205,7 +212,7 @@ def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -
     """Fly the step of a proof with the present gains, then with those of a file; the better ones stay."""
     asked = proof_about_rest(context.settings, context.axis, context.speed)
     proof = replace(asked, settings=step_of(gains, asked.settings))
-    before = context.fly(proof.step("step-before"), "step with present gains").trial
+    before = _step_with_present_gains(context, proof)
     grain = resolution(before)
     noise = _noise_in_proof(before, gains, context.law.controls_velocity, grain)
     criteria = StepCriteria(proof.after(before), noise, grain)

@@ -60,6 +60,7 @@ _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "vectored-6dof-90": {**_ROV, "FRAME_CONFIG": 3},
     "simple-rov-3": {**_ROV, "FRAME_CONFIG": 4, "BATT_MONITOR": 0},
     "simple-rov-5": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
+    "rov-4-fore-aft": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
     "bluerov1": {**_ROV, "FRAME_CONFIG": 0},
 }
 """The vehicle file's ``actuators`` -> parameters. ArduPilot's simulated battery feeds six thrusters, whichever frame it

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -282,3 +283,29 @@ def test_a_boat_that_turns_by_itself_is_told_so_and_not_that_it_is_slow(rate: fl
     assert "makes only" not in flown.outcome.reason
     _, straight = check(Circling(0.0), throttle=0.5, least_speed=0.25)
     assert "makes only" in straight.outcome.reason
+
+
+@pytest.mark.parametrize(
+    ("phase", "side"), [(math.pi, -1.0), (0.0, 1.0)], ids=["to starboard by now", "to port by now"]
+)
+def test_a_bow_that_waves_swing_is_first_pushed_back_to_where_the_check_began(phase: float, side: float) -> None:
+    class Swinging(PondCraft):
+        """By 30 deg to either side every 4 s, beyond what the pulses do."""
+
+        def observe(self) -> Observation:
+            seen = super().observe()
+            swing = math.radians(30.0) * (math.sin(1.5 * seen.t + phase) - math.sin(phase))
+            return replace(seen, psi=seen.psi + swing, r=seen.r + math.radians(45.0) * math.cos(1.5 * seen.t + phase))
+
+    _, flown = check(Swinging())
+    first = next(m for m in flown.trial.marks if m.kind == "pulse")
+    assert math.copysign(1.0, float(first.detail["N"])) == side
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_boat_that_takes_eight_seconds_to_turn_is_given_the_time_for_it_by_a_poor_compass(seed: int) -> None:
+    boat = Noisy(seed, gain=0.016, drag=0.125)
+    boat.r = 0.0
+    manoeuvre, flown = check(boat)
+    assert flown.outcome.ending == "completed"
+    assert manoeuvre.answer is not None and manoeuvre.answer.signs == (1, 1)

@@ -149,3 +149,36 @@ def test_without_leave_to_end_early_every_wait_is_as_long_as_asked():
     assert marks[1] - marks[0] == pytest.approx(10.0, abs=0.11)
     assert step.asked["lasted"] == [pytest.approx(6.0, abs=0.21)] * 2
     assert "least_hold" not in step.asked
+
+
+def swung(amplitude, period=4.2, enough=6.0):
+    """Return the step, told 60 s of a heading that swings about its target by *amplitude* rad whatever is asked."""
+    step = Step(StepSettings("psi", 0.5, 30.0, hold=10.0, enough=enough, least_hold=3.0, least_enough=3.0))
+    rough = 0.002 * np.random.default_rng(7).standard_normal(900)
+    commands = None
+    for i, noise in enumerate(rough):
+        target = 0.0 if commands is None else step.target
+        now = at_rest(t=0.1 * i, psi=target + amplitude * math.sin(math.tau * 0.1 * i / period) + noise)
+        commands, sent = (step.commands(now), None) if commands is None else (commands, now)
+        commands.send(sent)
+        if step.outcome is not None:
+            break
+    return step, [m.t for m in step.take_marks()]
+
+
+def test_a_craft_that_waves_swing_stands_at_its_target_once_it_swings_about_that_as_it_did_while_held():
+    step, (begun, stepped, *_) = swung(0.1)
+    assert stepped - begun == pytest.approx(10.5, abs=0.6), "it is never steady, and longer waiting changes nothing"
+    assert step.asked["band"] == pytest.approx(3.0 * 0.1 / math.sqrt(2.0), rel=0.1)
+    assert step.asked["lasted"] == [pytest.approx(6.0, abs=0.3)] * 2
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "period", "enough"),
+    [(0.2, 4.2, 6.0), (0.1, 25.0, 6.0), (0.1, 4.2, math.inf)],
+    ids=["by more than half of the step", "so slowly that it may come to rest yet", "nothing may end early"],
+)
+def test_what_swings_so_that_more_of_it_tells_more_is_recorded_for_as_long_as_asked(amplitude, period, enough):
+    step, (begun, stepped, *_) = swung(amplitude, period, enough)
+    assert stepped - begun == pytest.approx(20.0, abs=0.11)
+    assert step.asked["lasted"] == [pytest.approx(30.0, abs=0.11)] * 2

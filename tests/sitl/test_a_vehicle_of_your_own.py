@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from gcs_autotune.cli import main as gcs_autotune
 from sitl import BadVehicle, load_vehicle
 from sitl.__main__ import main as sitl
+from sitl.plant import SimulatedPlant
 
 TAKEN = Path(__file__).parents[2] / "sitl" / "vehicles" / "blueboat.toml"
 
@@ -66,3 +68,44 @@ def test_a_file_like_another_vehicle_needs_only_what_differs(tmp_path: Path) -> 
     short.write_text('title = "heavier"\nlike = "bluebot"\n')
     with pytest.raises(BadVehicle, match="did you mean blueboat"):
         load_vehicle(str(short))
+
+
+FORE_AND_AFT = """
+title = "lifting thrusters fore and aft"
+like = "videoray"
+actuators = "rov-4-fore-aft"
+[pitch]
+alpha = { value = 0.05, unit = "kg m^2", source = "x" }
+beta = { value = 0.02, unit = "N m s", source = "x" }
+beta2 = { value = 0.0, unit = "N m s^2", source = "x" }
+righting = { value = 0.8, unit = "N m/rad", source = "x" }
+authority = { value = 0.4, unit = "N m", source = "x" }
+"""
+
+
+def tilted(plant: SimulatedPlant, seconds: float, *lift: int) -> list[float]:
+    """Return the pitch [rad] every 10 ms under these pulses [us] of the lifting thrusters."""
+    seen = []
+    for k in range(round(100.0 * seconds)):
+        plant.move(0.01 * k, 0.01, (1500, 1500, *lift))
+        seen.append(plant.body.theta)
+    return seen
+
+
+def test_one_whose_lifting_thrusters_sit_fore_and_aft_pitches_where_they_differ_and_swings_back(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(FORE_AND_AFT)
+    plant = SimulatedPlant(load_vehicle(str(path)))
+    assert max(map(abs, tilted(plant, 5.0, 1800, 1800))) == 0.0 and plant.body.w > 0.1
+    tilted(plant, 60.0, 1500, 1700)
+    assert plant.body.theta == pytest.approx(0.5 * 0.5 * 0.4 / 0.8, rel=1e-3)
+    swing = tilted(plant, 8.0, 1500, 1500)
+    down = [k for k in range(1, len(swing)) if swing[k - 1] > 0.0 >= swing[k]]
+    assert 0.01 * (down[1] - down[0]) == pytest.approx(2.0 * math.pi / math.sqrt(0.8 / 0.05 - 0.04), rel=0.02)
+
+
+def test_a_frame_that_cannot_pitch_is_refused_a_moment_to_pitch_with(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(FORE_AND_AFT.replace("rov-4-fore-aft", "simple-rov-3"))
+    with pytest.raises(BadVehicle, match="no thrusters of frame 'simple-rov-3' pitch it"):
+        load_vehicle(str(path))

@@ -88,6 +88,24 @@ def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
     assert pytest.approx(5.0 * sum(sideways)) == loads.Y
 
 
+def test_lateral_thrusters_that_do_not_push_alike_turn_the_craft():
+    """Miskovic2010, table 2.2 (d): they sit fore and aft, as far from the middle as the other two."""
+    frame = ThrusterFrame(FRAMES["vectored-6dof-90"], 2.0, 3.0, 4.0, 0.0, 0.0, full_Y=5.0)
+    alike, opposed = (_drive(frame, 1500, 1500, 1500, 1900, other)[0] for other in (1900, 1100))
+    assert (alike.Y, alike.N) == (pytest.approx(5.0), 0.0)
+    assert (opposed.Y, opposed.N) == (0.0, pytest.approx(2.0))
+
+
+def test_lifting_thrusters_fore_and_aft_that_do_not_push_alike_pitch_the_craft():
+    """Miskovic2010, table 2.2 (e)."""
+    frame = ThrusterFrame(FRAMES["rov-4-fore-aft"], 2.0, 3.0, 4.0, 0.0, 0.0, full_M=6.0)
+    alike, opposed = (_drive(frame, 1500, 1500, 1900, other)[0] for other in (1900, 1100))
+    assert (alike.Z, alike.M) == (pytest.approx(4.0), 0.0)
+    assert (opposed.Z, opposed.M) == (0.0, pytest.approx(-6.0))
+    pulses = frame.write([1500] * 4, {"N": 0.0, "X": 0.0, "Z": 0.2, "M": 0.3})
+    assert frame.read(pulses) == pytest.approx({"N": 0.0, "X": 0.0, "Z": 0.2, "M": 0.3}, abs=0.003)
+
+
 def test_a_frame_has_its_biases_even_without_pulses():
     loads, _ = _drive(ThrusterFrame(FRAMES["vectored"], 1.0, 1.0, 1.0, 0.1, -0.3), *[0] * 6)
     assert (loads.N, loads.Z) == (0.1, -0.3)

@@ -56,7 +56,8 @@ def test_both_settle_at_the_same_velocity(name, dof):
 
 
 FRAME_CONFIGS = {
-    "bluerov1": 0, "vectored": 1, "vectored-6dof": 2, "vectored-6dof-90": 3, "simple-rov-3": 4, "simple-rov-5": 5
+    "bluerov1": 0, "vectored": 1, "vectored-6dof": 2, "vectored-6dof-90": 3, "simple-rov-3": 4, "simple-rov-5": 5,
+    "rov-4-fore-aft": 5,
 }  # fmt: skip
 
 

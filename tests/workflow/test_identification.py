@@ -148,6 +148,29 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     assert turned == ["turning about"] * turns
 
 
+@pytest.mark.parametrize(
+    ("psi", "side"),
+    [(0.3, 1.0), (-0.3, -1.0), (3.0, 1.0), (-3.0, -1.0)],
+    ids=[
+        "outwards, bow to starboard",
+        "outwards, bow to port",
+        "homewards, too far to port",
+        "homewards, too far to starboard",
+    ],
+)
+def test_a_boat_turns_about_to_the_side_where_it_began(
+    monkeypatch: pytest.MonkeyPatch, psi: float, side: float
+) -> None:
+    craft: Any = SimpleNamespace(firmware=SimpleNamespace(needs_way=True), armed=False, clock=None)
+    craft.observe = lambda: Observation(0.0, psi, x=200.0, y=0.0)
+    runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
+    turned: list[Any] = []
+    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.asked))
+    monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
+    assert runner.come_about(0.5)
+    assert turned[0]["output"] == 0.5 * side
+
+
 def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_flown_back_as_well() -> None:
     flown: list[str] = []
 

@@ -13,7 +13,11 @@ from gcs_autotune.report.toolkit.live import describe_progress
 from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.announcement import battery, how_long, room
-from gcs_autotune.workflow.itinerary import TURN, Itinerary, legs_of_experiment, legs_of_tune
+from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, legs_of_tune, pace_of
+
+RUDDER, THRUSTERS = (pace_of(under_way=True, skid=skid) for skid in (False, True))
+ROV = pace_of(under_way=False, skid=False)
+TURN = RUDDER.turn
 
 
 def settings(axis: str = "heading", **given: object) -> TuneSettings:
@@ -22,7 +26,8 @@ def settings(axis: str = "heading", **given: object) -> TuneSettings:
 
 def heading(**given: object) -> Itinerary:
     given = {"stop_rule": "settled", **given}
-    return Itinerary(legs_of_tune(settings(**given), "yaw", under_way=True, moving=False, given=False, dives=False))
+    legs = legs_of_tune(settings(**given), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False)
+    return Itinerary(legs, TURN)
 
 
 def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
@@ -41,7 +46,7 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
     told = how_long(itinerary)
-    assert told.startswith("take about 7 min of the vehicle's time: sign check 25 s, step with present gains 30 s")
+    assert told.startswith("take about 7 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
     assert "turning about 3 times 32 s" in told
 
 
@@ -49,22 +54,24 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
     """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
     usual, patient = (
         Itinerary(
-            legs_of_tune(settings("depth", **how), "heave", under_way=False, moving=False, given=False, dives=True)
+            legs_of_tune(settings("depth", **how), "heave", p, under_way=False, moving=False, given=False, dives=True)
         )
-        for how in ({}, {"stop_rule": "settled"})
+        for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of(under_way=False, skid=False, restless=True)))
     )
-    assert how_long(usual, patient.seconds).startswith("take about 2 min of the vehicle's time, up to 7 min where ")
+    assert how_long(usual, patient.seconds).startswith("take about 90 s of the vehicle's time, up to 7 min where ")
     assert "up to" not in how_long(patient, patient.seconds)
 
 
 def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
-    legs = legs_of_tune(settings("depth", dry_run=True), "heave", under_way=False, moving=False, given=True, dives=True)
+    legs = legs_of_tune(
+        settings("depth", dry_run=True), "heave", ROV, under_way=False, moving=False, given=True, dives=True
+    )
     assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
     assert all(leg.before == 0.0 for leg in legs)
 
 
 def test_a_velocity_is_stepped_after_its_experiments():
-    legs = legs_of_tune(settings("speed"), "surge", under_way=True, moving=True, given=False, dives=False)
+    legs = legs_of_tune(settings("speed"), "surge", THRUSTERS, under_way=True, moving=True, given=False, dives=False)
     assert [leg.stage for leg in legs] == [
         "sign check",
         "first throttle steps",
@@ -75,8 +82,8 @@ def test_a_velocity_is_stepped_after_its_experiments():
 
 def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_are_known_take_less():
     boat, rov = (
-        Itinerary(legs_of_tune(settings(), "yaw", under_way=boat, moving=False, given=False, dives=False))
-        for boat in (True, False)
+        Itinerary(legs_of_tune(settings(), "yaw", pace, under_way=boat, moving=False, given=False, dives=False), TURN)
+        for boat, pace in ((True, RUDDER), (False, ROV))
     )
     assert [leg.stage for leg in boat.legs if "oscillation" in leg.stage] == ["first self-oscillation"]
     assert len([leg for leg in rov.legs if "oscillation" in leg.stage]) == 2
@@ -134,7 +141,7 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
 
 
 def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
-    itinerary = Itinerary(legs_of_experiment("yaw", under_way=False, dives=False))
+    itinerary = Itinerary(legs_of_experiment("yaw", ROV, under_way=False, dives=False))
     at(itinerary, 0.0, "sign check")
     at(itinerary, 20.0, "first self-oscillation")
     at(itinerary, 120.0, "second self-oscillation")

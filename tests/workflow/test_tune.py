@@ -113,6 +113,26 @@ def test_a_boat_stays_within_the_room_that_was_announced(tuned):
     assert 100.0 < far < float(need.split(" up to ")[1].split(" m")[0])
 
 
+def told_and_flown(harness):
+    """Return how long [s] a tune said it would take, and how long what it flew was."""
+    said = " ".join(harness.said)
+    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", said).groups()
+    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", said))
+    return float(count) * {"s": 1.0, "min": 60.0}[unit], float(flown)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("plainly")
+def test_the_time_told_beforehand_is_about_what_it_takes(tuned, tmp_path):
+    large, _ = tuned
+    small = SitlHarness(tmp_path, QUICK)
+    small.tune(axis="speed")
+    for harness in (large, small):
+        told, flown = told_and_flown(harness)
+        assert 0.7 * flown <= told <= 1.3 * flown, (told, flown)
+    assert flown < 90.0
+
+
 @pytest.mark.slow
 def test_the_journal_is_settled_in_the_end(tuned):
     harness, _ = tuned
@@ -227,11 +247,14 @@ def test_the_relay_and_the_step_can_be_given(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_boat_whose_relay_does_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(tmp_path, plainly):
+def test_a_boat_whose_step_and_relay_do_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(
+    tmp_path, plainly
+):
     waves = parse_effect("wave-disturbance@yaw.amplitude=0.1,frequency=1.5,bandwidth=0.15")
     harness = SitlHarness(tmp_path, "blueboat", effects=[waves])
-    story = harness.tune(stop_rule="settled", envelope=Envelope(distance=120.0), dry_run=True)
+    story = harness.tune(stop_rule="settled", envelope=Envelope(distance=60.0), dry_run=True)
     assert story.ending == "dry-run"
     said = " ".join(harness.said)
-    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 108 m", said)
+    assert re.search(r"step-before: stopped, the room ends \d+ s into the step and 4 s into the step back: 4\d m", said)
+    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 4\d m", said)
     assert story.proposal.changes
