@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
 from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.sname import DOFS
+from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
@@ -169,6 +169,26 @@ def check_units(trial: Trial) -> list[Doubt]:
             found += _judged(trial, "x, y", name, ratio, "length")
     if "psi" in trial:
         found += _heading_alone(trial, trial["psi"])
+    return found + _inputs_alone(trial)
+
+
+def _inputs_alone(trial: Trial) -> list[Doubt]:
+    """Judge inputs by their size: a rudder cannot go beyond half a turn, nor a share of full output far beyond 1."""
+    found: list[Doubt] = []
+    for name in ("delta", *(dof.force for dof in DOFS.values())):
+        if name not in trial or len(trial[name]) == 0:
+            continue
+        size = float(np.max(np.abs(trial[name].values), initial=0.0, where=np.isfinite(trial[name].values)))
+        if trial[name].unit == "rad" and size > 1.1 * math.pi:
+            raise BadFile(
+                f"{name} of run '{trial.name}' goes to {size:.3g} rad, and no rudder goes beyond half a turn: are the "
+                f"numbers degrees? write {name}[deg] in the head (or --columns OLD={name}[deg])"
+            )
+        if trial[name].unit == "1" and size > OVERFULL:
+            cause = f"{name} of run '{trial.name}' goes to {size:.3g} without a unit, where 1 is full output"
+            found.append(
+                Doubt("unit", cause, f"write the unit in the head ({name}[N], {name}[N m]), or divide by full")
+            )
     return found
 
 

@@ -15,7 +15,19 @@ from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
 T = np.arange(0.0, 30.0, 0.1)
-UNITS = {"psi": "rad", "r": "rad/s", "z": "m", "w": "m/s", "x": "m", "y": "m", "u": "m/s", "v": "m/s", "U": "m/s"}
+UNITS = {
+    "N": "1",
+    "delta": "rad",
+    "psi": "rad",
+    "r": "rad/s",
+    "z": "m",
+    "w": "m/s",
+    "x": "m",
+    "y": "m",
+    "u": "m/s",
+    "v": "m/s",
+    "U": "m/s",
+}
 
 
 def run(t: Array = T, **columns: Array) -> Trial:
@@ -134,3 +146,20 @@ def test_a_heading_that_turns_faster_than_any_craft_is_doubted(rate: float, is_d
     found = said(run(psi=rate * T))
     assert len(found) == is_doubted
     assert not found or ("turns faster than 3.5 rad/s" in found[0] and "(3.6 rad/s)" in found[0])
+
+
+@pytest.mark.parametrize(("largest", "is_refused"), [(0.6, False), (3.4, False), (3.6, True), (-35.0, True)])
+def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_refused: bool) -> None:
+    rudder = np.where(T < 15.0, largest, math.nan)
+    if not is_refused:
+        assert said(run(psi=ANGLE, delta=rudder)) == []
+        return
+    with pytest.raises(BadFile, match=r"no rudder goes beyond half a turn: .* write delta\[deg\] in the head"):
+        check_units(run(psi=ANGLE, delta=rudder))
+
+
+@pytest.mark.parametrize(("largest", "is_doubted"), [(1.0, False), (1.4, False), (-1.6, True), (500.0, True)])
+def test_a_share_of_full_output_does_not_go_far_beyond_one(largest: float, is_doubted: bool) -> None:
+    found = said(run(psi=ANGLE, N=largest * np.sign(RATE)))
+    assert len(found) == is_doubted
+    assert not found or f"goes to {abs(largest):.3g} without a unit, where 1 is full output" in found[0]
