@@ -94,6 +94,7 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "Pa": ("Pa", 1.0),
     "hPa": ("Pa", 100.0),
     "pwm": ("pwm", 1.0),
+    "count": ("count", 1.0),
 }
 
 

@@ -45,6 +45,7 @@ CASES = {
     "Pa": ("Pa", 1.0),
     "hPa": ("Pa", 100.0),
     "pwm": ("pwm", 1.0),
+    "count": ("count", 1.0),
 }
 
 

@@ -186,9 +186,7 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
             )
         if trial[name].unit == "1" and size > OVERFULL:
             cause = f"{name} of run '{trial.name}' goes to {size:.3g} without a unit, where 1 is full output"
-            found.append(
-                Doubt("unit", cause, f"write the unit in the head ({name}[N], {name}[N m]), or divide by full")
-            )
+            found.append(Doubt("unit", cause, f"write {name}[count] in the head, or its unit, or divide by full"))
     return found
 
 
