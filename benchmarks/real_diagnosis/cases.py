@@ -13,9 +13,9 @@ __all__ = ["CASES", "DATA", "Case"]
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
 ROVER = {"t_sim": "t[s]", "heading_deg": "psi[deg]", "yawrate_dps": "r[deg/s]", "cmd": "N[1]"}
-SUB_YAW = {"t_sim": "t[s]", "y": "psi[deg]", "ydot": "r[deg/s]", "cmd": "N[count]"}
-SUB_DEPTH = {"t_sim": "t[s]", "y": "z[m]", "ydot": "w[m/s]", "cmd": "Z[count]", "z": "true_z", "vz": "true_w"}
-"""Heads of the recorder's own names; a sub's commands are counts of MANUAL_CONTROL."""
+SUB_YAW = {"t_sim": "t[s]", "y": "psi[deg]", "ydot": "r[deg/s]", "cmd": "N[1]"}
+SUB_DEPTH = {"t_sim": "t[s]", "y": "z[m]", "ydot": "w[m/s]", "cmd": "Z[1]", "z": "true_z", "vz": "true_w"}
+"""Heads of the recorder's own names."""
 
 
 @dataclass(frozen=True, slots=True)
