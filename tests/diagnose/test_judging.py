@@ -27,7 +27,7 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
-from gcs_autotune.diagnose.second_looks import _refuted
+from gcs_autotune.diagnose.second_looks import _refuted, _surely_gains
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
@@ -227,6 +227,25 @@ def test_a_model_that_ran_away_somewhere_or_saw_other_data_has_all_the_luck() ->
     assert luck(before, HeldOut(after.rests, complete=False)) == 1.0
     assert luck(before, held(*after.rests, *after.rests)) == 1.0
     assert luck(held(), held()) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("after", "is_sure"),
+    [
+        ({"r": [0.5] * 64}, True),
+        ({"r": [0.5] * 16 + [1.2] * 48}, False),
+        ({"r": [1.1] * 64}, False),
+        ({"r": [1.1] * 64, "psi": [0.5] * 64}, True),
+        ({"r": [0.5] * 12}, False),
+    ],
+)
+def test_names_found_in_pieces_stand_where_all_of_them_together_surely_lower_an_error(
+    after: dict[str, list[float]], is_sure: bool
+) -> None:
+    before = held(*(rest([1.0] * len(left), signal=name) for name, left in after.items()))
+    now = held(*(rest(left, signal=name) for name, left in after.items()))
+    searched = SimpleNamespace(base_unseen=before, present_unseen=now, parts=SimpleNamespace(words=""))
+    assert _surely_gains(cast(SearchState, searched)) is is_sure
 
 
 def test_blocks_are_cut_alike_and_a_lost_sample_counts_for_the_model_that_lost_it() -> None:
