@@ -13,6 +13,7 @@ import pytest
 from runs_in_the_tank import towed
 from scipy import stats
 
+from gcs_autotune.diagnose import report_builder
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
 from gcs_autotune.diagnose.score import (
     ALIKE,
@@ -35,6 +36,8 @@ from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models.coupled.form import Form
 
 # --- evidence --------------------------------------------------------------------------------
 
@@ -350,3 +353,19 @@ def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_
     """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
     state = cast(SearchState, SimpleNamespace(base=BASE, tried=10))
     assert _refuted(state, SearchStep((judged("input-delay", **beside),), None)) is refuted
+
+
+# --- what is told of the numbers found -------------------------------------------------------
+
+
+@pytest.mark.parametrize(("error", "told"), [(0.1, True), (1.0, True), (1.2, False), (40.0, False), (1e9, False)])
+def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_shown(
+    error: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By hand: 0.05 s may be 0.3 s, three samples, where its relative error is ln 6 / 1.645 = 1.09."""
+    form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+    quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
+    summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
+    monkeypatch.setattr(report_builder, "_relative_error", lambda *_: error)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary)
+    assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * told
