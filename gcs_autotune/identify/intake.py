@@ -24,7 +24,7 @@ from gcs_autotune.identify.result import Doubt
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
+__all__ = ["check_axes", "check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
 
@@ -142,6 +142,11 @@ GROSS = 5.0
 """A factor beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
 WINDOW = 1.0
 """Chosen [s]: span of one comparison, or four samples when those are further apart."""
+STRETCHES, ALONG_TRACK = 20, 0.25
+"""Chosen: a track is compared over so many stretches, and speeds are the track's where so explained they leave at most
+this share of what they leave as the craft's, and of the track itself."""
+TURNED = 0.3
+"""Chosen [rad]: on a straight way exchanged columns, too, look like those of the track."""
 AGREE, CLOSE = 0.7, 0.08
 """Share of windows within 25 % of the median ratio, and how near that must be to a factor."""
 TURN = 3.5
@@ -169,7 +174,40 @@ def check_units(trial: Trial) -> list[Doubt]:
             found += _judged(trial, "x, y", name, ratio, "length")
     if "psi" in trial:
         found += _heading_alone(trial, trial["psi"])
+    check_axes(trial)
     return found + _inputs_alone(trial)
+
+
+def check_axes(trial: Trial) -> None:
+    """Refuse speeds that are the track's: as rates of ``x`` and ``y`` they fit, turned by the heading they do not.
+
+    Raises
+    ------
+    BadFile
+        Saying which two columns.
+    """
+    if any(name not in trial for name in ("x", "y", "psi", "u", "v")):
+        return
+    (t, x), (ty, y), (tu, u), (tv, v), (tp, psi) = (_known(trial[n]) for n in ("x", "y", "u", "v", "psi"))
+    if min(len(t), len(ty), len(tu), len(tv), len(tp)) < 20:
+        return
+    ends = np.linspace(max(t[0], tu[0], tp[0]), min(t[-1], tu[-1], tp[-1]), STRETCHES + 1)
+    if not ends[-1] > ends[0]:
+        return
+    moved = np.diff([np.interp(ends, t, x), np.interp(ends, ty, y)], axis=1)
+    v, heading = np.interp(tu, tv, v), np.interp(tu, tp, np.unwrap(psi))
+    if np.ptp(heading) < TURNED:
+        return
+    turned = (u * np.cos(heading) - v * np.sin(heading), u * np.sin(heading) + v * np.cos(heading))
+    by_craft, by_track = (
+        sum(float(np.sum((moved[i] - np.diff(np.interp(ends, tu, _integral(tu, speed[i])))) ** 2)) for i in (0, 1))
+        for speed in (turned, (u, v))
+    )
+    if by_track < ALONG_TRACK * by_craft and by_track < ALONG_TRACK * float(np.sum(moved**2)):
+        raise BadFile(
+            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard: turn them "
+            "by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or leave them out"
+        )
 
 
 def _inputs_alone(trial: Trial) -> list[Doubt]:
@@ -240,8 +278,7 @@ def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Arr
     start, end = start[inside], end[inside]
     if len(start) < 10:
         return math.nan
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(tv))])
-    travelled = np.interp(t[end], tv, integral) - np.interp(t[start], tv, integral)
+    travelled = np.diff(np.interp(np.stack([t[start], t[end]]), tv, _integral(tv, v)), axis=0)[0]
     moved = change(start, end)
     strong = np.abs(travelled) > max(float(np.median(np.abs(travelled))), 1e-12)
     if int(strong.sum()) < 10:
@@ -250,6 +287,10 @@ def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Arr
     median = float(np.median(ratios))
     agreeing = float(np.mean(np.abs(ratios - median) < 0.25 * abs(median)))
     return median if agreeing >= AGREE else math.nan
+
+
+def _integral(t: Array, v: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
 
 
 def _speed(trial: Trial) -> tuple[Channel | None, str]:
