@@ -181,6 +181,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "quadratic-actuator": (HEADING, "videoray", ".share=1"),
     "rudder-stall": (HEADING, "charlie", ".angle=0.4,drop=1"),
     "asymmetric-thrust": (HEADING, "videoray", ".ratio=0.7"),
+    "command-coupling": ("experiment surge", "charlie", ".gain=0.2"),
     "gain-drift": (HEADING, "videoray", ".rate=0.003"),
     "speed-dependent-steering": ("fly zig-zag", "charlie", ".share=1"),
     "advance-speed-loss": (HEADING, "videoray", ".loss=0.5"),

@@ -16,7 +16,8 @@ Signs
 Units
 -----
 SI and radians inside. Files carry the unit in the column head, ``name[unit]``; :func:`to_si` knows the
-units accepted there. A force or moment known only as a fraction of full actuator output has the unit ``1``.
+units accepted there. A head without one is in the unit of :data:`SIGNALS`, but a force or moment is a fraction of
+full actuator output, the unit ``1``.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
 
-__all__ = ["DOFS", "SIGNALS", "Dof", "column_unit", "parse_header", "to_si", "wrap"]
+__all__ = ["DOFS", "OVERFULL", "SIGNALS", "Dof", "column_unit", "parse_header", "to_si", "wrap"]
 
 SIGNALS: dict[str, tuple[str, str]] = {
     "x": ("m", "north position"),
@@ -93,7 +94,12 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "Pa": ("Pa", 1.0),
     "hPa": ("Pa", 100.0),
     "pwm": ("pwm", 1.0),
+    "count": ("count", 1.0),
 }
+
+
+OVERFULL = 1.5
+"""Chosen: a larger number is no share of full output; shares mixed from several actuators go somewhat beyond 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,17 +152,22 @@ DOFS: dict[str, Dof] = {
 """Name -> degree of freedom."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
 
 
 def parse_header(header: str) -> tuple[str, str]:
-    """Split ``"psi[deg]"`` into ``("psi", "deg")``; no bracket gives the unit ``""``.
+    """Split ``"psi[deg]"`` or ``"psi (deg)"`` into ``("psi", "deg")``; no bracket gives the unit ``""``.
+
+    Round brackets around what is no unit belong to the name.
 
     Raises
     ------
     BadFile
         When the text is not of that form.
     """
-    match = _HEADER.match(header)
+    match = _ROUND.match(header)
+    if match is None or _plain(match["unit"]) not in _TO_SI:
+        match = _HEADER.match(header)
     if match is None:
         raise BadFile(f"column head {header!r} is not of the form name[unit]")
     return match["name"], (match["unit"] or "").strip()
@@ -171,10 +182,14 @@ def to_si(unit: str) -> tuple[str, float]:
         When the unit is not known.
     """
     try:
-        return _TO_SI[unit.replace("°", "deg").strip()]
+        return _TO_SI[_plain(unit)]
     except KeyError:
         known = ", ".join(u for u in _TO_SI if u)
         raise BadFile(f"unit [{unit}] is not known; known units: {known}") from None
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("°", "deg").strip()
 
 
 def wrap(angle: float) -> float:
@@ -185,10 +200,14 @@ def wrap(angle: float) -> float:
 def column_unit(name: str, unit: str) -> tuple[str, float]:
     """Return :func:`to_si` of a column's unit; ``us`` of a pulse (``pwm...``, ``servo...``, ``rc...``) is no time.
 
+    A column without a unit that is a signal by its name has that signal's, but of a force a share of full output.
+
     Raises
     ------
     BadFile
         When the unit is not known.
     """
+    if not unit.strip() and name in SIGNALS and name not in {d.force for d in DOFS.values()}:
+        return SIGNALS[name][0], 1.0
     is_pulse = name.lower().startswith(("pwm", "servo", "rc"))
     return to_si("pwm" if is_pulse and unit.strip() in ("us", "µs") else unit)

@@ -35,6 +35,7 @@ CASES = {
     "quadratic-actuator": ("N", {"share": 0.6, "u_ref": 2.0}),
     "rudder-stall": ("N", {"angle": 0.6, "drop": 0.8}),
     "asymmetric-thrust": ("N", {"ratio": 0.6}),
+    "command-coupling": ("N+X", {"gain": -0.15}),
     "gain-drift": ("N", {"rate": 0.01}),
     "speed-dependent-steering": ("N", {"share": 0.5, "U_ref": 0.7}),
     "advance-speed-loss": ("N", {"loss": 0.4}),

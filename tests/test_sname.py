@@ -45,6 +45,7 @@ CASES = {
     "Pa": ("Pa", 1.0),
     "hPa": ("Pa", 100.0),
     "pwm": ("pwm", 1.0),
+    "count": ("count", 1.0),
 }
 
 
@@ -73,8 +74,27 @@ def test_microseconds_of_a_pulse_are_no_time(name: str, unit: str, si: str) -> N
 
 
 @pytest.mark.parametrize(
+    ("name", "si"), [("delta", "rad"), ("psi", "rad"), ("u", "m/s"), ("N", "1"), ("X", "1"), ("battery", "1")]
+)
+def test_a_column_without_a_unit_is_in_that_of_its_signal_and_a_force_a_share_of_full_output(
+    name: str, si: str
+) -> None:
+    assert column_unit(name, "") == (si, 1.0)
+    assert column_unit(name, "1") == ("1", 1.0)
+
+
+@pytest.mark.parametrize(
     ("head", "parts"),
-    [("psi[deg]", ("psi", "deg")), (" N [N m] ", ("N", "N m")), ("psi", ("psi", "")), ("n[]", ("n", ""))],
+    [
+        ("psi[deg]", ("psi", "deg")),
+        (" N [N m] ", ("N", "N m")),
+        ("psi", ("psi", "")),
+        ("n[]", ("n", "")),
+        ("psi (deg)", ("psi", "deg")),
+        ("Speed(m/s)", ("Speed", "m/s")),
+        ("heading (°)", ("heading", "°")),
+        ("heading (raw)", ("heading (raw)", "")),
+    ],
 )
 def test_a_head_is_a_name_and_a_unit(head: str, parts: tuple[str, str]) -> None:
     assert parse_header(head) == parts

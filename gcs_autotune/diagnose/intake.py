@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, clock_jump, left_out, parts_of
+from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -166,7 +166,7 @@ def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
         )
 
 
-CHECKS: tuple[Callable[[Trial], None], ...] = (check_clock, check_roles, check_heading)
+CHECKS: tuple[Callable[[Trial], None], ...] = (check_clock, check_roles, check_heading, check_axes)
 
 
 def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:

@@ -58,6 +58,9 @@ ONE_SIDED = 1.645
 SEEN_TO_SETTLE = 3.0
 """Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
 
+LIKE_SAMPLES = 10.0
+"""Chosen: samples within which a force that wanders may be taken for the craft's own pace, and that for its."""
+
 
 def build_report(
     state: SearchState,
@@ -180,12 +183,18 @@ def _weightless(state: SearchState) -> list[Doubt]:
             continue
         settles = abs(float(model.inertia[i, i]) / model[damping])
         if settles < SEEN_TO_SETTLE * interval:
-            below = settles * math.exp(ONE_SIDED * _relative_error(state.fitted, f"{damping}dot", damping))
+            below = settles * math.exp(min(ONE_SIDED * _relative_error(state.fitted, f"{damping}dot", damping), 700.0))
+            if below > SEEN_TO_SETTLE * interval:
+                continue  # found so by chance: the runs allow an inertia that they would have shown
             bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"
+            memory = 0.0 if state.weather is None or state.weather.dof != dof else state.weather.fit.water.memory
+            # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
+            swapped = f" (or {memory:.2g} s, as long as what else drives it is remembered: the two may change places)"
             found.append(
                 Doubt(
                     "no-inertia",
-                    f"these runs show no inertia in {dof}: the time constant is {bound}, and was found within three "
+                    f"these runs show no inertia in {dof}: the time constant is {bound}"
+                    f"{swapped * (below < memory < LIKE_SAMPLES * interval)}, and was found within three "
                     "samples, whatever number the model has for it",
                     "take gain and delay alone from these runs; a simulator may well have no inertia there, of a craft "
                     "record faster",

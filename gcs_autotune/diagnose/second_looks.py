@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.diagnose.adequacy import WHITE, explains_all, tests_of, whiteness_of
-from gcs_autotune.diagnose.heldout import rms_of
+from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material, is_needed
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
@@ -42,7 +42,8 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
 
     On real water a free run drifts off within minutes, whatever the model: gusts and eddies add up in the heading.
     Where the base is lost, every candidate is, and none seems to pay. Cut into pieces the same runs may speak. What
-    they name is a hypothesis, and dropped unless whole runs are then foretold better too.
+    they name is a hypothesis, and dropped unless pieces left out are surely foretold better by all of it together, and
+    whole runs better too.
     """
     question = state.question
     seconds = PACES * state.problem.data_summary.time_constant
@@ -56,7 +57,7 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
         return None
     segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
     again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
-    if again.fitted.effects == again.base.effects or not _holds_over(again, question.whole):
+    if again.fitted.effects == again.base.effects or not (_surely_gains(again) and _holds_over(again, question.whole)):
         return replace(state, cut=(*state.cut, *again.cut))
     if _is_another_craft(again):
         lost = Doubt(
@@ -131,6 +132,14 @@ def _refuted(state: SearchState, step: SearchStep) -> bool:
     """
     paying = [j for j in step.judged if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, state.base, state.tried)]
     return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
+
+
+def _surely_gains(state: SearchState) -> bool:
+    """Whether all that was found surely lowers the error of some signal left out.
+
+    Each cause did when it came, over what was there before; what its rivals took the place of counts no more.
+    """
+    return any(g.ci95[1] < 1.0 for g in gains_of(state.base_unseen, state.present_unseen, state.parts.words))
 
 
 def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:

@@ -6,7 +6,7 @@ summary             what is known of the runs, and sizes to begin from
 table               the table of all effects
 extended            a coupled model with effects: simulation with sensitivities, model file
 data_errors         clocks, units, signs, columns
-actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow
+actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow; command_coupling
 hydrodynamics       drag, couplings, mass, buoyancy, the bottom
 environment         constant force, current, wind, tether; wave_disturbance
 sensor              place, compass, gyro, late reports; sensor_noise: rounding, outliers

@@ -18,6 +18,7 @@ from gcs_autotune.effects.actuator import (
     Saturation,
 )
 from gcs_autotune.effects.actuator_dynamics import ActuatorLag, GainDrift, InputDelay, RateLimit
+from gcs_autotune.effects.command_coupling import CommandCoupling
 from gcs_autotune.effects.data_errors import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
 from gcs_autotune.effects.effect import Effect
 from gcs_autotune.effects.environment import InputBias, SteadyCurrent, TetherPull, WindMoment
@@ -61,6 +62,7 @@ OURS: tuple[Effect, ...] = (
     QuadraticActuator(),
     RudderStall(),
     AsymmetricThrust(),
+    CommandCoupling(),
     GainDrift(),
     SpeedDependentSteering(),
     AdvanceSpeedLoss(),

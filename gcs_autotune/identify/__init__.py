@@ -55,7 +55,7 @@ from gcs_autotune.identify.information import (
     model_delay,
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
-from gcs_autotune.identify.intake import clock_jump, left_out, parts_of
+from gcs_autotune.identify.intake import check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.kalman.wandering import Tangent, WanderingFit, WanderingProblem
 from gcs_autotune.identify.kalman.wandering_score import Water
@@ -194,6 +194,7 @@ __all__ = [
     "alternate",
     "autocorrelation",
     "base_limits",
+    "check_axes",
     "clean",
     "clock_jump",
     "correlation_time",

@@ -117,14 +117,21 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             )
         )
     if repeated > 0.02 * len(t):
-        notes.append(
-            Doubt(
-                "repeated-stamps",
-                f"{repeated} stamps of {channel.name} in run '{run}' are repeated",
-                "log with the vehicle's own time stamps; the first sample of each stamp was kept",
-            )
-        )
+        _note_repeats(repeated, channel.name, run, notes)
     return replace(channel, t=t[first], values=values[first])
+
+
+def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
+    """Note repeated stamps, once for all columns of *run* that share them."""
+    start, end = f"{count} stamps of ", f" in run '{run}' are repeated"
+    for i, note in enumerate(notes):
+        if note.slug == "repeated-stamps" and note.cause.startswith(start) and note.cause.endswith(end):
+            others = note.cause.removeprefix(start).removesuffix(end).split(", ")
+            if name not in others:
+                notes[i] = replace(note, cause=f"{start}{', '.join([*others, name])}{end}")
+            return
+    cure = "log with the vehicle's own time stamps, digits enough to tell them apart; the first sample of each was kept"
+    notes.append(Doubt("repeated-stamps", f"{start}{name}{end}", cure))
 
 
 def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
 from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.identify.result import Doubt
-from gcs_autotune.sname import DOFS
+from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
+__all__ = ["check_axes", "check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
 
 Record = TypeVar("Record")
 
@@ -142,6 +142,11 @@ GROSS = 5.0
 """A factor beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
 WINDOW = 1.0
 """Chosen [s]: span of one comparison, or four samples when those are further apart."""
+STRETCHES, ALONG_TRACK = 20, 0.25
+"""Chosen: a track is compared over so many stretches, and speeds are the track's where so explained they leave at most
+this share of what they leave as the craft's, and of the track itself."""
+TURNED = 0.3
+"""Chosen [rad]: on a straight way exchanged columns, too, look like those of the track."""
 AGREE, CLOSE = 0.7, 0.08
 """Share of windows within 25 % of the median ratio, and how near that must be to a factor."""
 TURN = 3.5
@@ -169,6 +174,57 @@ def check_units(trial: Trial) -> list[Doubt]:
             found += _judged(trial, "x, y", name, ratio, "length")
     if "psi" in trial:
         found += _heading_alone(trial, trial["psi"])
+    check_axes(trial)
+    return found + _inputs_alone(trial)
+
+
+def check_axes(trial: Trial) -> None:
+    """Refuse speeds that are the track's: as rates of ``x`` and ``y`` they fit, turned by the heading they do not.
+
+    Raises
+    ------
+    BadFile
+        Saying which two columns.
+    """
+    if any(name not in trial for name in ("x", "y", "psi", "u", "v")):
+        return
+    (t, x), (ty, y), (tu, u), (tv, v), (tp, psi) = (_known(trial[n]) for n in ("x", "y", "u", "v", "psi"))
+    if min(len(t), len(ty), len(tu), len(tv), len(tp)) < 20:
+        return
+    ends = np.linspace(max(t[0], tu[0], tp[0]), min(t[-1], tu[-1], tp[-1]), STRETCHES + 1)
+    if not ends[-1] > ends[0]:
+        return
+    moved = np.diff([np.interp(ends, t, x), np.interp(ends, ty, y)], axis=1)
+    v, heading = np.interp(tu, tv, v), np.interp(tu, tp, np.unwrap(psi))
+    if np.ptp(heading) < TURNED:
+        return
+    turned = (u * np.cos(heading) - v * np.sin(heading), u * np.sin(heading) + v * np.cos(heading))
+    by_craft, by_track = (
+        sum(float(np.sum((moved[i] - np.diff(np.interp(ends, tu, _integral(tu, speed[i])))) ** 2)) for i in (0, 1))
+        for speed in (turned, (u, v))
+    )
+    if by_track < ALONG_TRACK * by_craft and by_track < ALONG_TRACK * float(np.sum(moved**2)):
+        raise BadFile(
+            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard: turn them "
+            "by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or leave them out"
+        )
+
+
+def _inputs_alone(trial: Trial) -> list[Doubt]:
+    """Judge inputs by their size: a rudder cannot go beyond half a turn, nor a share of full output far beyond 1."""
+    found: list[Doubt] = []
+    for name in ("delta", *(dof.force for dof in DOFS.values())):
+        if name not in trial or len(trial[name]) == 0:
+            continue
+        size = float(np.max(np.abs(trial[name].values), initial=0.0, where=np.isfinite(trial[name].values)))
+        if trial[name].unit == "rad" and size > 1.1 * math.pi:
+            raise BadFile(
+                f"{name} of run '{trial.name}' goes to {size:.3g} rad, and no rudder goes beyond half a turn: are the "
+                f"numbers degrees? write {name}[deg] in the head (or --columns OLD={name}[deg])"
+            )
+        if trial[name].unit == "1" and size > OVERFULL:
+            cause = f"{name} of run '{trial.name}' goes to {size:.3g} without a unit, where 1 is full output"
+            found.append(Doubt("unit", cause, f"write {name}[count] in the head, or its unit, or divide by full"))
     return found
 
 
@@ -222,8 +278,7 @@ def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Arr
     start, end = start[inside], end[inside]
     if len(start) < 10:
         return math.nan
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(tv))])
-    travelled = np.interp(t[end], tv, integral) - np.interp(t[start], tv, integral)
+    travelled = np.diff(np.interp(np.stack([t[start], t[end]]), tv, _integral(tv, v)), axis=0)[0]
     moved = change(start, end)
     strong = np.abs(travelled) > max(float(np.median(np.abs(travelled))), 1e-12)
     if int(strong.sum()) < 10:
@@ -232,6 +287,10 @@ def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Arr
     median = float(np.median(ratios))
     agreeing = float(np.mean(np.abs(ratios - median) < 0.25 * abs(median)))
     return median if agreeing >= AGREE else math.nan
+
+
+def _integral(t: Array, v: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
 
 
 def _speed(trial: Trial) -> tuple[Channel | None, str]:

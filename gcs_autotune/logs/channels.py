@@ -38,6 +38,8 @@ DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z``, preferred first."""
 RATES = ("attitude", "rate", "imu", "steering")
 """Sources of ``p q r``, preferred first, but those that carry a stamp of their own before those that do not."""
+STILL = 0.01
+"""Chosen [m]: a depth that changes by less in a second (rms) tells no sign of a vertical speed."""
 SPEEDS = ("hud", "gps")
 """Sources of ``U`` when no velocity over ground is there."""
 
@@ -116,7 +118,25 @@ def _depth(pick: _Pick, store: SampleStore) -> None:
     for source in (moving or there)[:1]:
         _put(pick, "z", source, *store.series(f"{source}.z"))
         if _has(store, f"{source}.w"):
-            _put(pick, "w", source, *store.series(f"{source}.w"))
+            t, w = store.series(f"{source}.w")
+            if source == "global" and _is_upwards(t, w, *store.series(f"{source}.z")):
+                _put(pick, "w", f"{source}, counted upwards", t, -w)
+            else:
+                _put(pick, "w", source, t, w)
+
+
+def _is_upwards(t: Array, w: Array, tz: Array, z: Array) -> bool:
+    """Whether a vertical speed is that of rising, by the changes of depth over every second that it should explain.
+
+    MAVLink counts ``GLOBAL_POSITION_INT.vz`` down; ArduSub did upwards until February 2018, its 3.5.4 of 2019 still.
+    """
+    sunk = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(t))])
+    ends = np.arange(max(t[0], tz[0]), min(t[-1], tz[-1]), 1.0)
+    told, seen = np.diff(np.interp(ends, t, sunk)), np.diff(np.interp(ends, tz, z))
+    power = float(told @ told)
+    if float(seen @ seen) <= len(seen) * STILL**2 or power == 0.0:
+        return False
+    return float(told @ seen) < -0.5 * math.sqrt(power * float(seen @ seen))
 
 
 def _has(store: SampleStore, source: str) -> bool:

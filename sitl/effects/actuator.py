@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import MutableMapping
 
-from sitl.effects.effect import FORCE_OF, EffectParameter, HiddenEffect, Setting
+from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_input
 from sitl.hull import Loads
 
 __all__ = [
     "SimulatedAdvanceSpeedLoss",
     "SimulatedAsymmetricThrust",
+    "SimulatedCommandCoupling",
     "SimulatedDeadZone",
     "SimulatedGainDrift",
     "SimulatedQuadraticActuator",
@@ -119,6 +120,28 @@ class SimulatedAsymmetricThrust(OnInput):
     def act(self, t: float, dt: float, u: float) -> float:
         """Scale what is negative."""
         return u * self["ratio"] if u < 0.0 else u
+
+
+class SimulatedCommandCoupling(HiddenEffect):
+    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+
+    slug = "command-coupling"
+    meaning = "another axis' command acts here too (a line of thrust beside the centre, unequal thrusters)"
+    on_vehicles = "two axes, what acts and what acts there too: steering+throttle (default)"
+    parameters = (EffectParameter("gain", "input unit per unit of the other", "what the other command adds"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Find both inputs."""
+        there = setting.inputs
+        usual = [setting.steering, *(name for name in there if name != setting.steering)][:2]
+        names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
+        if len(set(names)) != 2 or not set(names) <= set(there):
+            raise BadEffect(f"command-coupling sits on two inputs, as N+X; this craft has {', '.join(there) or 'none'}")
+        self._here, self._other = names
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Add."""
+        inputs[self._here] += self["gain"] * inputs[self._other]
 
 
 class SimulatedGainDrift(OnInput):

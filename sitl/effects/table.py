@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from sitl.effects.actuator import (
     SimulatedAdvanceSpeedLoss,
     SimulatedAsymmetricThrust,
+    SimulatedCommandCoupling,
     SimulatedDeadZone,
     SimulatedGainDrift,
     SimulatedQuadraticActuator,
@@ -71,6 +72,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedQuadraticActuator,
     SimulatedRudderStall,
     SimulatedAsymmetricThrust,
+    SimulatedCommandCoupling,
     SimulatedGainDrift,
     SimulatedSpeedDependentSteering,
     SimulatedAdvanceSpeedLoss,

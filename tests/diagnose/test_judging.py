@@ -13,6 +13,7 @@ import pytest
 from runs_in_the_tank import towed
 from scipy import stats
 
+from gcs_autotune.diagnose import report_builder
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
 from gcs_autotune.diagnose.score import (
     ALIKE,
@@ -27,7 +28,7 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
-from gcs_autotune.diagnose.second_looks import _refuted
+from gcs_autotune.diagnose.second_looks import _refuted, _surely_gains
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
@@ -35,6 +36,8 @@ from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.models.coupled import CoupledModel
+from gcs_autotune.models.coupled.form import Form
 
 # --- evidence --------------------------------------------------------------------------------
 
@@ -229,6 +232,25 @@ def test_a_model_that_ran_away_somewhere_or_saw_other_data_has_all_the_luck() ->
     assert luck(held(), held()) == 1.0
 
 
+@pytest.mark.parametrize(
+    ("after", "is_sure"),
+    [
+        ({"r": [0.5] * 64}, True),
+        ({"r": [0.5] * 16 + [1.2] * 48}, False),
+        ({"r": [1.1] * 64}, False),
+        ({"r": [1.1] * 64, "psi": [0.5] * 64}, True),
+        ({"r": [0.5] * 12}, False),
+    ],
+)
+def test_names_found_in_pieces_stand_where_all_of_them_together_surely_lower_an_error(
+    after: dict[str, list[float]], is_sure: bool
+) -> None:
+    before = held(*(rest([1.0] * len(left), signal=name) for name, left in after.items()))
+    now = held(*(rest(left, signal=name) for name, left in after.items()))
+    searched = SimpleNamespace(base_unseen=before, present_unseen=now, parts=SimpleNamespace(words=""))
+    assert _surely_gains(cast(SearchState, searched)) is is_sure
+
+
 def test_blocks_are_cut_alike_and_a_lost_sample_counts_for_the_model_that_lost_it() -> None:
     lost = [*[1.0] * 15, math.nan]
     found, size = blocks([rest([2.0] * 16)], [rest(lost)])
@@ -331,3 +353,36 @@ def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_
     """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
     state = cast(SearchState, SimpleNamespace(base=BASE, tried=10))
     assert _refuted(state, SearchStep((judged("input-delay", **beside),), None)) is refuted
+
+
+# --- what is told of the numbers found -------------------------------------------------------
+
+
+@pytest.mark.parametrize(("error", "told"), [(0.1, True), (1.0, True), (1.2, False), (40.0, False), (1e9, False)])
+def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_shown(
+    error: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By hand: 0.05 s may be 0.3 s, three samples, where its relative error is ln 6 / 1.645 = 1.09."""
+    form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+    quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
+    summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
+    monkeypatch.setattr(report_builder, "_relative_error", lambda *_: error)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=None)
+    assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * told
+
+
+@pytest.mark.parametrize(
+    ("dof", "memory", "told"),
+    [("yaw", 0.05, False), ("yaw", 0.4, True), ("yaw", 2.0, False), ("heave", 0.4, False)],
+)
+def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_time_constant(
+    dof: str, memory: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
+    quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
+    weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(water=SimpleNamespace(memory=memory)))
+    summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
+    monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=weather)
+    (doubt,) = report_builder._weightless(cast(SearchState, found))
+    assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told

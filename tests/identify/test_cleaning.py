@@ -63,6 +63,17 @@ def test_the_first_sample_of_a_repeated_stamp_stays_and_many_are_told(repeats: i
     assert not notes or f": {repeats} stamps" in notes[0]
 
 
+def test_columns_that_share_repeated_stamps_are_told_of_together() -> None:
+    t = np.repeat(np.arange(20.0), 3)
+    notes: list[Doubt] = []
+    for name, stamps in (("psi", t), ("r", t), ("r", t), ("delta", t[:30])):
+        cleaning.clean(Channel(name, "rad", stamps, np.zeros(len(stamps))), "own", notes)
+    assert [n.cause.partition(" stamps of ")[2] for n in notes] == [
+        "psi, r in run 'own' are repeated",
+        "delta in run 'own' are repeated",
+    ]
+
+
 def test_late_samples_are_put_in_order_and_those_far_too_late_left_out() -> None:
     t = [float(k) for k in range(60)]
     t[30], t[31], t[50] = 31.0, 30.0, 44.0

@@ -10,12 +10,24 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.intake import check_units
+from gcs_autotune.identify.intake import check_axes, check_units
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
 T = np.arange(0.0, 30.0, 0.1)
-UNITS = {"psi": "rad", "r": "rad/s", "z": "m", "w": "m/s", "x": "m", "y": "m", "u": "m/s", "v": "m/s", "U": "m/s"}
+UNITS = {
+    "N": "1",
+    "delta": "rad",
+    "psi": "rad",
+    "r": "rad/s",
+    "z": "m",
+    "w": "m/s",
+    "x": "m",
+    "y": "m",
+    "u": "m/s",
+    "v": "m/s",
+    "U": "m/s",
+}
 
 
 def run(t: Array = T, **columns: Array) -> Trial:
@@ -134,3 +146,51 @@ def test_a_heading_that_turns_faster_than_any_craft_is_doubted(rate: float, is_d
     found = said(run(psi=rate * T))
     assert len(found) == is_doubted
     assert not found or ("turns faster than 3.5 rad/s" in found[0] and "(3.6 rad/s)" in found[0])
+
+
+@pytest.mark.parametrize(("largest", "is_refused"), [(0.6, False), (3.4, False), (3.6, True), (-35.0, True)])
+def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_refused: bool) -> None:
+    rudder = np.where(T < 15.0, largest, math.nan)
+    if not is_refused:
+        assert said(run(psi=ANGLE, delta=rudder)) == []
+        return
+    with pytest.raises(BadFile, match=r"no rudder goes beyond half a turn: .* write delta\[deg\] in the head"):
+        check_units(run(psi=ANGLE, delta=rudder))
+
+
+@pytest.mark.parametrize(("largest", "is_doubted"), [(1.0, False), (1.4, False), (-1.6, True), (500.0, True)])
+def test_a_share_of_full_output_does_not_go_far_beyond_one(largest: float, is_doubted: bool) -> None:
+    found = said(run(psi=ANGLE, N=largest * np.sign(RATE)))
+    assert len(found) == is_doubted
+    assert not found or f"goes to {abs(largest):.3g} without a unit, where 1 is full output" in found[0]
+
+
+def cruise(swing: float, course: float = 0.0, current: float = 0.0, noise: float = 0.0) -> dict[str, Array]:
+    """Return a run that swings about its course, as it was: speeds of the craft, and of the track over ground."""
+    t = np.arange(0.0, 120.0, 0.1)
+    psi = course + swing * np.sin(0.1 * t)
+    u, v = 1.5 + 0.2 * np.sin(0.3 * t), -0.3 * np.cos(0.1 * t)
+    north = u * np.cos(psi) - v * np.sin(psi) + current
+    east = u * np.sin(psi) + v * np.cos(psi)
+    x, y = (0.1 * np.cumsum(speed) + noise * np.random.default_rng(1).normal(size=len(t)) for speed in (north, east))
+    return {"t": t, "x": x, "y": y, "psi": psi, "u": u, "v": v, "north": north, "east": east}
+
+
+@pytest.mark.parametrize("course", [0.0, 1.6, -2.5])
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_speeds_of_the_track_are_not_taken_for_those_of_the_craft(course: float, noise: float) -> None:
+    own = cruise(0.4, course, noise=noise)
+    seen = {n: own[n] for n in ("x", "y", "psi")}
+    check_axes(run(own["t"], **seen, u=own["u"], v=own["v"]))
+    with pytest.raises(BadFile, match="u and v of run 'own' are the rates of x and y, not the speeds ahead"):
+        check_axes(run(own["t"], **seen, u=own["north"], v=own["east"]))
+
+
+def test_a_current_a_straight_way_and_a_file_without_one_of_them_tell_nothing_of_whose_speeds_these_are() -> None:
+    drifts = cruise(0.4, current=1.0)
+    check_axes(run(drifts["t"], **{n: drifts[n] for n in ("x", "y", "psi", "u", "v")}))
+    straight = cruise(0.1, 1.6)
+    over_ground = {"u": straight["north"], "v": straight["east"]}
+    check_axes(run(straight["t"], **{n: straight[n] for n in ("x", "y", "psi")}, **over_ground))
+    turning = cruise(0.4)
+    check_axes(run(turning["t"], **{n: turning[n] for n in ("x", "y")}, u=turning["north"], v=turning["east"]))

@@ -76,6 +76,31 @@ def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, e
     assert ("w" in channels) is (expected == "global")
 
 
+@pytest.mark.parametrize(
+    ("vz", "size", "source", "down"),
+    [
+        (-1.0, 0.5, "global", True),
+        (1.0, 0.5, "global", False),
+        (-1.0, 0.5, "local", False),
+        (-1.0, 0.004, "global", False),
+        (-0.3, 0.5, "global", True),
+    ],
+)
+def test_a_vertical_speed_that_an_older_autopilot_counts_upwards_is_turned_by_what_the_depth_did(
+    vz: float, size: float, source: str, down: bool
+) -> None:
+    found = SampleStore("log", "ms")
+    noise = np.random.default_rng(0).normal(0.0, 0.02 * size, 200)
+    for k in range(200):
+        t = 0.2 * k
+        found.take(t, {f"{source}.z": 2.0 + size * math.sin(0.5 * t) + noise[k]})
+        found.take(t, {f"{source}.w": vz * 0.5 * size * math.cos(0.5 * t)})
+    channels, sources = motion_channels(found)
+    turned = bool(channels["w"].values[0] * vz < 0.0)
+    assert turned is down
+    assert sources["w"] == (f"{source}, counted upwards" if down else source)
+
+
 @pytest.mark.parametrize("count", [19, 20])
 def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_there(count: int) -> None:
     found = SampleStore("log", "ms")

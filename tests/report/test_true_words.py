@@ -178,6 +178,15 @@ def test_what_is_sustained_is_told_of_the_largest_output_flown_without_a_curve_a
     said = " ".join(model_sentences(flown)).partition("An output of 63 % sustains ")[2]
     assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
     assert "; more was not flown." in said
+    by_rudder = replace(flown, extra={"largest": {"delta": 0.63}})
+    assert "An output of 63 % sustains" in " ".join(model_sentences(by_rudder))
+
+
+def test_nothing_is_told_of_full_output_where_the_inputs_are_no_shares_of_it() -> None:
+    fitted = stories.fit("linear")
+    pulses = replace(fitted, extra={"largest": {"N": 500.0}})
+    assert "sustains" in " ".join(model_sentences(fitted))
+    assert "sustains" not in " ".join(model_sentences(pulses))
 
 
 def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_in_it() -> None:

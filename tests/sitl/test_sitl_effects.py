@@ -27,6 +27,7 @@ SLUGS = [
     "quadratic-actuator",
     "rudder-stall",
     "asymmetric-thrust",
+    "command-coupling",
     "gain-drift",
     "speed-dependent-steering",
     "advance-speed-loss",

@@ -28,6 +28,7 @@ from gcs_autotune.report.toolkit.wording import (
     pretty_unit,
     to_people,
 )
+from gcs_autotune.sname import OVERFULL
 
 __all__ = [
     "candidate_table",
@@ -139,7 +140,9 @@ _MUCH = 0.02
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
-    """Return the speed that the largest output flown sustains."""
+    """Return the speed that the largest output flown sustains; nothing where the numbers are no shares of full."""
+    if _largest(fit) > OVERFULL:
+        return []
     output = _most_flown(fit)
     # The trim is no part of what the craft can do: the constant that steady_velocity adds is taken off before.
     top, error = _with_error(fit, lambda m, effects: abs(m.steady_velocity(_acting(effects, output) - m.delta)))
@@ -157,8 +160,13 @@ def _most_flown(fit: AxisFit) -> float:
     The standard errors do not know of that: a BlueBoat's 36.311 +- 0.004 deg/s at full output, told by doublets of
     63 %, were 33.7 in a spiral, for astern her thrusters are the weaker.
     """
-    flown = float(fit.extra.get("largest", {}).get(fit.model.axis.force, 1.0))
+    flown = _largest(fit)
     return flown if flown < 1.0 - _MUCH else 1.0
+
+
+def _largest(fit: AxisFit) -> float:
+    largest = fit.extra.get("largest", {})
+    return float(largest.get(fit.model.axis.force, largest.get("delta", 1.0)))
 
 
 def _of_full(output: float) -> str:

@@ -1,0 +1,80 @@
+"""A command that also acts where it should not: thrust ahead that turns, or pushes down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+
+import numpy as np
+
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn
+from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity, columns_of
+from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.models import FORCES
+from gcs_autotune.sname import SIGNALS
+
+__all__ = ["CommandCoupling"]
+
+VARIES = 0.2
+"""Least range of the other command, in shares of its largest: what hardly changes acts like a constant."""
+
+
+class CommandCoupling(ActuatorEffect):
+    """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: a line of thrust beside the centre, unequal thrusters.
+
+    ``X`` is the run's own, held from stamp to stamp, whether it drives a degree of freedom that is simulated or not.
+    In newtons and newton metres ``gain`` is the arm of the thrust, positive to port of the centre (Fossen2011, 12.3).
+    """
+
+    slug = "command-coupling"
+    meaning = "the command of another axis acts here too: thrust beside the centre, or thrusters that are not equal"
+    parameters = (Quantity("gain", f"{INPUT} per unit of the other", "what the other command adds to this one"),)
+    grows_with = ("gain",)
+    shown_by = "residual against the other axis' command, at once and in proportion"
+    mistaken_for = ("input-bias", "tether-pull", "gain-drift", "channel-swap")
+    separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that drives one degree of freedom, with every force commanded beside it that changes."""
+        own = [n for n in super().places(data) if n in (*FORCES, "delta")]
+        others = [n for n in FORCES if n in data.channels and _varies(data.extent.get(n, (0.0, 0.0)))]
+        return tuple(f"{n}+{other}" for n in own for other in others if other != n)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A fair share of the largest command, either way."""
+        name, other = columns_of(place)
+        size = 0.2 * data.amplitude[name] / max(map(abs, data.extent[other]))
+        return ({"gain": size}, {"gain": -size})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Either sign."""
+        return {"gain": (-inf, inf)}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Add the other command, or what other effects have made of it where it drives something."""
+        name, other = columns_of(effect.place)
+        if name not in drive.channels:
+            return drive
+        if other in drive.channels:
+            acting = drive.channels[name] + effect["gain"] * drive.channels[other]
+            return drive.with_channel(name, acting)
+        own = drive.measured[other]
+        known = np.isfinite(own.values)
+        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
+        held = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
+        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
+        return redrawn(drive, name, t, u + effect["gain"] * held)
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
+        """What acts here over the other command."""
+        name, other = columns_of(effect.place)
+        low, high = data.extent[other]
+        command = np.linspace(min(low, 0.0), max(high, 0.0), 101)
+        unit = data.inputs.get(other, SIGNALS[other][0])
+        x_label, y_label = f"{other} commanded [{unit}]", f"{name} acting [{data.inputs[name]}]"
+        return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Another axis' command acts here")
+
+
+def _varies(extent: tuple[float, float]) -> bool:
+    low, high = extent
+    return high - low > VARIES * max(abs(low), abs(high))
