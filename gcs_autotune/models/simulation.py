@@ -186,7 +186,7 @@ def _sweep(
 # is pasted there before types are known, so that it is compiled, and made quick, once.
 _LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
-_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(inline="always", _nrt=False)
+_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
 _series = _pasted(_series)
 _value = _lean(_value)
 _area = _lean(_area)

@@ -37,7 +37,7 @@ compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
 Python and it allocates nothing: an entry for that, and counting references, would be half of what there is to compile.
 No division is asked whether it is one by zero: a flight takes half the time it took with that and with calls. ``min``
 and ``max`` are not used here: each is compiled for every kind of number it is given."""
-pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(inline="always", _nrt=False)
+pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
 """The same for what is called in one place: pasted there before types are known, and never compiled for itself."""
 
 MAX_STANDING_ERROR = 0.5
