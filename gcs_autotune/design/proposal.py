@@ -147,7 +147,7 @@ def provisional(
     """
     problem = _problem(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
-        near = choose(problem)
+        near = choose(problem, patience=0)
         span = _span(spec, near)
     else:
         span = last.span

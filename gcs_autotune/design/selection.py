@@ -61,8 +61,10 @@ class GainCandidate:
     free_overshoot: float = 0.0
 
 
-def choose(problem: DesignProblem) -> GainCandidate:
+def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
     """Return the best acceptable candidate: the given wish, or the fastest that gains nothing by slowing down.
+
+    patience : slower wishes still looked at once one is acceptable.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def choose(problem: DesignProblem) -> GainCandidate:
             best = tried[-1]
         elif best is not None:
             patience -= 1
-        if patience == 0:
+        if best is not None and patience <= 0:
             break
     if best is None and problem.spec.is_automatic:
         best = _tolerable(tried)

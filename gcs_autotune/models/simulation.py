@@ -184,10 +184,9 @@ def _sweep(
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
 # Those within are never called from Python: an entry for it would only have to be compiled. What is called in one place
 # is pasted there before types are known, so that it is compiled, and made quick, once.
-_PASTED: dict[str, Any] = {"inline": "always", "_nrt": False}
 _LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
-_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**_PASTED)
+_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
 _series = _pasted(_series)
 _value = _lean(_value)
 _area = _lean(_area)

@@ -29,7 +29,6 @@ __all__ = [
     "shaped_throttle",
 ]
 
-_PASTED: dict[str, Any] = {"inline": "always", "_nrt": False}
 _LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
     **{**_LEAN, "no_cpython_wrapper": True, "forceinline": True}
@@ -38,7 +37,7 @@ compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
 Python and it allocates nothing: an entry for that, and counting references, would be half of what there is to compile.
 No division is asked whether it is one by zero: a flight takes half the time it took with that and with calls. ``min``
 and ``max`` are not used here: each is compiled for every kind of number it is given."""
-pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**_PASTED)
+pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
 """The same for what is called in one place: pasted there before types are known, and never compiled for itself."""
 
 MAX_STANDING_ERROR = 0.5
