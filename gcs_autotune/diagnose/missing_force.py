@@ -203,11 +203,8 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
                 f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
             )
         if not told:
-            found.append(
-                "it goes with nothing recorded ("
-                + ", ".join(missing.curves)
-                + "): it looks like wind, wakes or current"
-            )
+            others = f" ({', '.join(missing.curves)})" if missing.curves else ""
+            found.append(f"it goes with nothing recorded{others}: it is the water, or something that was not recorded")
     named = {(a.effect.slug, a.effect.place) for a in search.named}
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]

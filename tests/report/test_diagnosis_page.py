@@ -305,3 +305,11 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
     assert "over yaw rate: the other runs' curve foretells 40 % of it." in page
     assert "over time into the run: the other runs' curve foretells nothing of it." in page
     assert "surge velocity: the other runs'" not in page
+
+
+def test_a_cause_with_which_the_simulation_errs_no_less_is_not_praised_for_its_error():
+    told = dead_zone()
+    worse = replace(told.gain, ratio=1.6, after=1.6 * told.gain.before, metric="error 5 s ahead")
+    text = verdict_headline(replace(told, verdict="partly-explained", gain=worse, gains=(worse,))).text
+    assert "errs no less with it 5 s ahead." in text
+    assert "instead of" not in text

@@ -15,8 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models import Form, term_of
-from gcs_autotune.models.coupled import kernel
+from gcs_autotune.models import INPUT, INPUT_SIZE, STATES, Form, term_of
 from gcs_autotune.sname import DOFS
 
 __all__ = ["LinearTerms", "linear_pass", "linear_terms"]
@@ -56,7 +55,7 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
     drives by every input it has.
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
-    own = kernel.NU + "uvwpqr".index(d.velocity)
+    own = STATES.index(d.velocity)  # velocities come first among a term's factors
     forces: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
     dampings: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
     for channel, pairs in form.inputs.items():
@@ -66,16 +65,18 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
             if force == d.force:
                 forces.append((gain.lstrip("-"), -1.0 if gain.startswith("-") else 1.0, ((channel, False),)))
     for name in dict.fromkeys((f"{d.force}_{d.velocity}", *added)):
+        if not name.startswith(f"{d.force}_"):  # a current, a wall: no force of this equation
+            return None
         factors, products, velocities = term_of(name, inputs).factors, [], 0
         for code in factors:
             if code == own:
                 velocities += 1
-            elif code >= kernel.INPUT:
-                by_size = code >= kernel.INPUT_SIZE
-                products.append((inputs[code - (kernel.INPUT_SIZE if by_size else kernel.INPUT)], by_size))
+            elif code >= INPUT:
+                by_size = code >= INPUT_SIZE
+                products.append((inputs[code - (INPUT_SIZE if by_size else INPUT)], by_size))
             else:
                 return None
-        if velocities > 1 or not name.startswith(d.force):
+        if velocities > 1:
             return None
         (dampings if velocities else forces).append((name, 1.0, tuple(products)))
     return LinearTerms(tuple(forces), tuple(dampings))

@@ -291,6 +291,9 @@ def _found(diagnosis: Diagnosis) -> str:
     if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
         return said
     it = "it" if len(diagnosis.causes) == 1 else "them"
+    if gain.ratio >= 1.0:
+        seen = f"the simulated {signal_words(gain.signal)}"
+        return f"{said} On data it has not seen {seen} errs no less with {it}{_ahead(gain)}."
     return (
         f"{said} With {it}, the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by "
         f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "

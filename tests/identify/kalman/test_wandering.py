@@ -255,10 +255,11 @@ def test_exact_transitions_hold_at_every_pace(damping: float) -> None:
     assert exact[0][2] == pytest.approx(history.S[seen, 0], rel=1e-4)
 
 
-@pytest.mark.parametrize("slug", ["quadratic-drag", "tether-pull", "wind-moment"])
+@pytest.mark.parametrize("slug", ["quadratic-drag", "tether-pull", "wind-moment", "ground-effect"])
 def test_what_bends_the_equation_goes_the_general_way(slug: str) -> None:
     values = {q.name: 0.1 for q in EFFECTS[slug].parameters}
-    assert problem_of([run(1)])._linear((EffectInstance(slug, "yaw", values),)) is None
+    effect = EffectInstance(slug, "yaw", values, {"dives": 0.0, "bottom": 5.0})
+    assert problem_of([run(1)])._linear((effect,)) is None
 
 
 def test_samples_of_a_velocity_are_filtered_the_same() -> None:
