@@ -89,7 +89,8 @@ def _matching(package: Path, pattern: str) -> list[Path]:
 
 
 _WATCHDOG = "gcs_autotune/link/vehicle/watchdog.py::Watchdog.__init__: "
-_LEAN = '_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}'
+_FLAGS = '_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}'
+_LEAN = _FLAGS.replace("}", ', "error_model": "numpy"}')
 _NO_ENTRY = '"_nrt": False, "no_cpython_wrapper": True'
 _ANY, _SAME = "Callable[[Callable[..., Any]], Callable[..., Any]]", "Callable[[_Function], _Function]"
 _NO_WRAPPER = 'njit(**{**_LEAN, "no_cpython_wrapper": True})'
@@ -230,9 +231,9 @@ EQUIVALENT: dict[str, str] = {
         for file, line, changes in (
             *((file, _LEAN, _BOTH) for file in ("models/simulation", "design/laws/kernel", "design/step_metrics")),
             ("models/simulation", f"_lean: {_ANY} = {_NO_WRAPPER}", _OFF),
-            ("design/laws/kernel", f"compiled: {_ANY} = {_NO_WRAPPER}", _OFF),
+            ("design/laws/kernel", '**{**_LEAN, "no_cpython_wrapper": True, "forceinline": True}', _OFF),
             ("models/simulation", "_compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)", _OFF),
-            ("models/coupled/kernel", _LEAN.replace('"cache": True, "_nrt": False', _NO_ENTRY), _BOTH),
+            ("models/coupled/kernel", _FLAGS.replace('"cache": True, "_nrt": False', _NO_ENTRY), _BOTH),
             ("models/coupled/kernel", f"_outer: {_SAME} = njit(cache=True, **_LEAN)", _OFF),
             ("models/coupled/kernel", f"_inner: {_SAME} = njit(forceinline=True, **_LEAN)", _OFF),
         )
@@ -247,7 +248,7 @@ EQUIVALENT: dict[str, str] = {
         for change, why in {
             "_step: after * side -> (after) / (side)": "side is one or minus one",
             "_series: 2.0 * side -> (2.0) / (side)": "side is one or minus one",
-            "_crossing: _value(w[0], middle) * side -> (_value(w[0], middle)) / (side)": "side is one or minus one",
+            "_crossing: _value(w[0], middle, degree) * side -> (_value(w[0], middle, degree)) / (side)": "side is one or minus one",
             "_step: after * side < 0.0 -> after * side <= 0.0": "where it ends at rest it crosses zero at the end",
             "_step: rate * rest <= REACH -> rate * rest < REACH": "the longest step and the rest are the same then",
             "_crossing: 60 -> 61 in for _ in range(60):": "the bisection has long converged",

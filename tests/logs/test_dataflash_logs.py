@@ -37,6 +37,7 @@ def text_log(path: Path, *, arm: tuple[tuple[float, int], ...] = (), noise: floa
     lines += [f"MSG, {us}, ArduRover V4.5.1 (abcdef)", f"MODE, {us}, Manual, 0, 1"]
     events = list(arm)
     motion = swing(40.0)
+    north, east, before = 0.0, 0.0, 0.0
     for t, psi, r, N in zip(motion["t"], motion["psi"], motion["r"], motion["N"], strict=True):
         us = round((BOOT + t) * 1e6)
         while events and events[0][0] <= t:
@@ -45,7 +46,8 @@ def text_log(path: Path, *, arm: tuple[tuple[float, int], ...] = (), noise: floa
         lines.append(f"ATT, {us}, 0.5, 1.5, {deg:.4f}")
         lines.append(f"RATE, {us}, 0.0, 0.0, {math.degrees(r):.4f}")
         lines.append(f"RCOU, {us}, {1500 + round(400 * N)}, 0, 1600")
-        lines.append(f"XKF1, {us}, 0, {math.cos(psi):.5f}, {math.sin(psi):.5f}, 0.1, {t:.3f}, 0.0, 2.5")
+        north, east, before = north + math.cos(psi) * (t - before), east + math.sin(psi) * (t - before), t
+        lines.append(f"XKF1, {us}, 0, {math.cos(psi):.5f}, {math.sin(psi):.5f}, 0.1, {north:.3f}, {east:.3f}, 2.5")
         lines.append(f"XKF1, {us}, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0")
     path.write_text("\n".join(lines) + "\n")
     return path

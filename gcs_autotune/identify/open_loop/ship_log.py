@@ -126,18 +126,18 @@ def _steering(trial: Trial) -> Channel:
 
 def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
     """Angles without a unit are radians unless they cannot be."""
-    if steering.name != "delta" or steering.unit == "rad":
+    if steering.name != "delta":
         return
-    if steering.unit != "1":
+    if steering.unit not in ("1", "rad"):
         raise BadFile(f"the rudder angle of run '{trial.name}' is in {steering.unit}; write delta[deg] or delta[rad]")
     if float(np.max(np.abs(steering.values), initial=0.0)) > STEEPEST_RUDDER:
         raise BadFile(
-            f"the column delta of run '{trial.name}' has no unit and cannot be radians; write delta[deg] and psi[deg] "
-            "in the head line"
+            f"the column delta of run '{trial.name}' cannot be radians; write delta[deg] and psi[deg] in the head line"
         )
-    notes.append(
-        Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were taken", "write delta[rad]")
-    )
+    if steering.unit == "1":
+        notes.append(
+            Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were taken", "write delta[rad]")
+        )
 
 
 HALF = 0.5
