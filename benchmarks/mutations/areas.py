@@ -248,7 +248,9 @@ EQUIVALENT: dict[str, str] = {
         for change, why in {
             "_step: after * side -> (after) / (side)": "side is one or minus one",
             "_series: 2.0 * side -> (2.0) / (side)": "side is one or minus one",
-            "_crossing: _value(w[0], middle, degree) * side -> (_value(w[0], middle, degree)) / (side)": "side is one or minus one",
+            "_crossing: _value(w[0], middle, degree) * side -> (_value(w[0], middle, degree)) / (side)": (
+                "side is one or minus one"
+            ),
             "_step: after * side < 0.0 -> after * side <= 0.0": "where it ends at rest it crosses zero at the end",
             "_step: rate * rest <= REACH -> rate * rest < REACH": "the longest step and the rest are the same then",
             "_crossing: 60 -> 61 in for _ in range(60):": "the bisection has long converged",
