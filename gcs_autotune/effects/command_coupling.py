@@ -15,8 +15,9 @@ from gcs_autotune.sname import SIGNALS
 
 __all__ = ["CommandCoupling"]
 
-VARIES = 0.2
-"""Least range of the other command, in shares of its largest: what hardly changes acts like a constant."""
+VARIES = 0.3
+"""Chosen: least standard deviation of the other command, in shares of its root mean square. What is nearly always the
+same acts like a constant: of a boat whose throttle is put on once (0.15 to 0.2) a bias was called a coupling."""
 
 
 class CommandCoupling(ActuatorEffect):
@@ -37,7 +38,7 @@ class CommandCoupling(ActuatorEffect):
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that drives one degree of freedom, with every force commanded beside it that changes."""
         own = [n for n in super().places(data) if n in (*FORCES, "delta")]
-        others = [n for n in FORCES if n in data.channels and _varies(data.extent.get(n, (0.0, 0.0)))]
+        others = [n for n in FORCES if n in data.channels and _varies(n, data)]
         return tuple(f"{n}+{other}" for n in own for other in others if other != n)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -75,6 +76,7 @@ class CommandCoupling(ActuatorEffect):
         return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Another axis' command acts here")
 
 
-def _varies(extent: tuple[float, float]) -> bool:
-    low, high = extent
-    return high - low > VARIES * max(abs(low), abs(high))
+def _varies(name: str, data: DataSummary) -> bool:
+    low, high = data.extent.get(name, (0.0, 0.0))
+    rms = data.rms.get(name, 0.0)
+    return high > low and data.deviation.get(name, rms) > VARIES * rms

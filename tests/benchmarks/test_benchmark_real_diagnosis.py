@@ -14,7 +14,9 @@ SPAN = 400.0
 @pytest.mark.skipif(not (DATA / "ardupilot_sitl").is_dir(), reason="the recorded runs are not on this machine")
 @pytest.mark.parametrize(("name", "force", "servo"), [("sub-yaw", "N", "s1"), ("sub-depth", "Z", "s5")])
 def test_a_subs_commands_are_shares_of_what_its_motors_can_do(name: str, force: str, servo: str) -> None:
-    for runs in CASES[name].load():
+    loaded = CASES[name].load()
+    assert [len(runs) for runs in loaded] == [1, 1]
+    for runs in loaded:
         for run in runs:
             share, pulse = run[force], run[servo]
             shown = (np.interp(share.t, pulse.t, pulse.values) - 1500.0) / SPAN

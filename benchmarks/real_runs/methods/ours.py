@@ -15,7 +15,7 @@ from gcs_autotune.models.coupled import FORMS, CoupledModel
 from gcs_autotune.models.coupled.derivatives import SPECIAL
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["first_motion", "train", "trial_of"]
+__all__ = ["first_motion", "fitted", "train", "trial_of"]
 
 HORIZON = 60.0
 """Seconds a simulation runs freely in training: several time constants of sway and yaw of both crafts."""
@@ -39,7 +39,7 @@ def first_motion(run: Run) -> tuple[NDArray[np.float64], float]:
     return np.array(lines[:3]), lines[3]
 
 
-def train(runs: Sequence[Run], form: str) -> Predict:
+def fitted(runs: Sequence[Run], form: str) -> CoupledModel:
     """Fit the shipped form; physical signs required. What is no force (the compass) has no part in the regression."""
     structure = FORMS[form]
     trials = [trial_of(r, tuple(structure.inputs)) for r in runs]
@@ -48,6 +48,12 @@ def train(runs: Sequence[Run], form: str) -> Predict:
     begun = replace(structure, start={n: rough[n].value for n in forces.free})
     model = fit(trials, begun, delay=0.0, physical=True, horizon=HORIZON).model
     assert isinstance(model, CoupledModel)
+    return model
+
+
+def train(runs: Sequence[Run], form: str) -> Predict:
+    """Fit."""
+    structure, model = FORMS[form], fitted(runs, form)
 
     def predict(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         nu, psi = first_motion(run)
