@@ -15,9 +15,9 @@ from gcs_autotune.sname import SIGNALS
 
 __all__ = ["CommandCoupling"]
 
-VARIES = 0.3
-"""Chosen: least standard deviation of the other command, in shares of its root mean square. What is nearly always the
-same acts like a constant: of a boat whose throttle is put on once (0.15 to 0.2) a bias was called a coupling."""
+VARIES = 0.2
+"""Chosen: least range of the other command for eight tenths of the time, in shares of its largest. What is nearly always
+the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
 
 
 class CommandCoupling(ActuatorEffect):
@@ -77,6 +77,6 @@ class CommandCoupling(ActuatorEffect):
 
 
 def _varies(name: str, data: DataSummary) -> bool:
-    low, high = data.extent.get(name, (0.0, 0.0))
-    rms = data.rms.get(name, 0.0)
-    return high > low and data.deviation.get(name, rms) > VARIES * rms
+    extent = data.extent.get(name, (0.0, 0.0))
+    low, high = data.usual.get(name, extent)
+    return high - low > VARIES * max(map(abs, extent))

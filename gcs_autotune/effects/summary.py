@@ -49,8 +49,8 @@ class DataSummary:
     """Smallest and largest value of every recorded channel."""
     rms: Mapping[str, float] = field(default_factory=dict)
     """Root mean square of every recorded channel."""
-    deviation: Mapping[str, float] = field(default_factory=dict)
-    """Standard deviation of every recorded channel about its mean."""
+    usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Every recorded channel's quantiles of 10 and of 90 %."""
     base: Mapping[str, float] = field(default_factory=dict)
     """Values of the base model's parameters."""
     runs: tuple[str, ...] = ()

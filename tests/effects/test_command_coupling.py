@@ -77,5 +77,5 @@ def test_it_is_drawn_over_all_of_the_other_command_that_was_given() -> None:
 def test_a_throttle_that_is_put_on_once_is_no_place_for_it() -> None:
     """A boat's bias was called a coupling to her throttle, which had been up for all but the first seconds."""
     data = data_summary(X=(0.0, 0.8))
-    assert ENTRY.places(replace(data, rms={"X": 0.78}, deviation={"X": 0.13})) == ()
-    assert ENTRY.places(replace(data, rms={"X": 0.6}, deviation={"X": 0.3})) == ("N+X",)
+    assert ENTRY.places(replace(data, usual={"X": (0.78, 0.8)})) == ()
+    assert ENTRY.places(replace(data, usual={"X": (0.5, 0.8)})) == ("N+X",)
