@@ -16,8 +16,8 @@ from gcs_autotune.sname import SIGNALS
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
-"""Chosen: least range of the other command for eight tenths of the time, in shares of its largest. What is nearly always
-the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
+"""Chosen: least range of the other command for eight tenths of the time, in shares of its largest. What is nearly
+always the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
 
 
 class CommandCoupling(ActuatorEffect):
