@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import MissingCurve, MissingForce
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["missing_of", "next_of", "words_of", "words_of_water"]
+__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,47 @@ UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row
 
 TOLD = 0.1
 """Share of the missing force that must go with something, foretold from other runs, to be told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissingCurve:
+    """The missing force (n,) over ``over`` with a 95 % band between runs.
+
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power, told by the other runs'
+    curve; below 0 when that curve tells nothing.
+    """
+
+    over: str
+    unit: str
+    x: Array
+    force: Array
+    band: Array
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissingForce:
+    """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
+
+    ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
+    commanded (both rms); ``curves`` by what it may go with, the most telling first.
+    """
+
+    dof: str
+    unit: str
+    size: float
+    memory: float
+    share: float
+    curves: Mapping[str, MissingCurve]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        curves = {
+            n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
+            for n, c in self.curves.items()
+        }
+        own = {"dof": self.dof, "unit": self.unit, "size": self.size}
+        return {**own, "memory": self.memory, "share": self.share, "curves": curves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

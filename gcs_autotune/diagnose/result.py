@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from gcs_autotune.diagnose.missing_force import MissingForce
+
 __all__ = [
     "Cause",
     "Diagnosis",
     "ErrorReduction",
-    "MissingCurve",
-    "MissingForce",
     "Number",
     "Numbers",
     "Portrait",
@@ -170,38 +170,6 @@ class Signature:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MissingCurve:
-    """The missing force (n,) over ``over`` with a 95 % band between runs.
-
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power, told by the other runs'
-    curve; below 0 when that curve tells nothing.
-    """
-
-    over: str
-    unit: str
-    x: Array
-    force: Array
-    band: Array
-    share: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MissingForce:
-    """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
-
-    ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
-    commanded (both rms); ``curves`` by what it may go with, the most telling first.
-    """
-
-    dof: str
-    unit: str
-    size: float
-    memory: float
-    share: float
-    curves: Mapping[str, MissingCurve]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Portrait:
     """Residuals of one model, for pictures: free-run traces, and per signal the residual against what tells.
 
@@ -275,7 +243,7 @@ class Diagnosis:
                 "schema": 1,
                 "verdict": self.verdict,
                 "numbers": None if self.numbers is None else _numbers(self.numbers),
-                "missing": None if self.missing is None else _missing(self.missing),
+                "missing": None if self.missing is None else self.missing.to_dict(),
                 "causes": [c.effect.slug for c in self.causes],
                 "ranking": [
                     {
@@ -406,15 +374,6 @@ class Diagnosis:
         True
         """
         return json_text(self.to_dict()).rstrip("\n")
-
-
-def _missing(missing: MissingForce) -> dict[str, Any]:
-    curves = {
-        n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
-        for n, c in missing.curves.items()
-    }
-    own = {"dof": missing.dof, "unit": missing.unit, "size": missing.size}
-    return {**own, "memory": missing.memory, "share": missing.share, "curves": curves}
 
 
 def _value(value: Value) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import time_limit
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
-from gcs_autotune.diagnose.missing_force import missing_of, words_of_water
+from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of_water
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
     WeatherSearch,
@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.process_noise import (
     may_be_weighed,
     search_under_process_noise,
 )
-from gcs_autotune.diagnose.result import ErrorReduction, MissingForce, Ranked, Value
+from gcs_autotune.diagnose.result import ErrorReduction, Ranked, Value
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order

@@ -18,7 +18,7 @@ from gcs_autotune.diagnose import diagnose, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
 from gcs_autotune.diagnose.attested import Attested, interval_of
 from gcs_autotune.diagnose.heldout import HeldOut
-from gcs_autotune.diagnose.missing_force import words_of
+from gcs_autotune.diagnose.missing_force import MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
     may_be_weighed,
@@ -27,7 +27,6 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
 from gcs_autotune.diagnose.report_builder import build_report
-from gcs_autotune.diagnose.result import MissingForce
 from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
 from gcs_autotune.diagnose.state import Question, SearchState, begin
 from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
@@ -43,7 +42,8 @@ from gcs_autotune.identify import (
     prepare_as_recorded,
     prepare_form,
 )
-from gcs_autotune.report.diagnosis.wording import evidence_remarks, verdict_headline
+from gcs_autotune.report.diagnosis.cause_wording import evidence_remarks
+from gcs_autotune.report.diagnosis.wording import verdict_headline
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

@@ -17,8 +17,9 @@ from rich.console import Console
 from gcs_autotune.diagnose import MissingCurve, MissingForce, Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
+from gcs_autotune.report.diagnosis.cause_wording import cause_title
 from gcs_autotune.report.diagnosis.figures import bin_means, telling_view, views_of
-from gcs_autotune.report.diagnosis.wording import cause_title, named, place_words, value_words, verdict_headline
+from gcs_autotune.report.diagnosis.wording import named, place_words, value_words, verdict_headline
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import format_parameter
 from gcs_autotune.trial import Channel, Trial

@@ -12,6 +12,7 @@ import numpy as np
 from gcs_autotune.diagnose import Cause, Diagnosis, MissingForce, Numbers, Portrait
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import Trace
+from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_remarks, cause_title
 from gcs_autotune.report.diagnosis.figures import (
     View,
     draw_curve,
@@ -26,9 +27,6 @@ from gcs_autotune.report.diagnosis.figures import (
 from gcs_autotune.report.diagnosis.tables import cause_table, gains_table, numbers_table, ranking_table, steps_of
 from gcs_autotune.report.diagnosis.wording import (
     base_error,
-    cannot_tell,
-    cause_remarks,
-    cause_title,
     commands,
     effect_words,
     first_gain,

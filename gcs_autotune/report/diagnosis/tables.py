@@ -10,11 +10,9 @@ from rich.console import Group, RenderableType
 
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
+from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_title, evidence_remarks
 from gcs_autotune.report.diagnosis.wording import (
-    cannot_tell,
-    cause_title,
     effect_words,
-    evidence_remarks,
     found_words,
     given_words,
     interval_words,

@@ -16,11 +16,9 @@ from gcs_autotune.diagnose import (
     MissingCurve,
     Number,
     Numbers,
-    Ranked,
     Signature,
     Value,
 )
-from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
     UNKNOWN,
@@ -34,19 +32,15 @@ from gcs_autotune.report.toolkit.wording import (
     listed,
     pretty_unit,
     rounded_to,
-    sentence,
     to_people,
 )
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [
     "base_error",
-    "cannot_tell",
-    "cause_remarks",
-    "cause_title",
+    "base_words",
     "commands",
     "effect_words",
-    "evidence_remarks",
     "first_gain",
     "found_words",
     "gain_sentence",
@@ -307,10 +301,10 @@ def _named_by_kind(diagnosis: Diagnosis) -> str:
     alone = len(causes) == 1 and causes[0].parameters
     names = [(c.is_structural, f"{named(c)}, {_parameters(c)}" if alone else named(c)) for c in causes]
     wrong, lacking = ("; ".join(n for structural, n in names if structural == kind) for kind in (False, True))
-    return "; ".join(filter(None, (wrong, lacking and f"{_base_words(diagnosis)} lacks {lacking}")))
+    return "; ".join(filter(None, (wrong, lacking and f"{base_words(diagnosis)} lacks {lacking}")))
 
 
-def _base_words(diagnosis: Diagnosis) -> str:
+def base_words(diagnosis: Diagnosis) -> str:
     """Return what the simulation in question is called: one that was given, else the plain one fitted to the runs."""
     return "the plain model" if diagnosis.numbers is None else f"the {diagnosis.numbers.of}"
 
@@ -402,71 +396,6 @@ def interval_words(gain: ErrorReduction) -> str:
     """Return ``12 % to 19 %``; empty when it is not known."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
-
-
-def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
-    """Return the heading over a cause: a hypothesis is called one."""
-    text = f"{_base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
-    return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]
-
-
-STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
-"""Log-likelihood gained, less the price of the numbers -> words (Kass1995, section 3.2: half of their table)."""
-
-
-def evidence_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
-    """Return (label, sentence): how much a cause explains, how strong the evidence for it is, its best rival."""
-    said = []
-    if math.isfinite(cause.share):
-        share = format_share(cause.share)
-        if diagnosis.missing is None:
-            text = f"It removes {share} of the squared error that noise does not account for."
-            said.append(("What it explains on held-out data", text))
-        else:
-            said.append(("What it explains", f"Of the square of the force that wanders it explains {share}."))
-    own = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
-    if own and math.isfinite(own[-1].evidence):
-        others = [r for r in diagnosis.ranking if r.step == own[-1].step and r.cause != cause.effect.slug]
-        rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
-        said.append(("How strong the evidence is", f"{_strength(own[-1])} {_rival_words(rival, cause)}"))
-    return tuple(said)
-
-
-def _strength(ranked: Ranked) -> str:
-    """Return in words how strong the evidence for a candidate is, and what that rests on."""
-    gained = 0.5 * ranked.evidence
-    word = next((w for least, w in STRENGTHS.items() if gained > least), "weak")
-    if not ranked.unseen:
-        return f"{word.capitalize()}: {gained:+.1f} in log-likelihood, the price of its numbers taken off."
-    parts, (low, high) = ", ".join(f"{v:+.1f}" for v in ranked.unseen), ranked.ci90
-    interval = f"; 90 % interval {low:+.1f} to {high:+.1f}" if math.isfinite(high - low) else ""
-    return f"{word.capitalize()}: {gained:+.1f} in log-likelihood on data left out (part by part {parts}{interval})."
-
-
-def _rival_words(rival: Ranked | None, cause: Cause) -> str:
-    if rival is None:
-        return "No other effect in its place gains anything."
-    where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
-    return f"The best rival, {effect_words(rival.cause)}{where}, gains {0.5 * rival.evidence:+.1f}."
-
-
-def cause_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
-    """Return (label, sentence): what the effect is, what speaks for it, what it is easily mistaken for."""
-    said = [("What it is", sentence(cause.meaning)), *evidence_remarks(diagnosis, cause)]
-    entry = EFFECTS.get(cause.effect.slug)
-    if entry is not None:
-        said.append(("Where it shows", sentence(entry.shown_by)))
-        if entry.mistaken_for:
-            others = ", ".join(effect_words(s) for s in entry.mistaken_for)
-            said.append(("Easily mistaken for", sentence(others)))
-            said.append(("What tells them apart", sentence(entry.separated_by)))
-    return tuple(said)
-
-
-def cannot_tell(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return one sentence per group of effects these runs cannot tell apart."""
-    groups = (listed([effect_words(s) for s in group]) for group in diagnosis.indistinguishable)
-    return tuple(sentence(f"{names}: each explains these runs about as well as the others") for names in groups)
 
 
 def missing_over(curve: MissingCurve) -> str:
