@@ -53,7 +53,7 @@ WIDEST = 2.0
 
 SPACED, NARROWEST = 5.0, 0.4
 """Chosen: samples of the record between those judged where a smoother is found, and time constants of the craft at
-most. Closer ones are ruled by its shape: of six smoothed craft of the blind suite judged at every sample damping came
+most. Closer ones are ruled by its shape: of seven smoothed craft of the blind suite judged at every sample damping came
 out at 0.62 to 1.4 times the truth, and quadratic drag was worth 5 in log-likelihood that at every fourth was worth 28.
 """
 
