@@ -37,7 +37,14 @@ def in_parallel(
     global _task
     _task = task
     try:
-        with multiprocessing.get_context("fork").Pool(min(jobs, count), _begin) as pool:
+        # What is sent to a process before it has forgotten its parent's handlers waits until it has: a parent's handler
+        # that swallows SIGTERM would leave it alive, and whoever told it to end waiting for ever.
+        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        try:
+            pool = multiprocessing.get_context("fork").Pool(min(jobs, count), _begin)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+        with pool:
             for result in pool.imap(_at, range(count)):
                 found.append(result)
                 if progress is not None:
@@ -51,6 +58,7 @@ def _begin() -> None:
     """Forget the parent's signal handlers: Ctrl-C is the parent's business, and who is told to end, ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
 def _at(i: int) -> Any:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose import diagnose, workers
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.trial import Channel, Trial
 
@@ -38,6 +40,30 @@ def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None
         assert in_parallel(abs, 3, 2) == [0, 1, 2]
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told, lived, begin = tmp_path / "told", tmp_path / "lived", workers._begin
+
+    def begin_as_one_is_told_to_end() -> None:
+        try:
+            told.touch(exist_ok=False)
+        except FileExistsError:
+            begin()
+            return
+        os.kill(os.getpid(), signal.SIGTERM)
+        begin()
+        lived.touch()
+
+    monkeypatch.setattr(workers, "_begin", begin_as_one_is_told_to_end)
+    before = signal.signal(signal.SIGTERM, lambda number, frame: None)
+    try:
+        assert in_parallel(abs, 3, 2) == [0, 1, 2]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert told.exists() and not lived.exists()
 
 
 @pytest.mark.slow
