@@ -15,6 +15,7 @@ from gcs_autotune.design.laws import LAWS, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
+from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.prediction import told_over
@@ -49,6 +50,7 @@ __all__ = [
     "Uncertainty",
     "Verdict",
     "combine",
+    "crossings",
     "design",
     "design_from",
     "design_ipd",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.design.open_loop import OpenLoop, Rational, pade
 from gcs_autotune.design.result import Margins
 
-__all__ = ["NO_CROSSING", "Plant", "margins_of", "margins_of_each", "worst"]
+__all__ = ["NO_CROSSING", "Crossings", "Plant", "crossings", "margins_of", "margins_of_each", "worst"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -68,26 +68,51 @@ def worst(margins: list[Margins]) -> Margins:
     )
 
 
-def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
-    """Return the margins of open loops whose responses over the grid are the rows of *value* (k, n)."""
+class Crossings(NamedTuple):
+    """Where the responses of loops cross: ``row`` (k,) whose, ``at`` (k,) at which frequency [rad/s], ``value`` (k,).
+
+    The value is the logarithm of the size where the phase is 180 degrees, or the angle from there [rad] where the size
+    is one.
+    """
+
+    row: Index
+    at: Array
+    value: Array
+
+
+def crossings(value: Complex, omega: Array) -> tuple[Crossings, Crossings]:
+    """Return where the rows of *value* (k, n), responses at *omega* (n,) [rad/s], have turned by 180 degrees, and where
+    their size is one.
+    """
     real, imaginary = value.real, value.imag
     power = real * real + imaginary * imaginary
-    gain, phase, delay = (np.full(len(value), most) for most in (NO_CROSSING, math.pi, NO_CROSSING))
-    turned = (imaginary[:, :-1] * imaginary[:, 1:] <= 0.0) & (real[:, :-1] < 0.0)
-    row, i = np.nonzero(turned)
+    row, i = np.nonzero((imaginary[:, :-1] * imaginary[:, 1:] <= 0.0) & (real[:, :-1] < 0.0))
     share = _zero_between(imaginary[row, i], imaginary[row, i + 1])
     before, after = _sizes(power, row, i)
-    np.minimum.at(gain, row, np.exp(np.abs(before + share * (after - before))))
+    turned = Crossings(row, _between(omega, i, share), before + share * (after - before))
     beyond = power - 1.0
     row, i = np.nonzero(beyond[:, :-1] * beyond[:, 1:] <= 0.0)
     share = _zero_between(*_sizes(power, row, i))
-    crossing = value[row, i] + share * (value[row, i + 1] - value[row, i])
-    angle = np.arctan2(-crossing.imag, -crossing.real)
-    np.minimum.at(phase, row, np.abs(angle))
-    np.minimum.at(delay, row, (angle % math.tau) / (GRID[i] + share * (GRID[i + 1] - GRID[i])))
+    there = value[row, i] + share * (value[row, i + 1] - value[row, i])
+    return turned, Crossings(row, _between(omega, i, share), np.arctan2(-there.imag, -there.real))
+
+
+def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
+    """Return the margins of open loops whose responses over the grid are the rows of *value* (k, n)."""
+    gain, phase, delay = (np.full(len(value), most) for most in (NO_CROSSING, math.pi, NO_CROSSING))
+    turned, unity = crossings(value, GRID)
+    np.minimum.at(gain, turned.row, np.exp(np.abs(turned.value)))
+    np.minimum.at(phase, unity.row, np.abs(unity.value))
+    np.minimum.at(delay, unity.row, (unity.value % math.tau) / unity.at)
     none = Margins(0.0, 0.0, 0.0, stable=False)
     found = zip(gain.tolist(), phase.tolist(), delay.tolist(), stable, strict=True)
     return [Margins(g, p, d, stable=True) if good else none for g, p, d, good in found]
+
+
+def _between(omega: Array, i: Index, share: Array) -> Array:
+    """Return the frequencies *share* (n,) of the way from column *i* (n,) to the next."""
+    found: Array = omega[i] + share * (omega[i + 1] - omega[i])
+    return found
 
 
 def _sizes(power: Array, row: Index, i: Index) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from gcs_autotune.identify.result import Parameter
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.canvas import new_axes, pens
 from gcs_autotune.report.toolkit.figures import draw_inputs, draw_intervals, draw_thrust, draw_track, inputs_of, is_bent
-from gcs_autotune.report.tune.bode import draw_bode, loop_margins
+from gcs_autotune.report.tune.bode import OMEGA, draw_bode, loop_margins
 from gcs_autotune.trial import Channel, Trial
 
 CRAFT = {
@@ -33,11 +33,22 @@ def proposal(request):
     return design(model, np.diag([1e-4, 1e-4, 1e-4, 1e-8, 0.0]), axis, present, spec)
 
 
-def test_the_margins_python_control_reads_are_those_of_the_design(proposal):
+def test_the_margins_are_those_of_the_design_and_of_python_control(proposal):
+    import control
+
     found = loop_margins(proposal.loops[1])
     assert found.stable is proposal.margins.stable is True
     assert found.gain == pytest.approx(proposal.margins.gain, rel=0.02)
     assert found.phase == pytest.approx(proposal.margins.phase, abs=math.radians(0.5))
+    gains, phases = [], []
+    for loop in proposal.loops[1]:
+        assert control.feedback(loop.to_control()).poles().real.max() < 0.0
+        response = control.frd(loop.response(OMEGA), OMEGA, smooth=True)
+        at_gain, at_phase, _, omega_gain, omega_phase, _ = control.stability_margins(response, returnall=True)
+        gains += zip(np.exp(np.abs(np.log(np.abs(at_gain)))), omega_gain, strict=True)
+        phases += zip(np.abs(np.radians(at_phase)), omega_phase, strict=True)
+    assert (found.gain, found.gain_at) == pytest.approx(min(gains), rel=1e-4)
+    assert (found.phase, found.phase_at) == pytest.approx(min(phases), rel=1e-4)
 
 
 def test_a_delay_the_loop_cannot_bear_is_read_as_unstable():

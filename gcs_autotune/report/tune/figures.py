@@ -227,7 +227,7 @@ def _bode_caption(margins: Sequence[LoopMargins]) -> str:
         gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
         words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
     return (
-        "The loop opened at the actuator (Bode), on the model the gains came from; margins, read by python-control: "
+        "The loop opened at the actuator (Bode), on the model the gains came from; margins: "
         + "; ".join(words)
         + ". Thin: the same at other speeds and outputs."
     )
