@@ -11,6 +11,7 @@ own writes them out.
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import os
@@ -193,7 +194,19 @@ def _read(source: int) -> bytes:
 
 @contextmanager
 def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Watcher]]:
-    """Yield who is asked and who is told: the person at the terminal, or with ``--remote`` a program."""
+    """Yield who is asked and who is told: the person at the terminal, or with ``--remote`` a program.
+
+    Meanwhile the garbage collector leaves alone what has been loaded by now: to look through all of it takes up to a
+    tenth of a second, in which nobody would hold the sticks.
+    """
+    gc.freeze()
+    try:
+        yield from _attending(args, otherwise)
+    finally:
+        gc.unfreeze()
+
+
+def _attending(args: argparse.Namespace, otherwise: str) -> Iterator[tuple[ConsoleOperator, Watcher]]:
     import sys
 
     if args.remote:

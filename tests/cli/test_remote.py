@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import os
 import threading
+from argparse import Namespace
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
-from gcs_autotune.cli.remote import MOST_TICKS, RemoteOperator, RemoteWatcher
+import pytest
+
+from gcs_autotune.cli.remote import MOST_TICKS, RemoteOperator, RemoteWatcher, attending
+from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.watch import LeftAs, Progress, ProposedGains, Room, Vitals, Words
 
 
@@ -117,3 +123,16 @@ def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:
     questions = [value for key, value in lines(stream) if key == "question"]
     assert questions == [{"id": 1, "text": "Go ahead?"}, {"id": 2, "text": "Write it?"}]
     os.close(writing)
+
+
+@pytest.mark.parametrize("ends", [None, OperatorStopped()])
+def test_while_a_vehicle_is_attended_the_collector_leaves_alone_what_was_loaded_before(
+    ends: OperatorStopped | None,
+) -> None:
+    args = Namespace(remote=False, yes=True, quiet=True, verbose=False)
+    assert gc.get_freeze_count() == 0
+    with nullcontext() if ends is None else pytest.raises(OperatorStopped), attending(args):
+        assert gc.get_freeze_count() > 10_000
+        if ends is not None:
+            raise ends
+    assert gc.get_freeze_count() == 0
