@@ -17,20 +17,24 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-WARM_UPS = (
-    ("-c", "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])"),
-    (
-        "-c",
-        """
+WARM_UP = (
+    "-c",
+    "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])",
+)
+"""Compile what most tests need, beside the rewriting of assertions."""
+FILTERS = (
+    "-c",
+    """
 from gcs_autotune.identify import fit
 from gcs_autotune.workflow.jit_warmup import _swing
 fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 """,
-    ),
 )
-"""Compile what most tests need, and the filters (half a minute, which two processes would spend each), side by side."""
+"""Compile the filters while the first tests run, half a minute that two processes would spend each: what they share
+with the rest is compiled by then."""
 REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
 """Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
+FILTERS_BEING_COMPILED = pytest.StashKey[subprocess.Popen[bytes]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -39,10 +43,23 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: see gcs_autotune.cli.main
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
-        wanted = WARM_UPS if sys.dont_write_bytecode else (*WARM_UPS, REWRITE)
-        making = [subprocess.Popen([sys.executable, *each], cwd=ROOT, stdout=subprocess.DEVNULL) for each in wanted]
-        ended = [process.wait() for process in making]
-        assert not any(ended[: len(WARM_UPS)])  # a test that cannot be collected is told by whoever runs it
+        wanted = (WARM_UP,) if sys.dont_write_bytecode else (WARM_UP, REWRITE)
+        warming, *others = [_python(*each) for each in wanted]
+        assert warming.wait() == 0
+        for process in others:
+            process.wait()  # what cannot be collected is told by whoever runs it
+        config.stash[FILTERS_BEING_COMPILED] = _python(*FILTERS)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Leave no process behind where the tests are done before."""
+    if FILTERS_BEING_COMPILED in config.stash:
+        config.stash[FILTERS_BEING_COMPILED].kill()
+        config.stash[FILTERS_BEING_COMPILED].wait()
+
+
+def _python(*arguments: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -408,7 +408,7 @@ def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: 
 def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too(name: str) -> None:
     case = CASES[name]
     n, p = len(case.x), len(case.theta)
-    _, _, _, S = swept(case, T_IN, INPUTS[:, : case.P.m], T_OUT, pace=12.0)
+    _, _, _, S = swept(case, T_IN, INPUTS[:, : case.P.m].copy(), T_OUT, pace=12.0)
     assert not S[0, :, : p - 1].any()
     assert S[0, :, p - 1 :] == pytest.approx(np.delete(np.eye(n), 1, axis=1))
     by_theta = differences(lambda theta: by_pieces(case, theta, case.x, 12.0)[-1], case.theta)
