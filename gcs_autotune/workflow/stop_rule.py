@@ -23,7 +23,7 @@ import numpy as np
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import ProvisionalGains, Spec, provisional
-from gcs_autotune.errors import AutotuneError
+from gcs_autotune.errors import AutotuneError, NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, unexplained
 from gcs_autotune.link import MavlinkCraft
@@ -69,12 +69,14 @@ class Assessment:
     """What is known after a half period.
 
     ``lacks``: what the design still lacks, in words, empty when it is known. ``another_size``: the run is explained by
-    itself but not together with the step. ``values``, ``stds``: the model's numbers and their standard errors.
+    itself but not together with the step. ``refused``: the craft so modelled cannot be given what was wished for.
+    ``values``, ``stds``: the model's numbers and their standard errors.
     ``gains`` as they would be now: their predicted error over time, and by what share it is larger at worst.
     """
 
     lacks: str
     another_size: bool = False
+    refused: bool = False
     values: tuple[float, ...] = ()
     stds: tuple[float, ...] = ()
     gains: ProvisionalGains | None = None
@@ -107,11 +109,15 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
         by_itself = alone is not None and unexplained(alone) < BY_ITSELF
         much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
-    covariance = fit.craft_covariance
-    gains = provisional(fit.model, covariance, question.axis, question.present, question.spec, last)
-    m = fit.model
+    covariance, m = fit.craft_covariance, fit.model
     values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
     stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    try:
+        gains = provisional(m, covariance, question.axis, question.present, question.spec, last)
+    except NoGainsMeetSpec as refusal:
+        # Without a wish a better model may find gains; what somebody wished for no better model makes possible.
+        wished = not question.spec.is_automatic
+        return Assessment(f"no gains can be designed yet ({refusal})", refused=wished, values=values, stds=stds)
     wide = gains.spread > SPREAD
     lacks = f"the predicted error over time is uncertain by {gains.spread:.0%}" if wide else ""
     return Assessment(lacks, values=values, stds=stds, gains=gains)
@@ -194,10 +200,14 @@ class KnownDesign:
         if now.gains is not None:
             self._gains = now.gains
             self._watcher.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
-        is_known = not now.lacks and (last is None or bool(last.lacks) or not now.moved_from(last))
+        answers = [a is not None and (not a.lacks or a.refused) for a in (last, now)]
+        is_known = answers[1] and (last is None or not answers[0] or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
         if self._reversals < LEAST_REVERSALS:
             return ""
+        if self._times >= TWICE and now.refused:
+            self.known = True
+            return "no gains do what was asked for, by the model known so far"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
             return f"the gains are known: what is unknown of the craft changes their error by {now.gains.spread:.0%}"

@@ -106,16 +106,19 @@ def test_gains_that_the_region_leaves_open_are_not_known(monkeypatch: pytest.Mon
     assert "the predicted error over time is uncertain by" in assess(question(), swing(7.0)).lacks
 
 
-def test_what_no_gains_can_be_designed_for_is_not_known() -> None:
+def test_what_no_gains_can_be_designed_for_is_not_known_and_where_it_was_wished_for_refused() -> None:
     asked = question()
     lost = replace(asked, spec=replace(asked.spec, gain_margin=1e9, settling_time=0.1))
-    assert assess(lost, swing(7.0)).lacks.startswith("no gains can be designed yet")
+    found = assess(lost, swing(7.0))
+    assert found.lacks.startswith("no gains can be designed yet")
+    assert found.refused
 
 
 GAINS = ProvisionalGains(reference_model("bessel", 1.0), {}, span=15.0, itae=20.0, spread=0.03)
 KNOWN = Assessment("", values=(1.0, 2.0), stds=(0.1, 0.1), gains=GAINS)
 MOVED = replace(KNOWN, values=(1.0, 2.3))
 UNKNOWN = Assessment("too little")
+REFUSED = replace(KNOWN, lacks="no gains can be designed yet", refused=True, gains=None)
 
 
 class Desk:
@@ -195,6 +198,14 @@ def test_a_number_that_the_last_half_period_moved_by_two_standard_errors_is_not_
 
 def test_a_design_that_is_lost_again_begins_anew() -> None:
     assert ended_after(ruled(Desk(KNOWN, UNKNOWN, KNOWN, KNOWN)))[0] == 5
+
+
+def test_a_wish_refused_twice_by_a_model_that_stays_the_same_ends_the_relay() -> None:
+    moved = replace(REFUSED, values=(1.0, 2.3))
+    rule = ruled(Desk(UNKNOWN, REFUSED, moved, moved, moved))
+    number, why = ended_after(rule)
+    assert (number, why) == (6, "no gains do what was asked for, by the model known so far")
+    assert rule.known
 
 
 def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:

@@ -24,7 +24,7 @@ from gcs_autotune.workflow import context
 from gcs_autotune.workflow.background import beside, run_in_background
 from gcs_autotune.workflow.worker import Worker
 
-from .sitl_harness import SitlHarness
+from .sitl_harness import QUICK, SitlHarness
 
 
 class Company:
@@ -210,7 +210,7 @@ def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_
     error_behind = step_metrics.error_behind
     monkeypatch.setattr(context, "run_in_background", there_and_back)
     monkeypatch.setattr(step_metrics, "error_behind", read)
-    story = SitlHarness(tmp_path).tune(stop_rule="settled")  # the other rule asks its worker by itself
+    story = SitlHarness(tmp_path, QUICK).tune(stop_rule="settled")  # the other rule asks its worker by itself
     assert story.ending == "kept"
     assert {"fit_axis", "design", "read"} <= set(crossed)
     assert held_up == []
