@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -21,6 +22,7 @@ FLOWN = 30.0
 SMALL_THRUSTER = "videoray heave"
 
 
+@cache
 def propose(name: str, **spec: float) -> Proposal:
     model, axis, wish = CRAFTS[name]
     return design(model, uncertain(model), axis, present(axis), replace(wish, **spec))
@@ -119,7 +121,7 @@ def test_a_derivative_that_does_not_pay_takes_nothing_from_the_gains_beside_it(m
     """It may move the actuator less than they may; once they were given up for that, and the step was a third worse."""
     offered = propose("blueboat", step_duration=FLOWN)
     monkeypatch.setattr(type(LAWS["rover-heading"]), "late", ())
-    without = propose("blueboat", step_duration=FLOWN)
+    without = propose.__wrapped__("blueboat", step_duration=FLOWN)
     assert offered.after.metrics.itae <= 1.01 * without.after.metrics.itae
     assert offered.new["ATC_STR_RAT_P"] > 1.5
 
