@@ -1,10 +1,10 @@
-"""The search under process noise alone, on cases in weather: seconds a case where a diagnosis takes tens.
+"""The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
 
-``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--save FILE]`` draws
-from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs besides. Told are: the
-right name first (in its group), of all effects, of those worth ten in log-likelihood, of those in weather of up to 40 %
-of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where the heading lags,
-names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves.
+``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--save F]``
+draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs besides. Told
+are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those in weather of
+up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where the heading
+lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN
+from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
@@ -55,11 +56,24 @@ def _gain(found: WeatherSearch | None, slug: str) -> float | None:
     return max((a.gain for a in judged if a.step == 1 and a.effect.slug == slug), default=None)
 
 
-def _asked(kind: str, seed: int, index: int, slug: str) -> Row:
-    """Return what the search says of one case."""
+def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
+    """Return what the search, or the *whole* diagnosis, says of one case."""
     case = draw_case(kind, seed, index, slug)
     begun = time.process_time()
-    found = _searched(case, list(EFFECTS))
+    found: WeatherSearch | None = None
+    if whole:
+        told = diagnose(list(case.runs), unseen=list(case.unseen))
+        answer: Row = {
+            "verdict": told.verdict,
+            "named": [c.effect.slug for c in told.causes],
+            "groups": [list(g) for g in told.indistinguishable],
+        }
+    else:
+        found = _searched(case, list(EFFECTS))
+        answer = {
+            "named": [] if found is None else [a.effect.slug for a in found.named],
+            "groups": [] if found is None else [list(g) for g in found.alike],
+        }
     seconds = time.process_time() - begun
     worth = []
     for true in case.slugs:
@@ -74,10 +88,9 @@ def _asked(kind: str, seed: int, index: int, slug: str) -> Row:
         "truth": list(case.slugs),
         "circumstances": list(case.circumstances),
         "weather": case.ratio,
-        "named": [] if found is None else [a.effect.slug for a in found.named],
-        "groups": [] if found is None else [list(g) for g in found.alike],
         "worth": min(worth, default=0.0),
         "seconds": seconds,
+        **answer,
     }
     return {**row, **marked(row)}
 
@@ -164,6 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kind", choices=("weather", "rough"), default="weather")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
     parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden, {PAIR} for two")
+    parser.add_argument("--whole", action="store_true", help="whole diagnoses, tens of seconds each")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not asked again")
     asked = parser.parse_args(arguments)
     lines = asked.save.read_text(encoding="utf-8").splitlines() if asked.save and asked.save.exists() else []
@@ -172,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for key in _cases(asked.kind, asked.seeds, [s for s in asked.only.split(",") if s]):
         if key not in known:
             try:
-                known[key] = _asked(*key)
+                known[key] = _asked(*key, whole=asked.whole)
             except NoCase:
                 continue
             if asked.save:
