@@ -100,9 +100,10 @@ def marked(row: Row) -> Row:
     after the right one), ``both`` and ``excused`` (names that a heading that lags accounts for).
     """
     truth, named = row["truth"], row["named"]
-    excused = [n for n in named if "lag" in row["circumstances"] and n in EXCUSED and n not in truth]
-    left = [n for n in named if n not in excused]
     alike = [set(g) for g in row["groups"]]
+    lagging = [n for n in named if n in EXCUSED or any(n in g and g & set(EXCUSED) for g in alike)]
+    excused = [n for n in lagging if "lag" in row["circumstances"] and n not in truth]
+    left = [n for n in named if n not in excused]
     true = [any(n == t or any({n, t} <= g for g in alike) for t in truth) for n in left]
     told = sum(t in left or any(t in g and g & set(left) for g in alike) for t in truth)
     pair = len(truth) > 1
