@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -202,6 +202,40 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
     assert [a.effect.slug for a in found.named] == ["input-delay"]
     _, true = case.truth["input-delay"]
     assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as_either() -> None:
+    """Her gain came out with the wrong sign, no delay so long was tried, and a dead zone of a clean craft was named."""
+    case = draw_case("rough", 232, 2, CALM)
+    assert case.circumstances == ("lag", "days")
+    slugs = ("input-delay", "dead-zone", "quadratic-actuator")
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
+    assert found is not None
+    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    assert found.named[0].effect["delay"] == pytest.approx(0.2125, rel=0.05)
+    assert found.alike == (("input-delay", "measurement-delay"),)
+
+
+@pytest.mark.parametrize(
+    ("damping", "slug", "brief"),
+    [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
+)
+def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
+    monkeypatch: pytest.MonkeyPatch, damping: float, slug: str, brief: bool
+) -> None:
+    """In waves that turned the bow no inertia was found (540 1/s), and hers was named as a rate limit."""
+    number = {"actuator-lag": {"time_constant": 1.5}, "dead-zone": {"width": 0.1}}[slug]
+    effect = EffectInstance(slug, "N", number)
+    monkeypatch.setattr(process_noise, "_unseen", lambda *_: [np.array([9.0]), np.array([9.0])])
+    data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
+    search = SimpleNamespace(problem=SimpleNamespace(data=data), tried=15, named=())
+    fits = [
+        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t) for n, t in ((5, 0), (6, 20))
+    ]
+    before = [np.zeros(1), np.zeros(1)]
+    judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
+    assert judged.brief is brief
 
 
 @pytest.mark.parametrize(("gain", "unseen", "named"), [(5.6, 18.0, True), (5.6, 6.3, False), (9.0, 2.5, True)])
