@@ -90,6 +90,7 @@ def plain_under_process_noise(
         return None
     # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
     # by one that knows of weather.
+    looks = [(wandering, plain)]
     for _ in range(LOOKS):
         pace = _pace_of(plain.theta)
         interval = pace / PACE
@@ -106,7 +107,17 @@ def plain_under_process_noise(
         if found is None:
             break
         wandering, plain = again, found
+        looks.append((wandering, plain))
+    if _inertia_shown(looks[-1]) < 1.0:
+        # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
+        return max(looks, key=_inertia_shown)
     return wandering, plain
+
+
+def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:
+    """Return the craft's time constant in intervals between the samples judged."""
+    problem, plain = look
+    return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
 
 
 def _thinned(
