@@ -97,17 +97,16 @@ def _lag(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _days(rng: Rng, craft: Craft, runs: int) -> list[Hidden]:
-    """Trims of 2 to 15 % of full command, and thrust that differs by 3 to 8 %, standard deviations each."""
+    """Trims of 2 to 15 % of full command, and thrust that differs by 3 to 8 %, standard deviations each.
+
+    Trims come to nothing over all runs: one that they share would be an input bias.
+    """
     trim, thrust = craft.full[craft.input] * log_uniform(rng, 0.02, 0.15), log_uniform(rng, 0.03, 0.08)
+    each = rng.normal(0.0, (trim, thrust), (runs, 2))
+    moments, shares = each[:, 0] - each[:, 0].mean(), np.exp(each[:, 1])
     return [
-        Hidden(
-            "day",
-            craft.input,
-            {"moment": rng.normal(0.0, trim), "thrust": float(np.exp(rng.normal(0.0, thrust)))},
-            craft,
-            in_runs=(k,),
-        )
-        for k in range(runs)
+        Hidden("day", craft.input, {"moment": float(m), "thrust": float(s)}, craft, in_runs=(k,))
+        for k, (m, s) in enumerate(zip(moments, shares, strict=True))
     ]
 
 

@@ -316,11 +316,11 @@ def _attested(
 
 
 def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
-    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely: these runs
-    do not tell them apart.
+    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely, or are too
+    brief to be named: these runs do not tell them apart.
     """
     enough = winner.gain - 0.5 * ALIKE
-    return [a for a in judged if a.gain > enough and a.foretold > WORTH and not a.brief]
+    return [a for a in judged if a.gain > enough and a.foretold > WORTH]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:

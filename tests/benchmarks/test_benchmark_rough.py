@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.beneath import marked, report
 from benchmarks.blind.case import draw_case
+from benchmarks.blind.craft import draw_craft
 from benchmarks.blind.flying import driving
-from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, FAMILIES, PAIR
+from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, FAMILIES, PAIR, _days
 from benchmarks.blind.weather import CALM, HIDDEN, Day, Helm, Lag, Waves
 from sitl.effects import HiddenEffect
 from sitl.open_loop import Hull, open_loop
@@ -48,6 +49,13 @@ def test_a_pair_is_of_two_families() -> None:
         one, two = draw_case("rough", 7, index, PAIR).slugs
         assert not any({one, two} <= set(family) for family in FAMILIES)
     assert sorted(s for family in FAMILIES for s in family) == sorted(HIDDEN)
+
+
+def test_trims_of_the_days_are_no_bias_that_all_runs_share() -> None:
+    days = _days(np.random.default_rng(3), draw_craft("yaw", np.random.default_rng(3)), 3)
+    assert [d.in_runs for d in days] == [(0,), (1,), (2,)]
+    moments = [d.values["moment"] for d in days]
+    assert sum(moments) == pytest.approx(0.0, abs=1e-9 * max(moments)) and max(moments) > 0.0
 
 
 def test_waves_push_and_swing_the_bow_at_their_frequency() -> None:

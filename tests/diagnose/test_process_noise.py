@@ -217,6 +217,15 @@ def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as
     assert found.alike == (("input-delay", "measurement-delay"),)
 
 
+def test_waves_that_turn_the_bow_leave_a_craft_her_inertia() -> None:
+    """Seen at every sample they ruled the fit, which forgot a turn within 2 ms; a search of 88 s named a rate limit."""
+    case = draw_case("rough", 247, 0, CALM)
+    assert case.circumstances == ("waves", "lag")
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    assert found is not None
+    assert -1.0 / found.plain.theta[1] > 3.0 * case.craft.interval
+
+
 @pytest.mark.parametrize(
     ("damping", "slug", "brief"),
     [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
@@ -262,6 +271,10 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
     less = attested("tether-pull", 17.0, (5.0, 5.0), 1.0)
     assert winner.paid and not trim.paid
     assert process_noise._as_likely([trim, winner, less], winner) == [trim, winner]
+    short = replace(
+        trim, brief=True
+    )  # never named, but told: a rate limit took the name of a lag of less than a sample
+    assert process_noise._as_likely([short, winner], winner) == [short, winner]
 
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
