@@ -226,6 +226,15 @@ def test_waves_that_turn_the_bow_leave_a_craft_her_inertia() -> None:
     assert -1.0 / found.plain.theta[1] > 3.0 * case.craft.interval
 
 
+def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_her_pace() -> None:
+    """Begun at a sensor's noise alone a craft of 18 s came out as one of 0.7, and a backlash was named."""
+    case = draw_case("rough", 275, 0, "quadratic-actuator")
+    assert "waves" in case.circumstances and case.craft.pace > 15.0
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    assert found is not None
+    assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
+
+
 @pytest.mark.parametrize(
     ("damping", "slug", "brief"),
     [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
