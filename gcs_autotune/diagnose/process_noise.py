@@ -32,6 +32,7 @@ from gcs_autotune.identify import (
     thinned_to,
 )
 from gcs_autotune.models import Form
+from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
 __all__ = ["WeatherSearch", "asked_of", "may_be_told", "search_under_process_noise", "weathered_form"]
@@ -40,6 +41,10 @@ Array = NDArray[np.float64]
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
+
+AGAINST, FEWEST_TO_COMPARE = 4.0, 30
+"""Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
+command is fed back, and the fewest samples to tell; open loops of the blind suite came to 2 at most."""
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force must beat none to be there at all."""
@@ -312,7 +317,28 @@ def _attested(
     lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
     brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
+    brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
     return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+
+
+def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
+    """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
+
+    Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
+    late. Told by the ranks of innovations and of the commands' next changes.
+    """
+    pushed, turned = [], []
+    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
+        row = np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in problem.form.inputs.get(name, ()):
+                pushed.append((e / np.sqrt(S))[:-1])
+                turned.append(np.diff(column[row]) * (-1.0 if str(share).startswith("-") else 1.0))
+    one, two = np.concatenate(pushed), np.concatenate(turned)
+    if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
+        return False
+    sense = math.copysign(1.0, float(fit.theta[0]))
+    return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
 
 
 def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:

@@ -235,6 +235,22 @@ def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_he
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
 
 
+@pytest.mark.slow
+def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> None:
+    """Commands that answered pushes within two seconds looked 1 s late where a sample was judged every 2 s."""
+    case = draw_case("rough", 284, 2, CALM)
+    assert case.circumstances == ("driving",)
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
+    assert found is not None
+    assert found.named == ()
+    assert process_noise.answers_heading(found.problem, found.plain)
+    open_loop = draw_case("rough", 284, 0, "input-delay")
+    other = search_under_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
+    assert other is not None
+    assert [a.effect.slug for a in other.named] == ["input-delay"]
+    assert not process_noise.answers_heading(other.problem, other.fit)
+
+
 @pytest.mark.parametrize(
     ("damping", "slug", "brief"),
     [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
@@ -247,7 +263,7 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     effect = EffectInstance(slug, "N", number)
     monkeypatch.setattr(process_noise, "_unseen", lambda *_: [np.array([9.0]), np.array([9.0])])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
-    search = SimpleNamespace(problem=SimpleNamespace(data=data), tried=15, named=())
+    search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
     fits = [
         SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t) for n, t in ((5, 0), (6, 20))
     ]
