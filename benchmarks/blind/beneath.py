@@ -1,8 +1,10 @@
-"""The search under process noise alone, on the cases of kind ``weather``: seconds a case where a diagnosis takes tens.
+"""The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
 
-``python3 -m benchmarks.blind.beneath [--seeds 101 102] [--only SLUG,..] [--save FILE]`` draws from every seed the first
-case of each effect and three clean ones. Told are: the right name first (in its group), of all effects, of those worth
-ten in log-likelihood, of those in weather of up to 40 % of full command; and names on clean craft.
+``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--save F]``
+draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs besides. Told
+are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those in weather of
+up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where the heading
+lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves.
 """
 
 from __future__ import annotations
@@ -14,93 +16,186 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.case import NoCase, draw_case
+from benchmarks.blind.case import Case, NoCase, draw_case
+from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN
-from gcs_autotune.diagnose.process_noise import search_under_process_noise
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 
-__all__ = ["main"]
+__all__ = ["main", "marked"]
 
-CLEAN = 3
-"""Clean cases of every seed."""
+OFTEN = {CALM: 3, PAIR: 3}
+"""Cases of every seed, where they are not one."""
 
 WORTH, MILD = 10.0, 0.4
 """Log-likelihood above which an effect should be named; weather, in shares of full command, that is mild."""
 
+Row = dict[str, Any]
 
-def _cases(seeds: Sequence[int], only: Sequence[str]) -> Iterator[tuple[int, int, str]]:
+
+def _cases(kind: str, seeds: Sequence[int], only: Sequence[str]) -> Iterator[tuple[str, int, int, str]]:
     for seed in seeds:
-        yield from ((seed, 0, slug) for slug in HIDDEN if not only or slug in only)
-        yield from ((seed, index, CALM) for index in range(CLEAN) if not only or CALM in only)
+        for slug in (*HIDDEN, CALM, *([PAIR] if kind == "rough" else [])):
+            if not only or slug in only:
+                yield from ((kind, seed, index, slug) for index in range(OFTEN.get(slug, 1)))
 
 
-def _asked(seed: int, index: int, slug: str) -> dict[str, Any]:
-    """Return what the search says of one case."""
-    case = draw_case("weather", seed, index, slug)
-    begun = time.process_time()
+def _searched(case: Case, slugs: Sequence[str]) -> WeatherSearch | None:
     form = plain_form(case.runs)
     held = prepare_as_recorded(case.unseen, form)[0] if case.unseen else []
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
-    found = search_under_process_noise(problem, base, list(EFFECTS), held, lambda *_: None)
-    named = [] if found is None else [a.effect.slug for a in found.named]
-    first = [] if found is None else [a for a in found.judged if a.step == 1]
-    groups = [] if found is None else found.alike
-    return {
+    return search_under_process_noise(problem, base, slugs, held, lambda *_: None)
+
+
+def _gain(found: WeatherSearch | None, slug: str) -> float | None:
+    """Return what *slug* gained in the first step, None where it did not come so far."""
+    judged = () if found is None else found.judged
+    return max((a.gain for a in judged if a.step == 1 and a.effect.slug == slug), default=None)
+
+
+def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
+    """Return what the search, or the *whole* diagnosis, says of one case."""
+    case = draw_case(kind, seed, index, slug)
+    begun = time.process_time()
+    found: WeatherSearch | None = None
+    if whole:
+        told = diagnose(list(case.runs), unseen=list(case.unseen))
+        answer: Row = {
+            "verdict": told.verdict,
+            "named": [c.effect.slug for c in told.causes],
+            "groups": [list(g) for g in told.indistinguishable],
+        }
+    else:
+        found = _searched(case, list(EFFECTS))
+        answer = {
+            "named": [] if found is None else [a.effect.slug for a in found.named],
+            "groups": [] if found is None else [list(g) for g in found.alike],
+        }
+    seconds = time.process_time() - begun
+    worth = []
+    for true in case.slugs:
+        gain = _gain(found, true)
+        # One that is left behind by others in the rough is worth something all the same.
+        worth.append(gain if gain is not None else _gain(_searched(case, [true]), true) or 0.0)
+    row = {
+        "kind": kind,
         "slug": slug,
         "seed": seed,
         "index": index,
+        "truth": list(case.slugs),
+        "circumstances": list(case.circumstances),
         "weather": case.ratio,
-        "named": named,
-        "right": bool(named) and (named[0] == slug or any({named[0], slug} <= set(g) for g in groups)),
-        "worth": max((a.gain for a in first if a.effect.slug == slug), default=0.0),
-        "seconds": time.process_time() - begun,
+        "worth": min(worth, default=0.0),
+        "seconds": seconds,
+        **answer,
+    }
+    return {**row, **marked(row)}
+
+
+def marked(row: Row) -> Row:
+    """Return how a row counts: ``right``, ``wrong`` (a wrong name first; of a pair anywhere), ``beside`` (a wrong name
+    after the right one), ``both`` and ``excused`` (names that a heading that lags accounts for).
+    """
+    truth, named = row["truth"], row["named"]
+    alike = [set(g) for g in row["groups"]]
+    lagging = [n for n in named if n in EXCUSED or any(n in g and g & set(EXCUSED) for g in alike)]
+    excused = [n for n in lagging if "lag" in row["circumstances"] and n not in truth]
+    left = [n for n in named if n not in excused]
+    true = [any(n == t or any({n, t} <= g for g in alike) for t in truth) for n in left]
+    told = sum(t in left or any(t in g and g & set(left) for g in alike) for t in truth)
+    pair = len(truth) > 1
+    return {
+        "right": told == len(truth) and all(true) if pair else bool(true) and true[0],
+        "one": pair and told == 1 and all(true),
+        "wrong": not all(true) if pair else bool(true) and not true[0],
+        "beside": not pair and bool(true) and true[0] and not all(true),
+        "excused": excused,
     }
 
 
-def _told(what: str, hits: int, of: int, goal: str) -> str:
+def _told(what: str, hits: int, of: int, goal: str = "-") -> str:
     low, high = bounds(hits, of)
     return f"{what:58} {hits:4d} of {of:4d}  ({100 * low:.0f} to {100 * high:.0f} %)  goal {goal}"
+
+
+def _count(rows: Sequence[Row], what: str) -> int:
+    return sum(bool(r[what]) for r in rows)
+
+
+def report(rows: Sequence[Row]) -> Iterator[str]:
+    """Tell the rates, all together and by circumstances."""
+    single = [r for r in rows if len(r["truth"]) == 1]
+    clean, pairs = ([r for r in rows if len(r["truth"]) == n] for n in (0, 2))
+    large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
+    for what, some, goal in (
+        ("the right name first (in its group)", single, "-"),
+        (f"  where it is worth {WORTH:g} in log-likelihood", large, "85 %"),
+        (f"  in weather of up to {100 * MILD:.0f} % of full command", mild, "50 %"),
+    ):
+        yield _told(what, _count(some, "right"), len(some), goal)
+    yield _told("a wrong name first", _count(single, "wrong"), len(single))
+    yield _told("a wrong name after the right one", _count(single, "beside"), len(single))
+    yield _told("a name on a clean craft", _count(clean, "wrong"), len(clean), "at most 3 %")
+    if pairs:
+        seen = [r for r in pairs if r["worth"] >= WORTH]
+        yield _told("of two both, and nothing else", _count(pairs, "right"), len(pairs))
+        yield _told(f"  where each is worth {WORTH:g}", _count(seen, "right"), len(seen))
+        yield _told("of two one, and nothing else", _count(pairs, "one"), len(pairs))
+        yield _told("of two a wrong name", _count(pairs, "wrong"), len(pairs))
+    lagging = [r for r in rows if "lag" in r["circumstances"]]
+    if lagging:
+        yield _told("a lagging heading told as lagging commands", _count(lagging, "excused"), len(lagging))
+    if not any(r["circumstances"] for r in rows):
+        return
+    yield f"\n{'':10} worth {WORTH:g}: right  single: wrong  clean: named  pairs: both, one, wrong"
+    for name in (*CIRCUMSTANCES, "none"):
+        one, two, none, pair = (
+            [r for r in some if name in r["circumstances"] or (name == "none" and not r["circumstances"])]
+            for some in (large, single, clean, pairs)
+        )
+        both = ", ".join(str(_count(pair, w)) for w in ("right", "one", "wrong"))
+        yield (
+            f"{name:10} {_count(one, 'right'):8d} of {len(one):<4d} {_count(two, 'wrong'):6d} of {len(two):<4d} "
+            f"{_count(none, 'wrong'):5d} of {len(none):<4d}  {both} of {len(pair)}"
+        )
+
+
+def _line(row: Row) -> str:
+    mark = next((m for m in ("wrong", "right", "one") if row[m]), "-")
+    return (
+        f"{mark:5} {'+'.join(row['truth']) or CALM:32} {row['seed']:4d}.{row['index']} x{row['weather']:.2f} "
+        f"worth {row['worth']:6.1f} {','.join(row['circumstances']):24} -> {', '.join(row['named']) or 'nothing':30} "
+        f"{row['seconds']:5.1f} s"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line per case, then the rates."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.beneath", description=__doc__)
+    parser.add_argument("--kind", choices=("weather", "rough"), default="weather")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
-    parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden")
+    parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden, {PAIR} for two")
+    parser.add_argument("--whole", action="store_true", help="whole diagnoses, tens of seconds each")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not asked again")
     asked = parser.parse_args(arguments)
     lines = asked.save.read_text(encoding="utf-8").splitlines() if asked.save and asked.save.exists() else []
-    known = {(r["seed"], r["index"], r["slug"]): r for r in map(json.loads, lines)}
+    known = {(r["kind"], r["seed"], r["index"], r["slug"]): r for r in map(json.loads, lines)}
     rows = []
-    for key in _cases(asked.seeds, [s for s in asked.only.split(",") if s]):
+    for key in _cases(asked.kind, asked.seeds, [s for s in asked.only.split(",") if s]):
         if key not in known:
             try:
-                known[key] = _asked(*key)
+                known[key] = _asked(*key, whole=asked.whole)
             except NoCase:
                 continue
             if asked.save:
                 with asked.save.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(known[key]) + "\n")
-        row = known[key]
-        rows.append(row)
-        print(
-            f"{'right' if row['right'] else 'named' if row['named'] else '-':5} {row['slug']:18} {row['seed']:4d} "
-            f"x{row['weather']:.2f} worth {row['worth']:6.1f} -> {', '.join(row['named']) or 'nothing':30} "
-            f"{row['seconds']:5.1f} s",
-            flush=True,
-        )
-    hidden, clean = ([r for r in rows if (r["slug"] == CALM) == calm] for calm in (False, True))
-    large, mild = [r for r in hidden if r["worth"] >= WORTH], [r for r in hidden if r["weather"] <= MILD]
-    for what, some, goal in (
-        ("the right name first (in its group)", hidden, "-"),
-        (f"  where it is worth {WORTH:g} in log-likelihood", large, "85 %"),
-        (f"  in weather of up to {100 * MILD:.0f} % of full command", mild, "50 %"),
-    ):
-        print(_told(what, sum(r["right"] for r in some), len(some), goal))
-    print(_told("a wrong name first", sum(bool(r["named"]) and not r["right"] for r in hidden), len(hidden), "-"))
-    print(_told("a name on a clean craft", sum(bool(r["named"]) for r in clean), len(clean), "at most 3 %"))
+        rows.append({**known[key], **marked(known[key])})
+        print(_line(rows[-1]), flush=True)
+    print("\n".join(report(rows)))
     return 0
 
 

@@ -10,27 +10,23 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.blind.craft import FORCE, POSITION, SPEED, Craft, draw_craft, log_uniform
-from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
+from benchmarks.blind.craft import FORCE, SPEED, Craft, draw_craft, log_uniform
+from benchmarks.blind.flying import turns_round
 from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
+from benchmarks.blind.rough import draw_rough
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
-from benchmarks.blind.weather import CALM, Weather, drawn_weather, smoothed
-from gcs_autotune.trial import Channel, Trial
-from sitl.effects import HiddenEffect, make_effect
-from sitl.open_loop import Hull, open_loop
+from benchmarks.blind.voyage import Case, File, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
+from benchmarks.blind.weather import CALM, drawn_weather, smoothed
 
 __all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
-File = Mapping[str, Array]
 
 LEAST_RATIO, MOST_RATIO = 1.25, 6.0
 """Held-out error of the plain model over the noise; 1.25: the true extension lowers it by 20 %."""
@@ -43,16 +39,6 @@ LEAST_NOISE, MOST_NOISE = 0.003, 0.1
 LEAST_FACTOR, MOST_FACTOR = 1.1, 2.0
 """By which a wrong number is too large or too small."""
 DRAWS = 200
-BOTTOM = 20.0
-"""Depth of the tank [m]."""
-UNITS = {
-    **dict.fromkeys("uvw", "m/s"),
-    **dict.fromkeys("xyz", "m"),
-    **dict.fromkeys("XYZ", "N"),
-    "N": "N m",
-    **dict.fromkeys(("psi", "delta"), "rad"),
-    "r": "rad/s",
-}
 _UNFORESEEN = {"wave-disturbance"}
 """No simulation foretells them: knowing them is worth what an error's own past foretells of it."""
 _LATE = {"input-delay", "time-offset", "measurement-delay", "actuator-lag", "rate-limit", "time-scale"}
@@ -70,51 +56,9 @@ class NoCase(RuntimeError):
     """No size of this effect could be drawn that counts."""
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """Runs with a secret. ``ratio``: held-out error of the plain model over the noise; ``noise``: share of the signals.
-
-    ``truth``: slug -> (place, numbers as the book counts them).
-    """
-
-    kind: str
-    index: int
-    truth: Mapping[str, tuple[str, Mapping[str, float]]]
-    craft: Craft
-    runs: tuple[Trial, ...]
-    unseen: tuple[Trial, ...]
-    plain: str
-    ratio: float
-    noise: float
-    manoeuvres: tuple[str, ...]
-    levels: Mapping[str, float]
-    """Standard deviation of the noise of every signal."""
-    wrong: Mapping[str, float] = field(default_factory=dict)
-    """Number of the given model that is wrong -> by which factor."""
-    simulations: tuple[Trial, ...] = ()
-    """What the given model makes of the same commands, for kinds that give no model file."""
-
-    @property
-    def slugs(self) -> tuple[str, ...]:
-        """Names of what is hidden."""
-        return tuple(self.truth)
-
-
-@dataclass(frozen=True, eq=False)
-class _Voyage:
-    """Everything about the flying that is drawn before any noise."""
-
-    craft: Craft
-    commands: tuple[Mapping[str, Array], ...]
-    initial: tuple[Mapping[str, float], ...]
-    names: tuple[str, ...]
-    seeds: tuple[int, ...]
-    plain: str
-
-
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
-    ``clean-track``, ``weather``, or of :data:`GIVEN`.
+    ``clean-track``, ``weather``, ``rough``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
 
@@ -132,6 +76,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         "track": _track,
         "clean-track": _clean_track,
         "weather": _weather,
+        "rough": draw_rough,
         **GIVEN,
     }
     drawn = kinds[kind]
@@ -150,7 +95,7 @@ def _single(rng: Rng, slug: str) -> Case | None:
     hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
     if _cannot_be(hidden) or (hidden.turns and not turns_round(hidden.craft)):
         return None
-    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
+    return _weighed(rng, draw_voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
 
 
 def _track(rng: Rng, slug: str) -> Case | None:
@@ -158,7 +103,7 @@ def _track(rng: Rng, slug: str) -> Case | None:
     hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng).on_track)
     if hidden.place.startswith("u+v") or hidden.craft.signals != hidden.craft.on_track.signals:
         return None
-    return _weighed(rng, _voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
+    return _weighed(rng, draw_voyage(rng, [hidden]), [hidden], coarse=recipe.coarse)
 
 
 def _cannot_be(hidden: Hidden) -> bool:
@@ -168,7 +113,7 @@ def _cannot_be(hidden: Hidden) -> bool:
 def _foreign(rng: Rng, slug: str) -> Case | None:
     craft = draw_craft(str(rng.choice(("yaw", "surge", "heave"))), rng)
     hidden = Hidden(slug, craft.input, FOREIGN[slug].drawn(rng, craft), craft)
-    voyage = _voyage(rng, [hidden])
+    voyage = draw_voyage(rng, [hidden])
     if not any(FOREIGN[slug].differs(told[craft.input]) for told in voyage.commands[:-1]):
         return None
     return _weighed(rng, voyage, [hidden], coarse=False)
@@ -184,11 +129,11 @@ def _clean(rng: Rng, slug: str) -> Case | None:
 
 def _nothing(rng: Rng, craft: Craft) -> Case | None:
     nothing = Hidden("", "", {}, craft, turns=bool(rng.random() < 0.5))
-    voyage = _voyage(rng, [nothing])
+    voyage = draw_voyage(rng, [nothing])
     noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
-    levels = _sizes(rng, craft, noise)
-    files = _fly(voyage, [], levels)
-    return _case(rng, voyage, [], files, 1.0, noise, levels)
+    levels = noise_levels(rng, craft, noise)
+    files = fly(voyage, [], levels)
+    return case_of(rng, voyage, [], files, 1.0, noise, levels)
 
 
 def _double(rng: Rng, slug: str) -> Case | None:
@@ -200,9 +145,9 @@ def _double(rng: Rng, slug: str) -> Case | None:
     pair = [RECIPES[one].draw(rng, craft), RECIPES[two].draw(rng, craft)]
     if any(map(_cannot_be, pair)) or (pair[0].place == pair[1].place and pair[0].place in craft.signals):
         return None
-    voyage = _voyage(rng, pair)
-    sizes = _sizes(rng, craft, 1.0)
-    alone = [_misfit(voyage, _fly(voyage, [hidden]), sizes) for hidden in pair]
+    voyage = draw_voyage(rng, pair)
+    sizes = noise_levels(rng, craft, 1.0)
+    alone = [_misfit(voyage, fly(voyage, [hidden]), sizes) for hidden in pair]
     coarse = [RECIPES[h.slug].coarse for h in pair]
     matters = [e for e, only_size in zip(alone, coarse, strict=True) if not only_size] or alone
     if min(alone) <= 0.0 or (not any(coarse) and max(alone) > 5.0 * min(alone)):
@@ -211,8 +156,8 @@ def _double(rng: Rng, slug: str) -> Case | None:
     if not LEAST_NOISE <= noise <= MOST_NOISE or min(alone) / noise < np.sqrt(LEAST_DOUBLE**2 - 1.0):
         return None
     levels = {n: noise * s for n, s in sizes.items()}
-    files = _fly(voyage, pair, levels)
-    return _case(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
+    files = fly(voyage, pair, levels)
+    return case_of(rng, voyage, pair, files, _misfit(voyage, files, sizes) / noise, noise, levels)
 
 
 def _weather(rng: Rng, slug: str) -> Case | None:
@@ -221,14 +166,14 @@ def _weather(rng: Rng, slug: str) -> Case | None:
     hidden = [] if slug == CALM else [RECIPES[slug].draw(rng, craft)]
     if any(map(_cannot_be, hidden)):
         return None
-    voyage = _voyage(rng, hidden or [Hidden("", "", {}, craft)])
+    voyage = draw_voyage(rng, hidden or [Hidden("", "", {}, craft)])
     noise = log_uniform(rng, LEAST_NOISE, 0.1 * MOST_NOISE)
     levels = {"psi": noise * craft.scale["psi"]}
     weather = Hidden("weather", craft.input, drawn_weather(rng, craft), craft)
     width = int(rng.integers(1, 4))
-    files = [smoothed(f, width) for f in _fly(voyage, [*hidden, weather], levels)]
+    files = [smoothed(f, width) for f in fly(voyage, [*hidden, weather], levels)]
     rough = weather.values["spread"] / craft.full[craft.input]
-    case = _case(rng, voyage, hidden, files, rough, noise, levels)
+    case = case_of(rng, voyage, hidden, files, rough, noise, levels)
     return replace(case, runs=(*case.runs, *case.unseen), unseen=())
 
 
@@ -275,17 +220,17 @@ def _given(rng: Rng, slug: str | None, count: int, *, told: bool = True) -> Case
         hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
         if _cannot_be(hidden) or (hidden.turns and not turns_round(hidden.craft)):
             return None
-    voyage = _voyage(rng, [hidden])
+    voyage = draw_voyage(rng, [hidden])
     craft = voyage.craft
-    sizes = _sizes(rng, craft, 1.0)
+    sizes = noise_levels(rng, craft, 1.0)
     dofs = [d for d in craft.dofs if d in craft.drives.values()]
     choices = [(kind, dof) for dof in dofs for kind in ("inertia", "linear")]
     chosen = [choices[int(i)] for i in rng.permutation(len(choices))[:count]]
     wrong = {at: log_uniform(rng, LEAST_FACTOR, MOST_FACTOR) ** (1 if rng.random() < 0.5 else -1) for at in chosen}
-    plain = _fly(voyage, [])
-    weights = [_apart(plain, _fly(_with(voyage, {at: by}), []), sizes) for at, by in wrong.items()]
+    plain = fly(voyage, [])
+    weights = [_apart(plain, fly(_with(voyage, {at: by}), []), sizes) for at, by in wrong.items()]
     if slug is not None:
-        weights.append(_misfit(voyage, _fly(voyage, [hidden]), sizes))
+        weights.append(_misfit(voyage, fly(voyage, [hidden]), sizes))
     noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
     if weights:
         noise = min(weights) / np.sqrt(log_uniform(rng, LEAST_DOUBLE, MOST_DOUBLE) ** 2 - 1.0)
@@ -295,11 +240,11 @@ def _given(rng: Rng, slug: str | None, count: int, *, told: bool = True) -> Case
     effects = [] if slug is None else [hidden]
     if effects and not _shows(voyage, effects, levels):
         return None
-    files = _fly(voyage, effects, levels)
+    files = fly(voyage, effects, levels)
     ratio = float(np.hypot(1.0, max(weights, default=0.0) / noise))
-    case = _case(rng, voyage, effects, files, ratio, noise, levels)
+    case = case_of(rng, voyage, effects, files, ratio, noise, levels)
     theirs = (
-        () if told else tuple(_trial(f"sim{k + 1}", f, False) for k, f in enumerate(_fly(_with(voyage, wrong), [])))
+        () if told else tuple(trial_of(f"sim{k + 1}", f, False) for k, f in enumerate(fly(_with(voyage, wrong), [])))
     )
     names = {_name(craft, *at): by for at, by in wrong.items()}
     return replace(case, wrong=names, simulations=theirs[:-1], unseen=case.unseen if told else ())
@@ -309,7 +254,7 @@ def _name(craft: Craft, kind: str, dof: str) -> str:
     return f"{FORCE[dof]}_{SPEED[dof]}" + ("dot" if kind == "inertia" else "")
 
 
-def _with(voyage: _Voyage, wrong: Mapping[tuple[str, str], float]) -> _Voyage:
+def _with(voyage: Voyage, wrong: Mapping[tuple[str, str], float]) -> Voyage:
     """Return a voyage of a craft with other numbers."""
     numbers = {"inertia": dict(voyage.craft.inertia), "linear": dict(voyage.craft.linear)}
     for (kind, dof), by in wrong.items():
@@ -351,139 +296,58 @@ BESIDE = (
 """Effects that wrong numbers are hidden beside: of every family, none that is another value of the same numbers."""
 
 
-def _weighed(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:
+def _weighed(rng: Rng, voyage: Voyage, hidden: Sequence[Hidden], *, coarse: bool) -> Case | None:
     """Return the case with noise such that the effect counts as drawn; None when no sensor has that noise."""
-    sizes = _sizes(rng, voyage.craft, 1.0)
+    sizes = noise_levels(rng, voyage.craft, 1.0)
     if not {"u", "v"} & set(voyage.craft.signals) and len(voyage.craft.dofs) > 1:
         return _weighed_on_track(rng, voyage, hidden, sizes)
     wanted = log_uniform(rng, LEAST_RATIO, MOST_RATIO)
     if coarse:
         noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
     elif hidden[0].slug in _UNFORESEEN:
-        noise = _veiling(voyage, _fly(voyage, hidden), sizes, wanted)
+        noise = _veiling(voyage, fly(voyage, hidden), sizes, wanted)
     else:
-        noise = _misfit(voyage, _fly(voyage, hidden), sizes) / np.sqrt(wanted**2 - 1.0)
+        noise = _misfit(voyage, fly(voyage, hidden), sizes) / np.sqrt(wanted**2 - 1.0)
     if not LEAST_NOISE <= noise <= MOST_NOISE:
         return None
     levels = {n: noise * s for n, s in sizes.items()}
     if not _shows(voyage, hidden, levels):
         return None
-    files = _fly(voyage, hidden, levels)
+    files = fly(voyage, hidden, levels)
     ratio = _misfit(voyage, files, sizes) / noise
-    return _case(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
+    return case_of(rng, voyage, hidden, files, ratio, noise, levels) if ratio >= LEAST_RATIO else None
 
 
-def _weighed_on_track(rng: Rng, voyage: _Voyage, hidden: Sequence[Hidden], sizes: Mapping[str, float]) -> Case | None:
+def _weighed_on_track(rng: Rng, voyage: Voyage, hidden: Sequence[Hidden], sizes: Mapping[str, float]) -> Case | None:
     """Return the case of a track without speeds: what counts is where the plain model's speeds would have led it."""
     craft = voyage.craft
     told = craft.measuring("u", "v", "r", *craft.signals)
     perfect = {**{n: told.scale[n] for n in told.signals}, **sizes}
-    files = _fly(replace(voyage, craft=told), hidden)
+    files = fly(replace(voyage, craft=told), hidden)
     weight = misfit(told, files[:-1], files[-1:], perfect, drag=voyage.plain != "none", of=craft.signals)
     noise = weight / np.sqrt(log_uniform(rng, LEAST_RATIO, MOST_RATIO) ** 2 - 1.0)
     if not LEAST_NOISE <= noise <= MOST_NOISE:
         return None
     levels = {n: noise * s for n, s in sizes.items()}
     ratio = float(np.hypot(1.0, weight / noise))
-    return _case(rng, voyage, hidden, _fly(voyage, hidden, levels), ratio, noise, levels)
+    return case_of(rng, voyage, hidden, fly(voyage, hidden, levels), ratio, noise, levels)
 
 
-# -- flying
-
-
-def _voyage(rng: Rng, hidden: Sequence[Hidden]) -> _Voyage:
-    craft = hidden[-1].craft
-    turns = any(h.turns for h in hidden)
-    count = int(rng.integers(2, 4)) + 1
-    names = tuple(str(n) for n in rng.choice(list(MANOEUVRES), count, replace=False))
-    commands = [draw_commands(rng, craft, name, turns=turns) for name in names]
-    initial = []
-    for k in range(count):
-        start = {"psi": float(rng.uniform(-np.pi, np.pi))} if "yaw" in craft.dofs else {}
-        for h in hidden:
-            start.update({n: float(rng.normal(mean, spread)) for n, (mean, spread) in h.start.items()})
-        if any(h.near_bottom for h in hidden):
-            start["z"] = _shallow(craft, commands[k], hidden, craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2))
-        initial.append(start)
-    seeds = tuple(int(s) for s in rng.integers(0, 2**31, count))
-    return _Voyage(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
-
-
-def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidden], clear: float) -> float:
-    """Return the depth to start at for a run that reaches down to *clear* [m] above the bottom, and not below."""
-    depth, close = 0.0, 0.0
-    effects = [_made(h, {}) for h in hidden if h.near_bottom]
-    for _ in range(8):
-        hull = _hull(craft, hidden[0].plain)
-        dived = open_loop(hull, commands, **_clock(craft), measured=("z",), initial={"z": depth}, effects=effects)["z"]
-        close = BOTTOM - float(dived.max())
-        if 0.5 * clear <= close <= 2.0 * clear:
-            break
-        depth += close - clear
-    return depth if close > 0.0 else depth - 2.0 * clear
-
-
-def _hull(craft: Craft, plain: str) -> Hull:
-    linear = craft.linear if plain == "linear" else dict.fromkeys(craft.dofs, 0.0)
-    return Hull(craft.dofs, craft.inertia, linear, bottom=BOTTOM)
-
-
-def _clock(craft: Craft) -> dict[str, float]:
-    return {"duration": craft.duration, "interval": craft.interval}
-
-
-def _sizes(rng: Rng, craft: Craft, noise: float) -> dict[str, float]:
-    """Return the noise of every signal: that share of what it does, one sensor better than the other."""
-    return {n: noise * craft.scale[n] * log_uniform(rng, 0.5, 2.0) for n in craft.signals}
-
-
-def _fly(voyage: _Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] | None = None) -> list[File]:
-    """Return one file per run; without *noise* what perfect sensors would report."""
-    full = {c: max(float(np.abs(run[c]).max()) for run in voyage.commands[:-1]) for c in voyage.craft.drives}
-    files = []
-    for k, commands in enumerate(voyage.commands):
-        effects = [_made(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
-        files.append(
-            open_loop(
-                _hull(voyage.craft, voyage.plain),
-                commands,
-                **_clock(voyage.craft),
-                measured=voyage.craft.signals,
-                effects=effects,
-                noise=noise,
-                seed=voyage.seeds[k],
-                initial=voyage.initial[k],
-            )
-        )
-    return files
-
-
-def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
-    if hidden.slug == Weather.slug:
-        return Weather(hidden.place, **hidden.values)
-    if hidden.slug in FOREIGN:
-        return FOREIGN[hidden.slug](hidden.place, **hidden.values)
-    values = dict(hidden.values)
-    if hidden.slug == "quadratic-actuator":
-        values["u_ref"] = full[hidden.place]
-    return make_effect(hidden.slug, hidden.place if hidden.place != "t" else "", values)
-
-
-def _misfit(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float]) -> float:
+def _misfit(voyage: Voyage, files: Sequence[File], sizes: Mapping[str, float]) -> float:
     return misfit(voyage.craft, files[:-1], files[-1:], sizes, drag=voyage.plain != "none")
 
 
-def _shows(voyage: _Voyage, hidden: Sequence[Hidden], levels: Mapping[str, float]) -> bool:
+def _shows(voyage: Voyage, hidden: Sequence[Hidden], levels: Mapping[str, float]) -> bool:
     """Return whether the runs that are given tell of *hidden* at all, to somebody who knows every number.
 
     The last run is kept apart, and a limit that only its commands reach leaves no trace in the others.
     """
-    given = zip(_fly(voyage, hidden)[:-1], _fly(voyage, [])[:-1], strict=True)
+    given = zip(fly(voyage, hidden)[:-1], fly(voyage, [])[:-1], strict=True)
     told = sum(float(np.sum(((f[n] - o[n]) / size) ** 2)) for f, o in given for n, size in levels.items()) / 2.0
     return not told < LEAST_NATS
 
 
-def _veiling(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float], wanted: float) -> float:
+def _veiling(voyage: Voyage, files: Sequence[File], sizes: Mapping[str, float], wanted: float) -> float:
     """Return the noise with which foreseeing an error from its own past lowers it by *wanted*."""
     errors = errors_of(voyage.craft, files[:-1], files[-1:], sizes)
     low, high = np.log(LEAST_NOISE), np.log(MOST_NOISE)
@@ -493,63 +357,3 @@ def _veiling(voyage: _Voyage, files: Sequence[File], sizes: Mapping[str, float],
         middle = 0.5 * (low + high)
         low, high = (middle, high) if whitened(errors, float(np.exp(middle))) > wanted else (low, middle)
     return float(np.exp(low))
-
-
-def _case(
-    rng: Rng,
-    voyage: _Voyage,
-    hidden: Sequence[Hidden],
-    files: Sequence[File],
-    ratio: float,
-    noise: float,
-    levels: Mapping[str, float],
-) -> Case:
-    wraps = bool(rng.random() < 0.3) and not any(
-        (h.place == "yaw" and h.slug == "tether-pull") or (h.place == "psi" and h.slug != "compass-deviation")
-        for h in hidden
-    )
-    trials = [_trial(f"run{k + 1}", file, wraps) for k, file in enumerate(files)]
-    keeps = 1 if rng.random() < 0.7 else 0
-    return Case(
-        kind="",
-        index=0,
-        truth={h.slug: (_told(h), _counted(h, voyage.craft, files[:-1])) for h in hidden},
-        craft=voyage.craft,
-        runs=tuple(trials[:-1]),
-        unseen=tuple(trials[-1:] if keeps else ()),
-        plain=voyage.plain,
-        ratio=ratio,
-        noise=noise,
-        manoeuvres=voyage.names,
-        levels=levels,
-    )
-
-
-def _trial(name: str, file: File, wraps: bool) -> Trial:
-    channels = {}
-    for column, values in file.items():
-        if column != "t":
-            shown = np.remainder(values + np.pi, 2.0 * np.pi) - np.pi if wraps and column == "psi" else values
-            channels[column] = Channel(column, UNITS[column], file["t"], shown)
-    return Trial(name, channels)
-
-
-def _told(hidden: Hidden) -> str:
-    """Return the place, with the run when only one has it."""
-    return hidden.place if hidden.in_runs is None else f"{hidden.place}@run{hidden.in_runs[0] + 1}"
-
-
-def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, float]:
-    """Return the numbers as the book's entry counts them, which has to read its references off the files."""
-    values = dict(hidden.values)
-    if hidden.slug == "speed-dependent-steering":
-        rms = float(np.sqrt(np.mean(np.concatenate([f["u"] for f in files]) ** 2)))
-        odds = values["share"] / max(1.0 - values["share"], 1e-9) * (rms / values.pop("U_ref")) ** 2
-        values["share"] = odds / (1.0 + odds)
-    if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
-        values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r") else v for n, v in values.items()}
-        values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
-    if hidden.slug == "ground-effect":
-        off = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
-        values["strength"] *= float(np.exp(-off / values["length"]))
-    return values

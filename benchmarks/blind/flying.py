@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 
-__all__ = ["MANOEUVRES", "draw_commands", "turns_round"]
+__all__ = ["MANOEUVRES", "draw_commands", "driving", "turns_round"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -74,6 +74,19 @@ MANOEUVRES: Mapping[str, Callable[[Rng, Array, float], Array]] = {
     "doublets": _doublets,
     "sweep": _sweep,
 }
+
+
+def driving(rng: Rng, t: Array, pace: float) -> Array:
+    """Return a person's steering: held for random times, ramps, pauses; mostly gentle."""
+    u, now, begin = np.zeros(len(t)), 0.0, 0
+    while begin < len(t):
+        end = int(np.searchsorted(t, t[begin] + pace * rng.exponential(3.0))) + 1
+        after = float(np.clip(rng.normal(0.0, 0.4), -1.0, 1.0))
+        kind = rng.choice(3, p=(0.5, 0.25, 0.25))
+        part = u[begin:end]
+        part[:] = (after, np.linspace(now, after, len(part)), 0.0)[kind]
+        now, begin = float(part[-1]), end
+    return u
 
 
 def _turns(rng: Rng, t: Array, around: float) -> Array:

@@ -1,8 +1,9 @@
-"""Weather for the tank: a moment that wanders, with bursts, and a heading that somebody smoothed.
+"""Weather for the tank: a moment that wanders, waves, days that differ, and what sensor and helm make of them.
 
-The moment is an Ornstein-Uhlenbeck process, stepped by the tank; bursts come and go besides, as wakes do. The file's
-heading is smoothed forwards and backwards, and its turn rate is made from that. Nothing here shares code with what has
-to find an effect beneath it.
+The moment is an Ornstein-Uhlenbeck process, stepped by the tank; bursts come and go besides, as wakes do. Waves push in
+a narrow band, and turn the bow besides (Fossen2011, chapter 8). The file's heading is smoothed forwards and backwards,
+or comes late or filtered as it came, and its turn rate is made from that. Nothing here shares code with what has to
+find an effect beneath it.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 from benchmarks.blind.foreign import Foreign
-from sitl.effects import EffectParameter
+from sitl.effects import EffectParameter, Setting
+from sitl.sensors import SensorReading
 
-__all__ = ["CALM", "HIDDEN", "Weather", "drawn_weather", "smoothed"]
+__all__ = ["CALM", "HIDDEN", "WEATHER", "Weather", "drawn_weather", "smoothed"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -65,6 +67,127 @@ class Weather(Foreign):
                 self._burst = self.draw.gauss(0.0, self["burst"])
                 self._left = self.draw.expovariate(1.0 / self["memory"])
         inputs[self.channel] += self._force + self._burst
+
+
+class Waves(Foreign):
+    """A moment in a narrow band of frequencies, and a bow that swings with it: white noise through
+    ``s / (s^2 + 2 damping frequency s + frequency^2)``.
+    """
+
+    slug = "waves"
+    parameters = (
+        EffectParameter("moment", "N m"),
+        EffectParameter("swing", "rad"),
+        EffectParameter("frequency", "rad/s"),
+        EffectParameter("damping", "1"),
+    )
+
+    def quickness(self, setting: Setting) -> float:
+        """Return the time of a radian of them [s]."""
+        return 1.0 / self["frequency"]
+
+    def reset(self) -> None:
+        """Begin at any phase. The second state is the sea, of unit spread, the first goes with its integral."""
+        self._sea = np.array([self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0)])
+        self._dt = math.nan
+        self._log: list[tuple[float, float]] = []
+        self._seen: Array | None = None
+
+    def _rule(self, dt: float) -> None:
+        """Make transition and noise of a step: exact, and such that both states keep their spread."""
+        omega, zeta = self["frequency"], self["damping"]
+        root = math.sqrt(1.0 - zeta * zeta)
+        c, s, fade = math.cos(omega * root * dt), math.sin(omega * root * dt) / root, math.exp(-zeta * omega * dt)
+        F = fade * np.array([[c + zeta * s, s], [-s, c - zeta * s]])
+        L = np.linalg.cholesky(np.eye(2) - F @ F.T + 1e-12 * np.eye(2))
+        self._dt, self._F, self._L = dt, F, L
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Push."""
+        if dt != self._dt:
+            self._rule(dt)
+        self._log.append((t, float(self._sea[1])))
+        inputs[self.channel] += self["moment"] * self._log[-1][1]
+        self._sea = self._F @ self._sea + self._L @ (self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0))
+
+    def alter_measurement(self, t: float, reading: SensorReading) -> None:
+        """Swing the bow that is seen."""
+        if self._seen is None:  # the run is over: see open_loop
+            self._seen = np.array(self._log).T
+        reading.psi += self["swing"] * float(np.interp(t, *self._seen))
+
+
+class Day(Foreign):
+    """What one run has of its own: a constant moment (wind, trim), and thrust of the day in shares of the usual."""
+
+    slug = "day"
+    parameters = (EffectParameter("moment", "N m"), EffectParameter("thrust", "1"))
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Push, and make more or less of the command."""
+        inputs[self.channel] = self["thrust"] * inputs[self.channel] + self["moment"]
+
+
+class Lag(Foreign):
+    """A heading that comes *delay* late, through a first-order filter that runs one way, as GPS and compass do it."""
+
+    slug = "lag"
+    parameters = (EffectParameter("delay", "s"), EffectParameter("time_constant", "s"))
+
+    def lateness(self) -> Mapping[str, float]:
+        """Come late."""
+        return {"psi": self["delay"]}
+
+    def alter_file(self, columns: dict[str, Array]) -> None:
+        """Filter what is written down; it begins where the first sample is."""
+        t, psi, time = columns["t"], columns["psi"], self["time_constant"]
+        if time > 0.0:
+            kept = np.exp(-np.diff(t) / time)
+            for i in range(1, len(psi)):
+                psi[i] = kept[i - 1] * psi[i - 1] + (1.0 - kept[i - 1]) * psi[i]
+
+
+class Helm(Foreign):
+    """Somebody at the helm: by turns steers as planned and keeps the course that the bow had, by compass.
+
+    ``gain``: share of full command per radian off course; ``rate``: of the turn rate [s]; ``every``: seconds between
+    two looks; ``spell``: mean seconds of a turn; ``most``: largest command.
+    """
+
+    slug = "helm"
+    parameters = tuple(
+        EffectParameter(n, u)
+        for n, u in (("gain", "N m"), ("rate", "N m s"), ("every", "s"), ("spell", "s"), ("most", "N m"))
+    )
+
+    def reset(self) -> None:
+        """Begin as planned."""
+        self._next, self._change, self._keeping = -math.inf, -math.inf, True
+        self._told: list[tuple[float, float]] = []
+        self._goal, self._now = 0.0, 0.0
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Take the plan or the course."""
+        if t >= self._next - 1e-9:
+            self._next = t + self["every"]
+            if t >= self._change:
+                self._change = t + self.draw.expovariate(1.0 / self["spell"])
+                self._keeping, self._goal = not self._keeping, self.motion.psi
+            off = self._goal - self.motion.psi
+            wanted = self["gain"] * off - self["rate"] * self.motion.r
+            self._now = min(max(wanted, -self["most"]), self["most"])
+        if self._keeping:
+            inputs[self.channel] = self._now
+        self._told.append((t, inputs[self.channel]))
+
+    def alter_file(self, columns: dict[str, Array]) -> None:
+        """Write down what was commanded."""
+        t, told = np.array(self._told).T
+        columns[self.channel] = told[np.searchsorted(t, columns["t"] + 1e-9, side="right") - 1]
+
+
+WEATHER: Mapping[str, type[Foreign]] = {kind.slug: kind for kind in (Weather, Waves, Day, Lag, Helm)}
+"""Slug -> what the tank does beside a hidden effect."""
 
 
 def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:

@@ -51,7 +51,8 @@ class Attested:
     step: int
     interval: tuple[float, float] = (0.0, math.inf)
     brief: bool = False
-    """Its time is so short that it may as well be a smoother of the recorded signal: never named."""
+    """Its time, or the craft's own beside it, is so short that it may as well be a smoother of the recorded signal, or
+    the craft's inertia; or shorter than the interval judged where commands answer the heading: never named."""
 
     @property
     def foretold(self) -> float:

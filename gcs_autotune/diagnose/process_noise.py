@@ -32,6 +32,7 @@ from gcs_autotune.identify import (
     thinned_to,
 )
 from gcs_autotune.models import Form
+from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
 __all__ = ["WeatherSearch", "asked_of", "may_be_told", "search_under_process_noise", "weathered_form"]
@@ -40,6 +41,10 @@ Array = NDArray[np.float64]
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
+
+AGAINST, FEWEST_TO_COMPARE = 4.0, 30
+"""Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
+command is fed back, and the fewest samples to tell; open loops of the blind suite came to 2 at most."""
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force must beat none to be there at all."""
@@ -62,6 +67,13 @@ EVEN = 16
 """Chosen: times alone are tried so many besides, evenly: beside commands that change often, a delay is found only where
 it is nearly right.
 """
+
+DOZEN = 12.0
+"""Samples of the record that such times are tried up to at least, as the book allows: without her delay a quick craft
+may come out quicker still (rough water, seed 232 case 2: a delay of two time constants was none tried)."""
+
+LATE = ("input-delay", "actuator-lag")
+"""What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
@@ -209,7 +221,7 @@ def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectIn
             constants = dict(entry.constants(place, data))
             starts = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
             if [q.unit for q in entry.parameters] == ["s"]:
-                even = np.linspace(0.0, slower.time_constant, EVEN + 1)[1:]
+                even = np.linspace(0.0, max(slower.time_constant, DOZEN * data.interval), EVEN + 1)[1:]
                 starts += [{entry.parameters[0].name: float(t)} for t in even]
             own = [s for k, s in enumerate(starts) if s not in starts[:k]]
             found.append([EffectInstance(slug, place, s, constants) for s in own])
@@ -285,7 +297,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     winner = plainest(alike[0], paid)
     forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike
-    names = tuple(dict.fromkeys(a.effect.slug for a in (winner, *alike, *forms, *_as_likely(judged, winner))))
+    told = [a.effect.slug for a in (winner, *alike, *forms, *_as_likely(judged, winner))]
+    names = tuple(dict.fromkeys([*told, *["measurement-delay" for slug in told if slug in LATE]]))
     if len(names) > 1:
         groups = (*groups, names)
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
@@ -301,16 +314,39 @@ def _attested(
     now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
     after = _unseen(search, fit) if gain > 0.5 * needed else before
     foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-    brief = _lasts(now, search.problem.data) < BRIEF * search.problem.data.interval
+    lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
+    # Of a craft that shows no inertia, what takes time is that inertia.
+    brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
+    brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
     return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
 
 
+def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
+    """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
+
+    Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
+    late. Told by the ranks of innovations and of the commands' next changes.
+    """
+    pushed, turned = [], []
+    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
+        row = np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in problem.form.inputs.get(name, ()):
+                pushed.append((e / np.sqrt(S))[:-1])
+                turned.append(np.diff(column[row]) * (-1.0 if str(share).startswith("-") else 1.0))
+    one, two = np.concatenate(pushed), np.concatenate(turned)
+    if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
+        return False
+    sense = math.copysign(1.0, float(fit.theta[0]))
+    return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
+
+
 def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
-    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely: these runs
-    do not tell them apart.
+    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely, or are too
+    brief to be named: these runs do not tell them apart.
     """
     enough = winner.gain - 0.5 * ALIKE
-    return [a for a in judged if a.gain > enough and a.foretold > WORTH and not a.brief]
+    return [a for a in judged if a.gain > enough and a.foretold > WORTH]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:

@@ -40,8 +40,8 @@ class InputDelay(ActuatorEffect):
         return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to twice the craft's pace."""
-        return {"delay": (0.0, 2.0 * horizon(data)[1])}
+        """None, to twice the craft's pace, a dozen samples at least."""
+        return {"delay": (0.0, max(2.0 * horizon(data)[1], min(12.0 * data.interval, 0.25 * data.duration)))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Shift the changes of the channel; a lone channel keeps no other stamps."""
