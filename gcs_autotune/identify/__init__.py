@@ -57,7 +57,8 @@ from gcs_autotune.identify.information import (
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.thinning import thinned_to
-from gcs_autotune.identify.kalman.wandering import Tangent, WanderingFit, WanderingProblem
+from gcs_autotune.identify.kalman.wandering import WanderingProblem
+from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
 from gcs_autotune.identify.kalman.wandering_score import Water
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
