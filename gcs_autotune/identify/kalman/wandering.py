@@ -82,6 +82,11 @@ class WanderingProblem:
         self._terms: dict[tuple[tuple[str, str], ...], LinearTerms | None] = {}
         self._priors = self._first()
 
+    @property
+    def runs(self) -> int:
+        """How many runs the segments are of."""
+        return len({s.run for s in self.segments})
+
     def on(self, segments: Sequence[Segment]) -> WanderingProblem:
         """Return the same problem on other segments."""
         return WanderingProblem(self.form, segments, self.data, self.limits)

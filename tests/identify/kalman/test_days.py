@@ -116,7 +116,7 @@ def test_each_run_says_what_it_had_of_its_own() -> None:
         day = one.day(0.05, 0.06)
         assert abs(day.force - b) < 3.0 * day.force_std
         assert abs(day.thrust - s) < 3.0 * math.hypot(day.thrust_std, 0.03)  # the gain itself is the runs' mean
-    force, thrust = spread_between(says, 0.5, force=True, thrust=True)
+    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
     assert 0.02 < force < 0.12
     assert 0.03 < thrust <= 0.1
     assert common_gain(says, force, thrust) > common_gain(says, 0.0, 0.0) + 3.0
@@ -128,7 +128,7 @@ def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     assert fit is not None
     says = problem.says(fit)
     assert says is not None
-    force, thrust = spread_between(says, 0.5, force=True, thrust=True)
+    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
     assert common_gain(says, force, thrust) < common_gain(says, 0.0, 0.0) + 3.0
 
 
