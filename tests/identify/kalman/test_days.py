@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_wandering import DRAG, FORM, GAIN, LINEAR, problem_of, run
+from test_wandering import DRAG, GAIN, LINEAR, problem_of, run
 
-from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water
 from gcs_autotune.identify.kalman.days import RunSays, common_gain, spread_between
 
@@ -132,13 +131,30 @@ def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     assert common_gain(says, force, thrust) < common_gain(says, 0.0, 0.0) + 3.0
 
 
-def test_what_a_run_says_is_the_same_of_either_pass() -> None:
-    """The general pass tells it; here beside a drag so small that the equation is as good as linear."""
+def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_next() -> None:
+    first, second = run(1, force=0.1), run(2, force=-0.1)
+    problem = problem_of([first, second])
+    done = problem.run(THETA, DRAG, WATER, full=True)
+    fit = problem.fit(THETA, DRAG, WATER, rounds=0)
+    assert done is not None and fit is not None
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    says = problem.says(fit)
+    assert says is not None
+    own = len(bank.states) + 1
+    for path, var, one in zip(smoothed.trajectories, smoothed.variances, says, strict=True):
+        day = one.day(WATER.day_force, WATER.day_thrust)
+        assert path[:, own] == pytest.approx(np.full(len(path), path[-1, own]), abs=1e-6)
+        assert path[0, own] == pytest.approx(day.force, abs=0.1 * day.force_std)
+        assert math.sqrt(var[0, own]) == pytest.approx(day.force_std, rel=0.05)
+
+
+def test_spreads_next_to_none_are_none() -> None:
     problem = problem_of([run(1), run(2)])
-    fit = problem.fit(THETA, (), WATER, rounds=0)
-    bent = problem.fit(THETA, (EffectInstance("quadratic-drag", "yaw", {"coefficient": 1e-9}),), WATER, rounds=0)
-    assert fit is not None and bent is not None and DRAG and FORM.free[0] == "k_N"
-    assert bent.total == pytest.approx(fit.total, abs=1e-2)
+    none, hardly = (problem.fit(THETA, DRAG, replace(WATER, day_force=s, day_thrust=s), rounds=0) for s in (0.0, 1e-7))
+    assert none is not None and hardly is not None
+    assert hardly.total == pytest.approx(none.total, abs=1e-3)
+    assert problem.ahead(hardly, 5.0) == pytest.approx(problem.ahead(none, 5.0), abs=1e-4)
 
 
 def test_a_run_that_says_nothing_keeps_its_prior() -> None:
