@@ -14,6 +14,13 @@ from gcs_autotune.trial import Trial
 DAYS = ((0.0, 0.09), (0.0, -0.07), (0.0, 0.05), (0.0, -0.08))
 """Thrust of four days whose standard deviation is 8 %."""
 
+APART = {
+    30: ((0.046, -0.085), (0.022, 0.035), (-0.001, 0.135), (0.04, 0.039)),
+    31: ((0.079, -0.025), (0.002, 0.036), (0.042, 0.15), (-0.071, -0.038)),
+}
+"""Seed -> days drawn with deviations of 0.1 N m and 8 %: without them in the model a dead zone was named of either
+craft, and true drag of none."""
+
 
 def searched(runs: list[Trial]) -> WeatherSearch:
     """Return what the search under process noise says of these runs."""
@@ -24,18 +31,18 @@ def searched(runs: list[Trial]) -> WeatherSearch:
     return found
 
 
-def test_thrust_that_differs_by_eight_per_cent_gives_no_name() -> None:
-    found = searched(weathered(4, size=0.05, count=4, days=DAYS))
+@pytest.mark.parametrize("seed", APART)
+def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
+    found = searched(weathered(seed, size=0.05, count=4, days=APART[seed]))
     assert found.named == ()
-    assert 0.03 < found.fit.water.day_thrust < 0.1
-    assert found.fit.water.day_force < 0.1
+    assert found.fit.water.day_thrust == 0.05
 
 
-def test_thrust_that_differs_by_eight_per_cent_refutes_no_true_cause() -> None:
-    found = searched(weathered(5, square=0.5, size=0.05, count=4, days=DAYS))
+@pytest.mark.parametrize("seed", APART)
+def test_days_of_eight_per_cent_of_thrust_refute_no_true_cause(seed: int) -> None:
+    found = searched(weathered(seed, square=0.3, size=0.05, count=4, days=APART[seed]))
     assert [a.effect.slug for a in found.named] == ["quadratic-drag"]
-    value = found.named[0].effect["coefficient"]
-    assert value == pytest.approx(0.5, rel=0.25)
+    assert found.named[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
 
 
 def test_a_bias_of_all_runs_is_named_and_no_difference_between_them() -> None:
