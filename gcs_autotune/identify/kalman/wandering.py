@@ -116,7 +116,13 @@ class WanderingProblem:
         """Return what *make* returns, made once for as long as *effects* do the same to the commands."""
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
         key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
-        key = (*key, *((e.slug, e.place) for e in effects), water.smoothing, water.differs)
+        key = (
+            *key,
+            *((e.slug, e.place) for e in effects),
+            water.smoothing,
+            water.day_force > 0.0,
+            water.day_thrust > 0.0,
+        )
         if key not in kept:
             if len(kept) > MOST_KEPT:
                 kept.clear()
@@ -126,7 +132,7 @@ class WanderingProblem:
     def bank(self, effects: Sequence[EffectInstance], water: Water) -> FilterBank:
         """Return the records as *effects* make them of the commands.
 
-        In the state is the force that wanders; where runs differ, the constant force of each and its gain besides.
+        In the state is the force that wanders; where runs differ, the constant force of each, and its gain.
         """
         return self._kept(effects, water, self._banks, self._new_bank)
 
@@ -147,7 +153,8 @@ class WanderingProblem:
         for segment, drive in zip(self.segments, self._driven(effects, water), strict=True):
             table = {n: np.ones(len(drive.t)) if n in ones else drive.channels[n] for n in form.inputs}
             records.append(segment.driven(drive.t, table))
-        return FilterBank(form, records, (*names, self.form.free[0]) if water.differs else names, per_run=True)
+        gain = (self.form.free[0],) if water.day_thrust > 0.0 else ()
+        return FilterBank(form, records, (*names, *gain), per_run=True)
 
     def _driven(self, effects: Sequence[EffectInstance], water: Water) -> tuple[Drive, ...]:
         """Return what *effects*, and a smoother of the signal, make of the commands, segment by segment."""
@@ -208,8 +215,10 @@ class WanderingProblem:
         every = self.theta_of(bank.form, theta, effects)
         decay = 1.0 / water.memory
         begin, std, states = [0.0], [water.size], len(bank.states)
-        if water.differs:  # the gain itself is in the state: a thrust of the day is a share of it
-            begin, std = [0.0, 0.0, theta[0]], [water.size, water.day_force, water.day_thrust * abs(theta[0])]
+        if water.differs:
+            begin, std = [0.0, 0.0], [water.size, water.day_force]
+        if water.day_thrust > 0.0:  # the gain itself is in the state: a thrust of the day is a share of it
+            begin, std = [*begin, theta[0]], [*std, water.day_thrust * abs(theta[0])]
         constant = np.zeros(len(begin) - 1)
         levels = Levels(
             np.array([water.noise**2]),
@@ -265,18 +274,20 @@ class WanderingProblem:
         run, mean, cov = None, np.zeros(2), np.zeros((2, 2))
         for track, drive, start, std in zip(self._tracks, drives, states[:, order], spread[:, order], strict=True):
             rows, damping = terms.rows(values, drive.channels)
-            force = rows[None, :]
+            forces = [rows]
             if water.differs:
-                force = np.stack([rows, np.ones(len(rows)), terms.share_of(self.form.free[0], values, drive.channels)])
+                forces.append(np.ones(len(rows)))
+            if water.day_thrust > 0.0:
+                forces.append(terms.share_of(self.form.free[0], values, drive.channels))
             if track.record.run != run:
                 run, mean, cov = track.record.run, np.zeros(2), np.diag([water.day_force**2, water.day_thrust**2])
             y = track.Y[:, 0]
             seen = ~np.isnan(y)
-            e, S = np.zeros((len(force), len(y))), np.zeros(len(y))
+            e, S = np.zeros((3 if water.differs else 1, len(y))), np.zeros(len(y))
             of_velocity = self.dof.velocity in track.record.signals
             finite = linear_pass(
-                drive.t, force, damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise, start,
-                std, e, S,
+                drive.t, np.stack(forces), damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise,
+                start, std, e, S,
             )  # fmt: skip
             own, S = e[0, seen], S[seen]
             if not finite or not np.all(np.isfinite(own)) or not np.all(S > 0.0):
