@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.attested import Attested
+from gcs_autotune.diagnose.day_to_day import days_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
+from gcs_autotune.identify import Day
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
@@ -52,7 +54,8 @@ class MissingForce:
     """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
 
     ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
-    commanded (both rms); ``curves`` by what it may go with, the most telling first.
+    commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
+    own besides, none where runs are alike.
     """
 
     dof: str
@@ -61,6 +64,7 @@ class MissingForce:
     memory: float
     share: float
     curves: Mapping[str, MissingCurve]
+    days: tuple[Day, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -69,7 +73,8 @@ class MissingForce:
             for n, c in self.curves.items()
         }
         own = {"dof": self.dof, "unit": self.unit, "size": self.size}
-        return {**own, "memory": self.memory, "share": self.share, "curves": curves}
+        days = [asdict(day) for day in self.days]
+        return {**own, "memory": self.memory, "share": self.share, "curves": curves, "days": days}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +105,8 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
             curves[name] = curve
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
     share = size / commanded if commanded > 0.0 else math.nan
-    return MissingForce(search.dof, unit, size, water.memory, share, curves)
+    days = days_of(search.problem, search.fit, inertia)
+    return MissingForce(search.dof, unit, size, water.memory, share, curves, days)
 
 
 def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:

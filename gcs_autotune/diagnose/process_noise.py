@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
+from gcs_autotune.diagnose.day_to_day import alike_in, differing
 from gcs_autotune.diagnose.process_noise_starts import ROUGH, Say, plain_under_process_noise
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
@@ -176,13 +177,10 @@ def search_under_process_noise(
 
 def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
     """Return the log-likelihood that the wandering force of *fit* gains over none, inf where none runs away."""
-    water = fit.water
-    if problem.fit(fit.theta, fit.effects, replace(water, size=1e-9), rounds=0) is None:
+    still = replace(fit.water, size=1e-9, day_force=0.0, day_thrust=0.0)
+    if problem.fit(fit.theta, fit.effects, still, rounds=0) is None:
         return math.inf
-    fits = [
-        problem.fit(fit.theta, fit.effects, replace(water, size=1e-9, noise=water.noise * k), rounds=8)
-        for k in (1.0, 10.0)
-    ]
+    fits = [problem.fit(fit.theta, fit.effects, replace(still, noise=still.noise * k), rounds=8) for k in (1.0, 10.0)]
     return fit.total - max((f.total for f in fits if f is not None), default=-math.inf)
 
 
@@ -253,7 +251,8 @@ def _is_motion(slug: str) -> bool:
 
 def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:
     """Return the search one cause further, or the same with what was judged where none pays."""
-    problem, present = search.problem, search.fit
+    problem = search.problem
+    present = differing(problem, search.fit)
     choices = _choices(problem.data, slugs, present.effects)
     stage = f"process noise, cause {len(search.named) + 1}"
     rough: list[tuple[EffectInstance, WanderingFit]] = []
@@ -269,8 +268,12 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     ends = []
     for k, (tried_one, fit) in enumerate(rough[:RUNNERS]):
         say(f"{stage}: fitting to the end", k, RUNNERS)
-        end = problem.fit(fit.theta, fit.effects, fit.water)
-        ends.append((tried_one, end if end is not None and end.total > fit.total else fit))
+        tries = [fit, problem.fit(fit.theta, fit.effects, fit.water)]
+        same = alike_in(fit.water, problem.runs)
+        if fit.water.day_thrust or fit.water.day_force > 1.01 * same.day_force:
+            # What bends thrust makes runs of other commands differ, and may explain them alike.
+            tries.append(problem.fit(fit.theta, fit.effects, same))
+        ends.append((tried_one, max((f for f in tries if f is not None), key=lambda f: f.total)))
     if ends:
         best = max(ends, key=lambda e: e[1].total)[1]
         again = problem.fit(best.theta, present.effects, best.water)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import OutOfTime, check_time
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
+from gcs_autotune.diagnose.day_to_day import doubt_of_days
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.missing_force import next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
@@ -150,6 +151,7 @@ def build_report(
             *_other_places(state, order),
             *_reversed(state),
             *_weightless(state),
+            *(() if missing is None else doubt_of_days(missing.dof, missing.unit, missing.days)),
         ),
         numbers=numbers,
         missing=missing,

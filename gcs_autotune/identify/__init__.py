@@ -56,8 +56,10 @@ from gcs_autotune.identify.information import (
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import check_axes, clock_jump, left_out, parts_of
+from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
-from gcs_autotune.identify.kalman.wandering import Tangent, WanderingFit, WanderingProblem
+from gcs_autotune.identify.kalman.wandering import WanderingProblem
+from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
 from gcs_autotune.identify.kalman.wandering_score import Water
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
@@ -149,6 +151,7 @@ __all__ = [
     "Agreement",
     "AxisFit",
     "CoupledCase",
+    "Day",
     "Decision",
     "Doubt",
     "Execute",
@@ -178,6 +181,7 @@ __all__ = [
     "Remainder",
     "Residual",
     "ResidualStatistics",
+    "RunSays",
     "Segment",
     "ShipLog",
     "Signal",
@@ -197,6 +201,7 @@ __all__ = [
     "check_axes",
     "clean",
     "clock_jump",
+    "common_gain",
     "correlation_time",
     "cramer_rao",
     "data_summary_of",
@@ -270,6 +275,7 @@ __all__ = [
     "signals_of",
     "simplify",
     "solve_zigzag",
+    "spread_between",
     "square_of",
     "thinned_to",
     "thrust_curve_told",

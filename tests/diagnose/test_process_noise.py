@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -52,9 +53,18 @@ SOME = ("quadratic-drag", "dead-zone", "input-bias", "asymmetric-thrust")
 
 
 def weathered(
-    seed: int, *, square: float = 0.0, size: float = 0.15, memory: float = 2.0, count: int = 3
+    seed: int,
+    *,
+    square: float = 0.0,
+    size: float = 0.15,
+    memory: float = 2.0,
+    count: int = 3,
+    days: Sequence[tuple[float, float]] = (),
 ) -> list[Trial]:
-    """Return relay runs of 60 s of a craft of inertia one, and a push that wanders and is forgotten in *memory* [s]."""
+    """Return relay runs of 60 s of a craft of inertia one, and a push that wanders and is forgotten in *memory* [s].
+
+    days : constant moment and share of thrust more of each run.
+    """
     rng = np.random.default_rng(seed)
     found = []
     for k in range(count):
@@ -62,11 +72,12 @@ def weathered(
         t = fine * np.arange(samples)
         command = (0.5, 1.0, 1.5)[k % 3] * np.where(np.floor(t / (3.0 + k)) % 2 == 0, 1.0, -1.0)
         psi, r, push, keep = 0.0, 0.0, rng.normal(0.0, size), math.exp(-fine / memory)
+        moment, thrust = days[k] if days else (0.0, 0.0)
         path = np.empty(samples)
         for i in range(samples):
             path[i] = psi
             psi += fine * r
-            r += fine * (command[i] - 0.8 * r - square * abs(r) * r + push)
+            r += fine * ((1.0 + thrust) * command[i] + moment - 0.8 * r - square * abs(r) * r + push)
             push = keep * push + rng.normal(0.0, size * math.sqrt(1.0 - keep * keep))
         at, seen = t[::10], path[::10] + rng.normal(0.0, 1e-3, samples // 10)
         channels = {

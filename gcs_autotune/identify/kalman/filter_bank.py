@@ -92,15 +92,19 @@ class FilterBank:
     Parameters
     ----------
     free : names of the parameters carried in the filter's state; none for a filter with known parameters.
+    per_run : each run has free parameters of its own: they begin anew, at the prior, with every record of another run
+        than the one before.
     """
 
-    def __init__(self, form: Form, records: Sequence[Segment], free: Sequence[str]) -> None:
+    def __init__(self, form: Form, records: Sequence[Segment], free: Sequence[str], *, per_run: bool = False) -> None:
         self.form = form
         self.program = program_of(form)
         self.states = states_of(form)
         self.signals = tuple(dict.fromkeys(n for r in records for n in r.signals))
         self.tracks = tuple(_track(r, self.signals) for r in records)
         self.free = tuple(free)
+        runs = [r.run for r in records]
+        self._anew = [per_run and i > 0 and runs[i] != runs[i - 1] for i in range(len(runs))]
         names, n = form.parameters, len(self.states)
         self.places = np.array([names.index(f) for f in self.free], dtype=np.int64)
         self._columns = np.array([n + self.free.index(x) if x in self.free else -1 for x in names], dtype=np.int64)
@@ -153,6 +157,8 @@ class FilterBank:
         parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
         histories, total = [], 0.0
         for i, track in enumerate(self.tracks):
+            if self._anew[i]:
+                parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
             if wanders.any():
                 parameters[wanders] = 0.0
                 covariance[wanders], covariance[:, wanders] = 0.0, 0.0
@@ -184,7 +190,7 @@ class FilterBank:
             )
             if fastest < 0.0:
                 return None
-            if wanders.all():
+            if wanders.any():
                 self._needed[i] = max(float(2.0 ** np.ceil(np.log2(max(fastest, 1e-3)) + 0.2)), 1.0)
                 self._max_rates[i] = max(self._max_rates[i], self._needed[i])
             seen = ~np.isnan(history.S)
@@ -204,9 +210,14 @@ class FilterBank:
         by_noise, by_drive = np.zeros((2, m)), np.zeros((2, n))
         trajectories: list[Array] = []
         variances: list[Array] = []
-        for track, history in zip(reversed(self.tracks), reversed(result.histories), strict=True):
+        later_anew = False
+        backwards = zip(reversed(self.tracks), reversed(result.histories), reversed(self._anew), strict=True)
+        for track, history, anew in backwards:
             adjoint[:n] = 0.0
             information[:n], information[:, :n] = 0.0, 0.0
+            if later_anew:
+                adjoint[:], information[:] = 0.0, 0.0
+            later_anew = anew
             adjoint[n:][decay > 0.0] = 0.0
             information[n:][decay > 0.0], information[:, n:][:, decay > 0.0] = 0.0, 0.0
             path, var = np.empty((len(track.stamps), n + p)), np.empty((len(track.stamps), n + p))

@@ -23,29 +23,37 @@ __all__ = ["LinearTerms", "linear_pass", "linear_terms"]
 Array = NDArray[np.float64]
 
 
+Term = tuple[str, float, tuple[tuple[str, bool], ...]]
+"""Parameter, sign, (input, by its size) of a product."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinearTerms:
-    """Terms of an equation that is linear in its velocity: (parameter, sign, (input, by its size) of a product).
+    """Terms of an equation that is linear in its velocity.
 
     ``forces`` : added up as force; ``dampings``: times the velocity.
     """
 
-    forces: tuple[tuple[str, float, tuple[tuple[str, bool], ...]], ...]
-    dampings: tuple[tuple[str, float, tuple[tuple[str, bool], ...]], ...]
+    forces: tuple[Term, ...]
+    dampings: tuple[Term, ...]
 
     def rows(self, values: Mapping[str, float], channels: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return force and damping rate per inertia (j,) of inputs (j,) with these parameters."""
-        samples = len(next(iter(channels.values())))
-        found = []
-        for terms in (self.forces, self.dampings):
-            row = np.zeros(samples)
-            for name, sign, factors in terms:
-                product: Array | float = sign * values.get(name, 0.0)
-                for channel, by_size in factors:
-                    product = product * (np.abs(channels[channel]) if by_size else channels[channel])
-                row += product
-            found.append(row)
-        return found[0], -found[1]
+        return _added_up(self.forces, values, channels), -_added_up(self.dampings, values, channels)
+
+    def share_of(self, name: str, values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
+        """Return that part of the force (j,) which goes with the parameter *name*."""
+        return _added_up([f for f in self.forces if f[0] == name], values, channels)
+
+
+def _added_up(terms: Sequence[Term], values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
+    row = np.zeros(len(next(iter(channels.values()))))
+    for name, sign, factors in terms:
+        product: Array | float = sign * values.get(name, 0.0)
+        for channel, by_size in factors:
+            product = product * (np.abs(channels[channel]) if by_size else channels[channel])
+        row += product
+    return row
 
 
 def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
@@ -56,8 +64,8 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
     own = STATES.index(d.velocity)  # velocities come first among a term's factors
-    forces: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
-    dampings: list[tuple[str, float, tuple[tuple[str, bool], ...]]] = []
+    forces: list[Term] = []
+    dampings: list[Term] = []
     for channel, pairs in form.inputs.items():
         for force, gain in pairs:
             if not isinstance(gain, str):
@@ -104,12 +112,16 @@ def linear_pass(
 ) -> bool:
     """Filter one record; return whether the motion stayed finite.
 
-    t_in, force, damping : (j,) held from each stamp on, per inertia. y : (s,) position at *stamps* (s,), NaN where
+    t_in, force (c, j), damping (j,) : held from each stamp on, per inertia. The first row of forces is what drives the
+    craft; of each row more the pass tells what that force, from rest and with no sample but zeros, adds to the
+    innovations (DeJong1991): they are linear in it. y : (s,) position at *stamps* (s,), NaN where
     there is none; *of_velocity*: velocity instead. size, memory [s] : of the force that wanders (Ornstein-Uhlenbeck);
     noise : standard deviation of *y*. start, spread : (2,) velocity and position at the first stamp and their standard
-    deviations. e, S : (s,) filled with innovations and their variances, left alone where there is no sample.
+    deviations. e (c, s), S (s,) : filled with innovations and their variances, left alone where there is no sample.
     """
-    v, x, w = start[0], start[1], 0.0
+    rows = len(force)
+    v, x, w = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    v[0], x[0] = start[0], start[1]
     # Covariance of (v, x, w), the upper triangle.
     vv, vx, vw, xx, xw, ww = spread[0] ** 2, 0.0, 0.0, spread[1] ** 2, 0.0, size**2
     row, last = 0, len(t_in) - 1
@@ -131,9 +143,10 @@ def linear_pass(
                 else:
                     one = (1.0 - kept) / b
                     two = (h - one) / b
-                f = force[row] + w
-                x += one * v + two * f
-                v = kept * v + one * f
+                for c in range(rows):
+                    f = force[c, row] + w[c]
+                    x[c] += one * v[c] + two * f
+                    v[c] = kept * v[c] + one * f
                 q += one * a + two
                 p += one * E
                 a = kept * a + one
@@ -144,7 +157,8 @@ def linear_pass(
                 if now >= stop:
                     break
             gone = np.exp(-(stop - stamps[s - 1]) / memory)
-            w *= gone
+            for c in range(rows):
+                w[c] *= gone
             # P <- F P F' with F = [[E, 0, a], [p, 1, q], [0, 0, 1]]; then the force forgets.
             fv, fx, fw = E * vv + a * vw, E * vx + a * xw, E * vw + a * ww
             gx, gw = p * vx + xx + q * xw, p * vw + xw + q * ww
@@ -152,17 +166,22 @@ def linear_pass(
             vv, vx, xx = fv * E + fw * a, fv * p + fx + fw * q, gv * p + gx + gw * q
             vw, xw = fw * gone, gw * gone
             ww = ww * gone * gone + size**2 * (1.0 - gone * gone)
-            if not (abs(v) < 1e9 and abs(x) < 1e9):
+            if not (abs(v[0]) < 1e9 and abs(x[0]) < 1e9):
                 return False
         if np.isnan(y[s]):
             continue
         if of_velocity:
-            error, hv, hx, hw, variance = y[s] - v, vv, vx, vw, vv + noise**2
+            hv, hx, hw, variance = vv, vx, vw, vv + noise**2
         else:
-            error, hv, hx, hw, variance = y[s] - x, vx, xx, xw, xx + noise**2
-        e[s], S[s] = error, variance
+            hv, hx, hw, variance = vx, xx, xw, xx + noise**2
+        S[s] = variance
         kv, kx, kw = hv / variance, hx / variance, hw / variance
-        v, x, w = v + kv * error, x + kx * error, w + kw * error
+        for c in range(rows):
+            error = (y[s] if c == 0 else 0.0) - (v[c] if of_velocity else x[c])
+            e[c, s] = error
+            v[c] += kv * error
+            x[c] += kx * error
+            w[c] += kw * error
         # Joseph's form: (I - K H) P (I - K H)' + K r K' keeps what is small positive.
         if of_velocity:
             keep, r = 1.0 - kv, noise**2

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -21,20 +21,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
+from gcs_autotune.identify.kalman.days import RunSays, integrate_out
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
-from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of, log_density
+from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
+from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WanderingFit", "WanderingProblem"]
+__all__ = ["WanderingProblem"]
 
 Array = NDArray[np.float64]
 
-WANDERS = "gust"
-"""Input, always 1, whose gain is the force that wanders."""
+WANDERS, OF_THE_DAY = "gust", "day"
+"""Inputs, always 1, whose gains are the force that wanders and a run's own constant force."""
+
+KNOWN_WITHIN = 0.2
+"""Chosen: share of thrust, and of the largest commanded force, within which a run is asked for what it has of its own:
+wide enough to leave the answer to the run, narrow enough for a bent equation."""
 
 ROUNDS = 30
 """Most scoring rounds."""
@@ -50,47 +56,6 @@ MOST_KEPT = 60
 """Commands as effects make them that are kept, at most."""
 
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WanderingFit:
-    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
-
-    ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
-    base's parameters, then the effects', then log size, log memory, log noise. ``innovations``: per record stamps,
-    innovation and its variance.
-    """
-
-    form: Form
-    theta: Array
-    effects: tuple[EffectInstance, ...]
-    water: Water
-    log_likelihood: Array
-    free_effects: tuple[tuple[int, str], ...]
-    covariance: Array
-    innovations: tuple[tuple[Array, Array, Array], ...]
-
-    @property
-    def total(self) -> float:
-        """The log-likelihood of all records."""
-        return float(self.log_likelihood.sum())
-
-    @property
-    def densities(self) -> Array:
-        """The log density (samples,) of every innovation, record after record."""
-        return np.concatenate([log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
-
-    @property
-    def unknowns(self) -> int:
-        """How many numbers were fitted."""
-        return len(self.theta) + len(self.free_effects) + 3 + (self.water.smoothing > 0.0)
-
-    def std_of(self, slug: str, place: str, name: str) -> float:
-        """Return the standard error of an effect's number, NaN where it was not fitted."""
-        for k, (i, n) in enumerate(self.free_effects):
-            if (self.effects[i].slug, self.effects[i].place, n) == (slug, place, name):
-                return float(math.sqrt(max(self.covariance[len(self.theta) + k, len(self.theta) + k], 0.0)))
-        return math.nan
 
 
 class WanderingProblem:
@@ -117,6 +82,11 @@ class WanderingProblem:
         self._terms: dict[tuple[tuple[str, str], ...], LinearTerms | None] = {}
         self._priors = self._first()
 
+    @property
+    def runs(self) -> int:
+        """How many runs the segments are of."""
+        return len({s.run for s in self.segments})
+
     def on(self, segments: Sequence[Segment]) -> WanderingProblem:
         """Return the same problem on other segments."""
         return WanderingProblem(self.form, segments, self.data, self.limits)
@@ -139,23 +109,32 @@ class WanderingProblem:
     def _kept(
         self,
         effects: Sequence[EffectInstance],
-        smoothing: float,
+        water: Water,
         kept: dict[tuple[object, ...], Made],
-        make: Callable[[Sequence[EffectInstance], float], Made],
+        make: Callable[[Sequence[EffectInstance], Water], Made],
     ) -> Made:
         """Return what *make* returns, made once for as long as *effects* do the same to the commands."""
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
         key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
-        key = (*key, *((e.slug, e.place) for e in effects), smoothing)
+        key = (
+            *key,
+            *((e.slug, e.place) for e in effects),
+            water.smoothing,
+            water.day_force > 0.0,
+            water.day_thrust > 0.0,
+        )
         if key not in kept:
             if len(kept) > MOST_KEPT:
                 kept.clear()
-            kept[key] = make(effects, smoothing)
+            kept[key] = make(effects, water)
         return kept[key]
 
-    def bank(self, effects: Sequence[EffectInstance], smoothing: float = 0.0) -> FilterBank:
-        """Return the records as *effects* make them of the commands, with the force that wanders in the state."""
-        return self._kept(effects, smoothing, self._banks, self._new_bank)
+    def bank(self, effects: Sequence[EffectInstance], water: Water) -> FilterBank:
+        """Return the records as *effects* make them of the commands.
+
+        In the state is the force that wanders; where runs differ, the constant force of each, and its gain.
+        """
+        return self._kept(effects, water, self._banks, self._new_bank)
 
     def _formed(self, effects: Sequence[EffectInstance]) -> tuple[Form, list[str]]:
         """Return the form with the inputs that *effects* add, and the derivatives they add."""
@@ -164,23 +143,25 @@ class WanderingProblem:
         inputs = {**self.form.inputs, **{n: () for n in more if n not in self.form.inputs}}
         return replace(self.form, inputs=inputs), list(dict.fromkeys(added))
 
-    def _new_bank(self, effects: Sequence[EffectInstance], smoothing: float) -> FilterBank:
+    def _new_bank(self, effects: Sequence[EffectInstance], water: Water) -> FilterBank:
         form, added = self._formed(effects)
-        name = f"{self.dof.force}_{WANDERS}"
-        form = replace(form, inputs={**form.inputs, WANDERS: ()})
-        form = form.freeing(*(n for n in (*added, name) if n not in self.form.parameters))
+        ones = (WANDERS, OF_THE_DAY) if water.differs else (WANDERS,)
+        names = [f"{self.dof.force}_{n}" for n in ones]
+        form = replace(form, inputs={**form.inputs, **dict.fromkeys(ones, ())})
+        form = form.freeing(*(n for n in (*added, *names) if n not in self.form.parameters))
         records = []
-        for segment, drive in zip(self.segments, self._driven(effects, smoothing), strict=True):
-            table = {n: np.ones(len(drive.t)) if n == WANDERS else drive.channels[n] for n in form.inputs}
+        for segment, drive in zip(self.segments, self._driven(effects, water), strict=True):
+            table = {n: np.ones(len(drive.t)) if n in ones else drive.channels[n] for n in form.inputs}
             records.append(segment.driven(drive.t, table))
-        return FilterBank(form, records, (name,))
+        gain = (self.form.free[0],) if water.day_thrust > 0.0 else ()
+        return FilterBank(form, records, (*names, *gain), per_run=True)
 
-    def _driven(self, effects: Sequence[EffectInstance], smoothing: float) -> tuple[Drive, ...]:
+    def _driven(self, effects: Sequence[EffectInstance], water: Water) -> tuple[Drive, ...]:
         """Return what *effects*, and a smoother of the signal, make of the commands, segment by segment."""
-        return self._kept(effects, smoothing, self._drives, self._new_drives)
+        return self._kept(effects, water, self._drives, self._new_drives)
 
-    def _new_drives(self, effects: Sequence[EffectInstance], smoothing: float) -> tuple[Drive, ...]:
-        found = []
+    def _new_drives(self, effects: Sequence[EffectInstance], water: Water) -> tuple[Drive, ...]:
+        found, smoothing = [], water.smoothing
         for segment in self.segments:
             passage = segment.passage
             drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
@@ -201,14 +182,14 @@ class WanderingProblem:
             self._terms[key] = linear_terms(*self._formed(effects))
         return self._terms[key]
 
-    def ease(self, effects: Sequence[EffectInstance], smoothing: float) -> bool:
+    def ease(self, effects: Sequence[EffectInstance], water: Water) -> bool:
         """Return whether the filter's steps were finer than they need be: see :meth:`.filter_bank.FilterBank.ease`."""
-        return self._linear(effects) is None and self.bank(effects, smoothing).ease()
+        return self._linear(effects) is None and self.bank(effects, water).ease()
 
-    def afresh(self, effects: Sequence[EffectInstance], smoothing: float) -> None:
+    def afresh(self, effects: Sequence[EffectInstance], water: Water) -> None:
         """Forget how fine the filter's steps were: see :meth:`.filter_bank.FilterBank.afresh`."""
         if self._linear(effects) is None:
-            self.bank(effects, smoothing).afresh()
+            self.bank(effects, water).afresh()
 
     def _smoothed(self, drive: Drive, smoothing: float, end: float) -> Drive:
         """Return the inputs as means over samples, the commands smoothed forwards and backwards."""
@@ -230,17 +211,22 @@ class WanderingProblem:
         self, theta: Array, effects: Sequence[EffectInstance], water: Water, *, full: bool = False
     ) -> tuple[FilterBank, FilterResult, Levels] | None:
         """Pass the filter over all records; None when it runs away."""
-        bank = self.bank(effects, water.smoothing)
+        bank = self.bank(effects, water)
         every = self.theta_of(bank.form, theta, effects)
         decay = 1.0 / water.memory
+        begin, std, states = [0.0], [water.size], len(bank.states)
+        if water.differs:
+            begin, std = [0.0, 0.0], [water.size, water.day_force]
+        if water.day_thrust > 0.0:  # the gain itself is in the state: a thrust of the day is a share of it
+            begin, std = [*begin, theta[0]], [*std, water.day_thrust * abs(theta[0])]
+        constant = np.zeros(len(begin) - 1)
         levels = Levels(
             np.array([water.noise**2]),
-            np.zeros(len(bank.states)),
-            np.array([2.0 * decay * water.size**2]),
-            np.array([decay]),
+            np.zeros(states),
+            np.append(2.0 * decay * water.size**2, constant),
+            np.append(decay, constant),
         )
-        states, spread = self._priors
-        prior = Prior(states, spread, np.zeros(1), np.array([[water.size**2]]))
+        prior = Prior(*self._priors, np.array(begin), np.diag(np.square(std)))
         with np.errstate(all="ignore"):
             result = bank.run(every, prior, levels, full=full)
         return None if result is None else (bank, result, levels)
@@ -284,22 +270,50 @@ class WanderingProblem:
         states, spread = self._priors
         order = [states_of(self.form).index(n) for n in (self.dof.velocity, self.dof.position)]
         found = []
-        drives = self._driven(effects, water.smoothing)
+        drives = self._driven(effects, water)
+        run, mean, cov = None, np.zeros(2), np.zeros((2, 2))
         for track, drive, start, std in zip(self._tracks, drives, states[:, order], spread[:, order], strict=True):
-            force, damping = terms.rows(values, drive.channels)
+            rows, damping = terms.rows(values, drive.channels)
+            forces = [rows]
+            if water.differs:
+                forces.append(np.ones(len(rows)))
+            if water.day_thrust > 0.0:
+                forces.append(terms.share_of(self.form.free[0], values, drive.channels))
+            if track.record.run != run:
+                run, mean, cov = track.record.run, np.zeros(2), np.diag([water.day_force**2, water.day_thrust**2])
             y = track.Y[:, 0]
             seen = ~np.isnan(y)
-            e, S = np.zeros(len(y)), np.zeros(len(y))
+            e, S = np.zeros((3 if water.differs else 1, len(y))), np.zeros(len(y))
             of_velocity = self.dof.velocity in track.record.signals
             finite = linear_pass(
-                drive.t, force, damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise, start,
-                std, e, S,
+                drive.t, np.stack(forces), damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise,
+                start, std, e, S,
             )  # fmt: skip
-            e, S = e[seen], S[seen]
-            if not finite or not np.all(np.isfinite(e)) or not np.all(S > 0.0):
+            own, S = e[0, seen], S[seen]
+            if not finite or not np.all(np.isfinite(own)) or not np.all(S > 0.0):
                 return None
-            found.append((track.stamps[seen], e, S))
+            if water.differs:
+                integrate_out(e[1:, seen], mean, cov, own, S)
+            found.append((track.stamps[seen], own, S))
         return tuple(found)
+
+    def says(self, fit: WanderingFit) -> tuple[RunSays, ...] | None:
+        """Return what each run says of its own constant force and thrust at *fit*; None where the filter fails."""
+        full = abs(float(fit.theta[0])) * sum(self.data.amplitude.values())
+        wide = np.array([fit.water.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
+        water = replace(fit.water, day_force=float(wide[0]), day_thrust=float(wide[1]))
+        done = self.run(fit.theta, fit.effects, water, full=True)
+        if done is None:
+            return None
+        bank, result, _ = done
+        first, gain, found = len(bank.states) + 1, float(fit.theta[0]), {}
+        for track, history in zip(bank.tracks, result.histories, strict=True):  # of a run in parts the last knows all
+            scale = np.array([1.0, gain])
+            cov = history.covariance[-1, first:, first:] / np.outer(scale, scale)
+            told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
+            mean = (history.mean[-1, first:] - [0.0, gain]) / scale
+            found[track.record.run] = RunSays(track.record.run, told - np.diag(wide**-2.0), told @ mean)
+        return tuple(found.values())
 
     def fit(
         self,
@@ -404,37 +418,31 @@ class WanderingProblem:
         names, n = bank.form.parameters, len(bank.states)
         theta = self.theta_of(bank.form, fit.theta, fit.effects)
         theta[names.index(bank.free[0])] = 1.0
+        own = [names.index(n) for n in bank.free[1:]]
         gust = list(bank.form.inputs).index(WANDERS)
         simulator, errors = Simulator(bank.form), []
         for track, history in zip(bank.tracks, result.histories, strict=True):
-            own = next(iter(track.record.signals.values()))
-            seen = int(next(i for i, name in enumerate(bank.states) if name == own.name))
+            signal = next(iter(track.record.signals.values()))
+            seen = int(next(i for i, name in enumerate(bank.states) if name == signal.name))
             t_in, table = track.record.t_in, track.record.inputs
             begin = track.stamps[0] + seconds
             while begin + seconds <= track.stamps[-1]:
                 s = int(np.searchsorted(track.stamps, begin))
                 start = float(track.stamps[s])
-                goal = int(np.searchsorted(own.t, start + seconds))
+                goal = int(np.searchsorted(signal.t, start + seconds))
                 begin += 0.5 * seconds
-                if goal >= len(own.t):
+                if goal >= len(signal.t):
                     break
-                end = float(own.t[goal])
+                end = float(signal.t[goal])
                 inside = t_in[(t_in > start) & (t_in < end)]
                 t = np.union1d(np.append(inside, start), np.arange(start, end, self.interval))
                 rows = table[np.maximum(np.searchsorted(t_in, t, side="right") - 1, 0)].copy()
                 rows[:, gust] = history.mean[s, n] * np.exp(-(t - start) / fit.water.memory)
+                theta[own] = history.mean[s, n + 1 :]
                 found = simulator.run(theta, history.mean[s, :n].copy(), t, rows, np.array([start, end]))
                 if found is not None:
-                    errors.append(own.values[goal] - found[0][-1, seen])
+                    errors.append(signal.values[goal] - found[0][-1, seen])
         return np.array(errors)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tangent:
-    """Derivatives of all innovations (samples,) and of their log variances by the unknowns of a fit, (q, samples)."""
-
-    J: Array
-    D: Array
 
 
 def _two_sided(x: Array, kept: float) -> Array:

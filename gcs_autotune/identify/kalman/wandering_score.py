@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +38,8 @@ class Water:
     ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
     that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
     ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
-    What a linear craft then shows is what smoothed commands would have done.
+    What a linear craft then shows is what smoothed commands would have done. ``day_force`` [as size] and ``day_thrust``
+    [share]: standard deviations between runs of each one's constant force and of its thrust; 0 where runs are alike.
     """
 
     size: float
@@ -46,6 +47,13 @@ class Water:
     noise: float
     freedom: float = math.inf
     smoothing: float = 0.0
+    day_force: float = 0.0
+    day_thrust: float = 0.0
+
+    @property
+    def differs(self) -> bool:
+        """Whether every run has a constant force, or a thrust, of its own."""
+        return self.day_force > 0.0 or self.day_thrust > 0.0
 
 
 def free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
@@ -73,7 +81,7 @@ class Coordinates:
         free_effects: tuple[tuple[int, str], ...],
         water: Water,
     ) -> None:
-        self.problem, self.effects, self.free_effects, self.freedom = problem, effects, free_effects, water.freedom
+        self.problem, self.effects, self.free_effects, self.water = problem, effects, free_effects, water
         self.levels = 3 + (water.smoothing > 0.0)
         own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
         pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
@@ -107,8 +115,9 @@ class Coordinates:
         for k, (i, n) in enumerate(self.free_effects):
             values.setdefault(i, {})[n] = float(x[p + k])
         effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
-        size, memory, noise, *smoothing = (float(v) for v in np.exp(x[-self.levels :]))
-        return x[:p].copy(), effects, Water(size, memory, noise, self.freedom, *smoothing)
+        names = ("size", "memory", "noise", "smoothing")[: self.levels]
+        levels = dict(zip(names, np.exp(x[-self.levels :]).tolist(), strict=True))
+        return x[:p].copy(), effects, replace(self.water, **levels)
 
     def clipped(self, x: Array) -> Array:
         """Return *x* (q,) within its bounds."""
@@ -137,7 +146,7 @@ class Coordinates:
         found = self.problem.innovations_at(*self.unpack(x))
         if found is None:
             return None
-        each = np.array([float(log_density(e, S, self.freedom).sum()) for _, e, S in found])
+        each = np.array([float(log_density(e, S, self.water.freedom).sum()) for _, e, S in found])
         total = float(each.sum())
         return (found, total, each) if math.isfinite(total) else None
 
@@ -146,14 +155,14 @@ class Coordinates:
         here = self.at(x)
         if here is None:
             _, effects, water = self.unpack(x)
-            self.problem.afresh(effects, water.smoothing)
+            self.problem.afresh(effects, water)
             here = self.at(x)
         return here
 
     def eased(self, x: Array, here: Point) -> Point:
         """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
         _, effects, water = self.unpack(x)
-        return (self.at(x) or here) if self.problem.ease(effects, water.smoothing) else here
+        return (self.at(x) or here) if self.problem.ease(effects, water) else here
 
     def score(self, x: Array, here: Point, steps: Array) -> tuple[Array, Array]:
         """Return gradient and expected information by differences of passes."""
@@ -182,7 +191,7 @@ class Coordinates:
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
         """Return gradient and expected information at *here* with these derivatives."""
         e, S = (np.concatenate([r[k] for r in here[0]]) for k in (1, 2))
-        nu = self.freedom
+        nu = self.water.freedom
         if math.isinf(nu):
             by_e, by_log, info_e, info_log = -e / S, -0.5 + 0.5 * e * e / S, 1.0 / S, np.full(len(S), 0.5)
         else:

@@ -24,8 +24,16 @@ FORM = Form(
 GAIN, DAMPING, SIZE, MEMORY, STEP = 0.5, 0.6, 0.05, 3.0, 0.2
 
 
-def run(seed: int, *, square: float = 0.0, slide: float = 0.0, size: float = SIZE) -> Segment:
-    """Return a relay run of 80 s, integrated in steps of a hundredth of a second."""
+def run(
+    seed: int,
+    *,
+    square: float = 0.0,
+    slide: float = 0.0,
+    size: float = SIZE,
+    force: float = 0.0,
+    thrust: float = 1.0,
+) -> Segment:
+    """Return a relay run of 80 s, integrated in steps of a hundredth of a second; *force*, *thrust*: of its own day."""
     rng = np.random.default_rng(seed)
     fine, count = 0.01, 8000
     t = fine * np.arange(count)
@@ -37,7 +45,8 @@ def run(seed: int, *, square: float = 0.0, slide: float = 0.0, size: float = SIZ
     for i in range(count):
         path[i] = psi
         psi += fine * r
-        r += fine * (GAIN * command[i] - DAMPING * r - square * abs(r) * r + slide * v[i] + push)
+        own = thrust * GAIN * command[i] + force
+        r += fine * (own - DAMPING * r - square * abs(r) * r + slide * v[i] + push)
         push = keep * push + rng.normal(0.0, size * math.sqrt(1.0 - keep * keep))
     every = round(STEP / fine)
     at = t[::every]
@@ -75,7 +84,7 @@ def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
     problem = problem_of([run(1)])
     before = problem.fit(BEGIN[0], DRAG, BEGIN[2], rounds=2)
     assert before is not None
-    bank = problem.bank(DRAG, 0.0)
+    bank = problem.bank(DRAG, BEGIN[2])
     bank._max_rates = [1e6]
     assert problem.run(before.theta, DRAG, before.water) is None
     assert problem.tangent(before) is not None

@@ -1,0 +1,66 @@
+"""What a fit under a force that wanders came to, and how its innovations move with its unknowns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EffectInstance
+from gcs_autotune.identify.kalman.wandering_score import Water, log_density
+from gcs_autotune.models import Form
+
+__all__ = ["Tangent", "WanderingFit"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WanderingFit:
+    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
+
+    ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
+    base's parameters, then the effects', then log size, log memory, log noise. ``innovations``: per record stamps,
+    innovation and its variance.
+    """
+
+    form: Form
+    theta: Array
+    effects: tuple[EffectInstance, ...]
+    water: Water
+    log_likelihood: Array
+    free_effects: tuple[tuple[int, str], ...]
+    covariance: Array
+    innovations: tuple[tuple[Array, Array, Array], ...]
+
+    @property
+    def total(self) -> float:
+        """The log-likelihood of all records."""
+        return float(self.log_likelihood.sum())
+
+    @property
+    def densities(self) -> Array:
+        """The log density (samples,) of every innovation, record after record."""
+        return np.concatenate([log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers were fitted."""
+        return len(self.theta) + len(self.free_effects) + 3 + (self.water.smoothing > 0.0)
+
+    def std_of(self, slug: str, place: str, name: str) -> float:
+        """Return the standard error of an effect's number, NaN where it was not fitted."""
+        for k, (i, n) in enumerate(self.free_effects):
+            if (self.effects[i].slug, self.effects[i].place, n) == (slug, place, name):
+                return float(math.sqrt(max(self.covariance[len(self.theta) + k, len(self.theta) + k], 0.0)))
+        return math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangent:
+    """Derivatives of all innovations (samples,) and of their log variances by the unknowns of a fit, (q, samples)."""
+
+    J: Array
+    D: Array

@@ -1,0 +1,163 @@
+"""What differs from run to run, integrated out: exactly, the same by either pass, and told run by run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from test_wandering import DRAG, GAIN, LINEAR, problem_of, run
+
+from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water
+from gcs_autotune.identify.kalman.days import RunSays, common_gain, spread_between
+
+Array = NDArray[np.float64]
+
+THETA = np.array([0.45, -0.7])
+WATER = Water(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
+
+
+def short(name: str, seed: int) -> Segment:
+    """Return a record of a run *name*: twelve samples half a second apart, the command changed between them."""
+    rng = np.random.default_rng(seed)
+    t = 0.5 * np.arange(12)
+    t_in = np.array([0.0, 0.7, 2.1, 4.4])
+    signal = Signal("psi", t, np.cumsum(rng.normal(0.0, 0.1, 12)), 0.0)
+    return Segment(name, name, t_in, rng.normal(0.0, 1.0, (4, 1)), ("N",), ("1",), {"psi": signal})
+
+
+def responses(segment: Segment, states: Array, spread: Array) -> tuple[Array, Array, Array]:
+    """Return the mean (s,) of the samples, what every independent unit of chance adds to them (s, units), and what
+    the run's own constant force and thrust do (s, 2): by steps of a millisecond.
+    """
+    k, d = THETA
+    t, keep = segment.signals["psi"].t, math.exp(-0.5 / WATER.memory)
+    pushes = np.zeros((len(t), 2 + len(t)))  # what wanders, by unit: the first, then one more in each interval
+    pushes[0, 2] = WATER.size
+    for s in range(1, len(t)):
+        pushes[s] = keep * pushes[s - 1]
+        pushes[s, 2 + s] = WATER.size * math.sqrt(1.0 - keep * keep)
+    order = [1, 0] if states[0] != segment.signals["psi"].values[0] else [0, 1]
+    x0, v0 = states[order]
+    # Columns: mean, units of chance, own force, own thrust.
+    x = np.concatenate([[x0], [spread[order][0], 0.0], np.zeros(len(t)), [0.0, 0.0]])
+    v = np.concatenate([[v0], [0.0, spread[order][1]], np.zeros(len(t)), [0.0, 0.0]])
+    seen = [x.copy()]
+    h = 1e-3
+    for s in range(len(t) - 1):
+        for step in range(500):
+            now = t[s] + h * (step + 0.5)
+            u = segment.inputs[np.searchsorted(segment.t_in, now, side="right") - 1, 0]
+            f = np.concatenate([[k * u], pushes[s], [1.0, k * u]])
+            kept = math.exp(d * h)
+            one = (1.0 - kept) / -d
+            x, v = x + one * v + (h - one) / -d * f, kept * v + one * f
+        seen.append(x.copy())
+    rows = np.array(seen)
+    return rows[:, 0], rows[:, 1:-2], rows[:, -2:]
+
+
+def test_integrating_out_is_exact_beside_a_dense_gaussian() -> None:
+    """Two records of one run, which share its own force and thrust, and one of another."""
+    segments = [short("a", 1), short("a", 2), short("b", 3)]
+    problem = problem_of(segments)
+    found = problem.innovations_at(THETA, (), WATER)
+    assert found is not None
+    told = sum(-0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S))) for _, e, S in found)
+    states, spread = problem._priors
+    parts = [responses(s, states[i], spread[i]) for i, s in enumerate(segments)]
+    dense = 0.0
+    for own in ([0, 1], [2]):
+        error = np.concatenate([segments[i].signals["psi"].values - parts[i][0] for i in own])
+        shared = np.concatenate([parts[i][2] for i in own]) * [WATER.day_force, WATER.day_thrust]
+        C = shared @ shared.T + WATER.noise**2 * np.eye(len(error))
+        for j, i in enumerate(own):
+            block = slice(12 * j, 12 * j + 12)
+            C[block, block] += parts[i][1] @ parts[i][1].T
+        _, size = np.linalg.slogdet(2.0 * np.pi * C)
+        dense -= 0.5 * (float(size) + float(error @ np.linalg.solve(C, error)))
+    assert told == pytest.approx(dense, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_both_passes_integrate_out_the_same(name: str) -> None:
+    runs = [run(1), run(2)]
+    speed = replace(runs[0].measured["v"], name="u")
+    half = replace(runs[1], run=runs[0].run)  # a run in two records, then another
+    problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in (runs[0], half, runs[1])])
+    assert problem._linear(LINEAR[name]) is not None
+    exact = problem.innovations_at(THETA, LINEAR[name], WATER)
+    done = problem.run(THETA, LINEAR[name], WATER)
+    assert exact is not None and done is not None
+    for (_, e, S), history in zip(exact, done[1].histories, strict=True):
+        seen = ~np.isnan(history.S[:, 0])
+        assert e == pytest.approx(history.e[seen, 0], abs=1e-3 * float(np.sqrt(S.min())))
+        assert S == pytest.approx(history.S[seen, 0], rel=1e-3)
+
+
+def day_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> WanderingProblem:
+    """Return runs whose constant forces and thrusts are these."""
+    return problem_of([
+        run(k + 1, size=0.02, force=b, thrust=1.0 + s) for k, (b, s) in enumerate(zip(forces, thrusts, strict=True))
+    ])  # fmt: skip
+
+
+def test_each_run_says_what_it_had_of_its_own() -> None:
+    forces, thrusts = (0.06, -0.05, 0.02, -0.03), (0.08, -0.06, 0.03, -0.05)
+    problem = day_runs(forces, thrusts)
+    fit = problem.fit(np.array([GAIN, -0.6]), (), Water(0.02, 3.0, 1e-3, day_force=0.05, day_thrust=0.06))
+    assert fit is not None
+    says = problem.says(fit)
+    assert says is not None
+    for one, b, s in zip(says, forces, thrusts, strict=True):
+        day = one.day(0.05, 0.06)
+        assert abs(day.force - b) < 3.0 * day.force_std
+        assert abs(day.thrust - s) < 3.0 * math.hypot(day.thrust_std, 0.03)  # the gain itself is the runs' mean
+    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
+    assert 0.02 < force < 0.12
+    assert 0.03 < thrust <= 0.1
+    assert common_gain(says, force, thrust) > common_gain(says, 0.0, 0.0) + 3.0
+
+
+def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
+    problem = day_runs((0.06, 0.06, 0.06), (0.0, 0.0, 0.0))
+    fit = problem.fit(np.array([GAIN, -0.6]), (), Water(0.02, 3.0, 1e-3))
+    assert fit is not None
+    says = problem.says(fit)
+    assert says is not None
+    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
+    assert common_gain(says, force, thrust) < common_gain(says, 0.0, 0.0) + 3.0
+
+
+def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_next() -> None:
+    first, second = run(1, force=0.1), run(2, force=-0.1)
+    problem = problem_of([first, second])
+    done = problem.run(THETA, DRAG, WATER, full=True)
+    fit = problem.fit(THETA, DRAG, WATER, rounds=0)
+    assert done is not None and fit is not None
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    says = problem.says(fit)
+    assert says is not None
+    own = len(bank.states) + 1
+    for path, var, one in zip(smoothed.trajectories, smoothed.variances, says, strict=True):
+        day = one.day(WATER.day_force, WATER.day_thrust)
+        assert path[:, own] == pytest.approx(np.full(len(path), path[-1, own]), abs=1e-6)
+        assert path[0, own] == pytest.approx(day.force, abs=0.1 * day.force_std)
+        assert math.sqrt(var[0, own]) == pytest.approx(day.force_std, rel=0.05)
+
+
+def test_spreads_next_to_none_are_none() -> None:
+    problem = problem_of([run(1), run(2)])
+    none, hardly = (problem.fit(THETA, DRAG, replace(WATER, day_force=s, day_thrust=s), rounds=0) for s in (0.0, 1e-7))
+    assert none is not None and hardly is not None
+    assert hardly.total == pytest.approx(none.total, abs=1e-3)
+    assert problem.ahead(hardly, 5.0) == pytest.approx(problem.ahead(none, 5.0), abs=1e-4)
+
+
+def test_a_run_that_says_nothing_keeps_its_prior() -> None:
+    day = RunSays("mute", np.zeros((2, 2)), np.zeros(2)).day(0.3, 0.05)
+    assert (day.force, day.thrust) == (0.0, 0.0)
+    assert (day.force_std, day.thrust_std) == pytest.approx((0.3, 0.05))
