@@ -1,15 +1,23 @@
-"""Records with one signal, no closer than suits a craft, and their inputs as means over a share of that."""
+"""Records with one signal, no closer than suits a craft, their inputs as means over a share of that, or as a smoother
+of the signal makes them look.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gcs_autotune.effects import Drive
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.slow_imports import scipy_signal
 
-__all__ = ["thinned_to"]
+__all__ = ["smoothed_drive", "thinned_to"]
+
+Array = NDArray[np.float64]
 
 PER_SAMPLE = 4.0
 """Inputs and measured motions are held as means over no less than this share of the interval between samples."""
@@ -59,3 +67,32 @@ def _coarser(segment: Segment, width: float) -> Segment:
         [np.bincount(own, held * segment.inputs[row, i], len(edges)) / weight for i in range(segment.inputs.shape[1])]
     )
     return replace(segment, t_in=edges, inputs=table, slack=np.zeros(len(edges)))
+
+
+def smoothed_drive(drive: Drive, smoothing: float, end: float, step: float, commands: Container[str]) -> Drive:
+    """Return inputs up to *end* [s] as means over *step* [s], *commands* smoothed forwards and backwards.
+
+    smoothing : time constant [s] of the smoother either way.
+    """
+    t = np.arange(float(drive.t[0]), end + step, step)
+    every = np.union1d(drive.t[drive.t < t[-1] + step], t)
+    row = np.searchsorted(drive.t, every, side="right") - 1
+    held = np.diff(np.append(every, t[-1] + step))
+    own = np.clip(np.searchsorted(t, every, side="right") - 1, 0, len(t) - 1)
+    weight = np.bincount(own, held, len(t))
+    kept = math.exp(-step / smoothing)
+    channels = {}
+    for name, values in drive.channels.items():
+        mean = np.bincount(own, held * values[row], len(t)) / weight
+        channels[name] = _two_sided(mean, kept) if name in commands else mean
+    return replace(drive, t=t, channels=channels)
+
+
+def _two_sided(x: Array, kept: float) -> Array:
+    """Return *x* (n,) smoothed by weights ``kept**|k|``, as if its ends went on for ever."""
+    rest = 1.0 - kept
+    lfilter = scipy_signal().lfilter
+    forward, _ = lfilter([1.0], [1.0, -kept], x, zi=[kept * x[0] / rest])
+    backward, _ = lfilter([1.0], [1.0, -kept], x[::-1], zi=[kept * x[-1] / rest])
+    both: Array = (forward + backward[::-1] - x) * rest / (1.0 + kept)
+    return both

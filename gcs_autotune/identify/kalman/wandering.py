@@ -11,7 +11,6 @@ Derivatives by the unknowns are those of ``wandering_score``; steps and covarian
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -24,11 +23,11 @@ from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in
 from gcs_autotune.identify.kalman.days import RunSays, integrate_out
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
+from gcs_autotune.identify.kalman.thinning import smoothed_drive
 from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
 from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
-from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 
 __all__ = ["WanderingProblem"]
@@ -167,7 +166,10 @@ class WanderingProblem:
             drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
             for effect in effects:
                 drive = EFFECTS[effect.slug].drive(effect, drive)
-            found.append(self._smoothed(drive, smoothing, float(segment.stamps[-1])) if smoothing > 0.0 else drive)
+            if smoothing > 0.0:
+                end = float(segment.stamps[-1])
+                drive = smoothed_drive(drive, smoothing, end, self.data.interval, self.form.inputs)
+            found.append(drive)
         return tuple(found)
 
     @cached_property
@@ -190,22 +192,6 @@ class WanderingProblem:
         """Forget how fine the filter's steps were: see :meth:`.filter_bank.FilterBank.afresh`."""
         if self._linear(effects) is None:
             self.bank(effects, water).afresh()
-
-    def _smoothed(self, drive: Drive, smoothing: float, end: float) -> Drive:
-        """Return the inputs as means over samples, the commands smoothed forwards and backwards."""
-        step = self.data.interval
-        t = np.arange(float(drive.t[0]), end + step, step)
-        every = np.union1d(drive.t[drive.t < t[-1] + step], t)
-        row = np.searchsorted(drive.t, every, side="right") - 1
-        held = np.diff(np.append(every, t[-1] + step))
-        own = np.clip(np.searchsorted(t, every, side="right") - 1, 0, len(t) - 1)
-        weight = np.bincount(own, held, len(t))
-        kept = math.exp(-step / smoothing)
-        channels = {}
-        for name, values in drive.channels.items():
-            mean = np.bincount(own, held * values[row], len(t)) / weight
-            channels[name] = _two_sided(mean, kept) if name in self.form.inputs else mean
-        return replace(drive, t=t, channels=channels)
 
     def run(
         self, theta: Array, effects: Sequence[EffectInstance], water: Water, *, full: bool = False
@@ -443,13 +429,3 @@ class WanderingProblem:
                 if found is not None:
                     errors.append(signal.values[goal] - found[0][-1, seen])
         return np.array(errors)
-
-
-def _two_sided(x: Array, kept: float) -> Array:
-    """Return *x* (n,) smoothed by weights ``kept**|k|``, as if its ends went on for ever."""
-    rest = 1.0 - kept
-    lfilter = scipy_signal().lfilter
-    forward, _ = lfilter([1.0], [1.0, -kept], x, zi=[kept * x[0] / rest])
-    backward, _ = lfilter([1.0], [1.0, -kept], x[::-1], zi=[kept * x[-1] / rest])
-    both: Array = (forward + backward[::-1] - x) * rest / (1.0 + kept)
-    return both
