@@ -15,6 +15,7 @@ from gcs_autotune.models.coupled.compass import COEFFICIENTS, seen_by_compass
 from gcs_autotune.models.coupled.derivatives import FORCES
 from gcs_autotune.models.coupled.form import Form, form_from
 from gcs_autotune.models.coupled.lever_arm import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
+from gcs_autotune.models.coupled.linear_kernel import linear_program_of, linear_sweep
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.sname import DOFS
 
@@ -81,6 +82,7 @@ class Simulator:
         self.free = tuple(free)
         self.free_states = tuple(free_states)
         self.program = program_of(form)
+        self._linear = linear_program_of(self.program)
         self.states = states_of(form)
         names = form.parameters
         self._current = tuple(n for n in ("V_x", "V_y") if n in names)
@@ -126,6 +128,21 @@ class Simulator:
         n, q = len(self.states), len(self.free) + len(self.free_states)
         X = np.empty((len(t_out), n))
         S = np.empty((len(t_out), n, q)) if sensitivities else np.empty((0, 0, 0))
+        if self._linear is not None:
+            finite = linear_sweep(
+                self._linear,
+                np.asarray(theta, dtype=np.float64),
+                float(M_inverse[0, 0]),
+                np.asarray(x_0, dtype=np.float64),
+                np.ascontiguousarray(t_in, dtype=np.float64),
+                np.ascontiguousarray(inputs, dtype=np.float64),
+                np.ascontiguousarray(t_out, dtype=np.float64),
+                self._free if sensitivities else self._none,
+                self._states,
+                X,
+                S,
+            )
+            return (X, S) if finite else None
         for _ in range(TRIES if self.patience >= PATIENCE else 2):
             finite, fastest = kernel.sweep(
                 self.program,
