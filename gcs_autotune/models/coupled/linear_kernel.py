@@ -11,7 +11,8 @@ With ``z = a h`` over a time *h*: ``E = exp(z)``, ``A1`` its integral, ``A2`` th
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -69,7 +70,6 @@ def linear_program_of(P: Program) -> LinearProgram | None:
     )  # fmt: skip
 
 
-@njit(inline="always", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, error_model="numpy")
 def _equation(
     P: LinearProgram, theta: Array, inverse: float, values: Array, free: Index, b: Array
 ) -> tuple[float, float]:
@@ -162,7 +162,13 @@ def _sweep(
     return True
 
 
-_compiled = njit(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, error_model="numpy")(_sweep)
+# Compiled in place, as those of models/simulation.py: the one is pasted into the other, which is compiled once.
+_LEAN: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
+_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
+    **{**_LEAN, "no_cpython_wrapper": True, "inline": "always"}
+)
+_equation = _pasted(_equation)
+_compiled: Callable[..., bool] = njit(**_LEAN, cache=True, nogil=True)(_sweep)
 
 
 def linear_sweep(
