@@ -1,14 +1,14 @@
 """What the true effect is worth to who knows the weather: nats that the true numbers gain over the best plain craft.
 
 The measure of what can be seen at all, that asks nobody's search. It knows the craft, the effect's numbers, how strong
-weather and waves are and how long they last, trim and thrust of every day, noise, and how the heading lags; what
-happened it does not know. A Kalman filter of the heading (Harvey1989, chapter 3) tells how likely the runs are about
-the motion that the tank has without weather, and about that of a plain craft whose gain and damping are the best there
-are. Nothing is fitted for the true effect: who fits it as well gains half a nat more for every number, on average.
+weather and waves are and how long they last, when bursts come and go, trim and thrust of every day, noise, and how the
+heading lags; what happened it does not know. A filter of the heading (:mod:`.astray`) tells how likely the runs are
+about the motion that the tank has without weather, and about that of a plain craft whose gain and damping are the best
+there are. Nothing is fitted for the true effect: who fits it as well gains half a nat more for every number, on
+average.
 
 Where it is not exact:
 
-* Bursts are told by their spread and memory alone, which are those of the weather.
 * Quadratic drag is linearised along the motion that there was, as an iterated smoother does in the end (Bell1994).
 * The helm looks at the heading. What its commands say of the heading beyond the record is not used, and of a heading
   that comes late they are known at the samples only.
@@ -23,39 +23,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from benchmarks.blind.astray import water_of, whitened
 from benchmarks.blind.voyage import Case, Flown, fly
 from sitl.effects import HiddenEffect, Setting
 from sitl.hull import Loads
 
-__all__ = ["Water", "visible", "water_of", "whitened", "worth"]
+__all__ = ["visible", "worth"]
 
 Array = NDArray[np.float64]
 
 WIDEST, TRIED = math.log(8.0), 9
 """Damping of the plain craft is sought within this factor of the true one, from so many values on."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Water:
-    """A linear model of how the heading strays: ``x' = F x + w``, ``w`` of covariance ``Q``, seen as ``H x`` and noise.
-
-    ``F``, ``Q`` (steps or 1, runs, m, m); ``H`` (m,); ``P`` (runs, m, m) of the first sample; ``noise`` [rad].
-    States: turn rate, heading, moment of the weather per inertia, and two for each kind of waves.
-    """
-
-    F: Array
-    Q: Array
-    H: Array
-    P: Array
-    noise: float
 
 
 def visible(case: Case) -> float | None:
@@ -104,63 +88,6 @@ def worth(flown: Flown, noise: float) -> float:
     best, apart = float(grid[int(np.argmin(costs))]), float(grid[1] - grid[0])
     found = minimize_scalar(plain, bounds=(best - apart, best + apart), method="bounded", options={"xatol": 1e-3})
     return true + min(float(found.fun), min(costs))
-
-
-def water_of(flown: Flown, thrust: Array, damping: Array, noise: float) -> Water:
-    """Return how the weather of a voyage makes the heading stray, *thrust* (runs,), *damping* (steps or 1, runs) [1/s].
-
-    Thrust of the day is more or less of what the weather does as well: so the tank has it.
-    """
-    craft, around = flown.voyage.craft, {h.slug: h.values for h in flown.hidden}
-    inertia, runs = craft.inertia["yaw"], len(thrust)
-    weather = around.get("weather", {"spread": 0.0, "memory": craft.pace, "burst": 0.0, "every": craft.duration})
-    waves, late = around.get("waves"), around.get("lag", {}).get("delay", 0.0) > 0.0
-    m = 3 if waves is None else 7 if late else 5
-    memory = weather["memory"]
-    often = memory / (memory + weather["every"])
-    steady = weather["spread"] * thrust / inertia
-    A, N = np.zeros((*damping.shape, m, m)), np.zeros((runs, m, m))
-    H, P = np.zeros(m), np.zeros((runs, m, m))
-    A[..., 0, 0], A[..., 0, 2], A[..., 1, 0], A[..., 2, 2] = -damping, 1.0, 1.0, -1.0 / memory
-    N[:, 2, 2] = 2.0 / memory * (steady**2 + often * (weather["burst"] * thrust / inertia) ** 2)
-    P[:, 2, 2] = steady**2  # there is no burst yet
-    H[1] = 1.0
-    if waves is not None:
-        omega, zeta = waves["frequency"], waves["damping"]
-        for at in range(3, m, 2):
-            A[..., at, at + 1], A[..., at + 1, at], A[..., at + 1, at + 1] = omega, -omega, -2.0 * zeta * omega
-            N[:, at + 1, at + 1] = 4.0 * zeta * omega
-            P[:, at, at] = P[:, at + 1, at + 1] = 1.0
-        H[4], A[..., 0, m - 1] = waves["swing"], waves["moment"] / inertia
-    both = np.zeros((*damping.shape, 2 * m, 2 * m))  # transition and noise of a step at once
-    both[..., :m, :m], both[..., :m, m:], both[..., m:, m:] = -A, N, np.swapaxes(A, -1, -2)
-    grown = expm(craft.interval * both)
-    F = np.swapaxes(grown[..., m:, m:], -1, -2)
-    Q = F @ grown[..., :m, m:]
-    return Water(F, 0.5 * (Q + np.swapaxes(Q, -1, -2)), H, P, noise)
-
-
-def whitened(water: Water, strayed: Array) -> tuple[Array, float]:
-    """Return innovations of columns *strayed* (n, runs, columns) over their spread, and the logarithms of its square.
-
-    The log-likelihood of one column is minus half their squares' sum with the logarithms', but for a constant.
-    """
-    H, P = water.H, water.P
-    z, x, logs = np.empty_like(strayed), np.zeros((*P.shape[:2], strayed.shape[2])), 0.0
-    for k, y in enumerate(strayed):
-        if k > 0:
-            step = min(k, len(water.F)) - 1
-            F = water.F[step]
-            x, P = F @ x, F @ P @ np.swapaxes(F, -1, -2) + water.Q[step]
-        seen = P @ H
-        spread = seen @ H + water.noise**2
-        off = y - H @ x
-        x = x + (seen / spread[:, None])[:, :, None] * off[:, None, :]
-        P = P - seen[:, :, None] * (seen / spread[:, None])[:, None, :]
-        P = 0.5 * (P + np.swapaxes(P, -1, -2))
-        z[k] = off / np.sqrt(spread)[:, None]
-        logs += float(np.sum(np.log(spread)))
-    return z, logs
 
 
 def _unfiltered(file: Mapping[str, Array], time_constant: float) -> Array:
