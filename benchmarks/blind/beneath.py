@@ -1,10 +1,12 @@
 """The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
 
-``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--save F]``
-draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs besides. Told
-are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those in weather of
-up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where the heading
-lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves.
+``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--oracle]
+[--save F]`` draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs
+besides. Told are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those
+in weather of up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where
+the heading lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves. What an
+effect is worth is what the search found for it; with ``--oracle`` besides what it is worth to who knows the weather
+(:mod:`.oracle`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.case import Case, NoCase, draw_case
+from benchmarks.blind.oracle import visible
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN
@@ -136,6 +139,12 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
         (f"  in weather of up to {100 * MILD:.0f} % of full command", mild, "50 %"),
     ):
         yield _told(what, _count(some, "right"), len(some), goal)
+    if known := [r for r in single if r.get("visible") is not None]:
+        seen = [r for r in known if r["visible"] >= WORTH]
+        yield f"worth {WORTH:g} to who knows the weather and the true numbers: {len(seen)} of {len(known)} effects"
+        yield _told("  of them the right name first", _count(seen, "right"), len(seen), "85 %")
+        calm = [r for r in seen if r["weather"] <= MILD]
+        yield _told(f"  of those in weather of up to {100 * MILD:.0f} %", _count(calm, "right"), len(calm))
     yield _told("a wrong name first", _count(single, "wrong"), len(single))
     yield _told("a wrong name after the right one", _count(single, "beside"), len(single))
     yield _told("a name on a clean craft", _count(clean, "wrong"), len(clean), "at most 3 %")
@@ -165,10 +174,11 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
 
 def _line(row: Row) -> str:
     mark = next((m for m in ("wrong", "right", "one") if row[m]), "-")
+    sight = f" to be seen {row['visible']:6.1f}" if row.get("visible") is not None else ""
     return (
         f"{mark:5} {'+'.join(row['truth']) or CALM:32} {row['seed']:4d}.{row['index']} x{row['weather']:.2f} "
-        f"worth {row['worth']:6.1f} {','.join(row['circumstances']):24} -> {', '.join(row['named']) or 'nothing':30} "
-        f"{row['seconds']:5.1f} s"
+        f"worth {row['worth']:6.1f}{sight} {','.join(row['circumstances']):24} "
+        f"-> {', '.join(row['named']) or 'nothing':30} {row['seconds']:5.1f} s"
     )
 
 
@@ -179,17 +189,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
     parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden, {PAIR} for two")
     parser.add_argument("--whole", action="store_true", help="whole diagnoses, tens of seconds each")
-    parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not asked again")
+    parser.add_argument("--oracle", action="store_true", help="what effects are worth to who knows the weather besides")
+    parser.add_argument(
+        "--save", type=Path, help="a line per case, the last one counts; cases already in it are not asked again"
+    )
     asked = parser.parse_args(arguments)
     lines = asked.save.read_text(encoding="utf-8").splitlines() if asked.save and asked.save.exists() else []
     known = {(r["kind"], r["seed"], r["index"], r["slug"]): r for r in map(json.loads, lines)}
     rows = []
     for key in _cases(asked.kind, asked.seeds, [s for s in asked.only.split(",") if s]):
-        if key not in known:
-            try:
-                known[key] = _asked(*key, whole=asked.whole)
-            except NoCase:
-                continue
+        before = known.get(key)
+        try:
+            row = before or _asked(*key, whole=asked.whole)
+            if asked.oracle and "visible" not in row:
+                row = {**row, "visible": visible(draw_case(*key))}
+        except NoCase:
+            continue
+        if row is not before:
+            known[key] = row
             if asked.save:
                 with asked.save.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(known[key]) + "\n")

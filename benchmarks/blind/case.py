@@ -21,7 +21,7 @@ from benchmarks.blind.plain import errors_of, misfit, whitened
 from benchmarks.blind.rough import draw_rough
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
-from benchmarks.blind.voyage import Case, File, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
+from benchmarks.blind.voyage import Case, File, Flown, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
 from benchmarks.blind.weather import CALM, drawn_weather, smoothed
 
 __all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
@@ -171,10 +171,12 @@ def _weather(rng: Rng, slug: str) -> Case | None:
     levels = {"psi": noise * craft.scale["psi"]}
     weather = Hidden("weather", craft.input, drawn_weather(rng, craft), craft)
     width = int(rng.integers(1, 4))
-    files = [smoothed(f, width) for f in fly(voyage, [*hidden, weather], levels)]
+    everything = (*hidden, weather)
+    flown = Flown(voyage, everything, tuple(fly(voyage, everything, levels)))
+    files = [smoothed(f, width) for f in flown.files]
     rough = weather.values["spread"] / craft.full[craft.input]
     case = case_of(rng, voyage, hidden, files, rough, noise, levels)
-    return replace(case, runs=(*case.runs, *case.unseen), unseen=())
+    return replace(case, runs=(*case.runs, *case.unseen), unseen=(), flown=flown)
 
 
 # -- kinds with a model given, whose numbers are right or wrong

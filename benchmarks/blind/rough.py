@@ -16,7 +16,7 @@ from benchmarks.blind.craft import Craft, draw_craft, log_uniform
 from benchmarks.blind.flying import driving
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
-from benchmarks.blind.voyage import Case, Voyage, case_of, draw_voyage, fly
+from benchmarks.blind.voyage import Case, Flown, Voyage, case_of, draw_voyage, fly
 from benchmarks.blind.weather import CALM, drawn_weather, smoothed
 
 __all__ = ["CIRCUMSTANCES", "EXCUSED", "PAIR", "draw_rough"]
@@ -67,10 +67,12 @@ def draw_rough(rng: Rng, slug: str) -> Case | None:
     noise = log_uniform(rng, LEAST_NOISE, MOST_NOISE)
     levels = {"psi": noise * craft.scale["psi"]}
     width = 1 if "lag" in here else int(rng.integers(1, 4))
-    files = [smoothed(f, width) for f in fly(voyage, [*before, *hidden, *around], levels)]
+    everything = (*before, *hidden, *around)
+    flown = Flown(voyage, everything, tuple(fly(voyage, everything, levels)))
+    files = [smoothed(f, width) for f in flown.files]
     share = around[0].values["spread"] / craft.full[craft.input]
     case = case_of(rng, voyage, hidden, files, share, noise, levels)
-    return replace(case, runs=(*case.runs, *case.unseen), unseen=(), circumstances=here)
+    return replace(case, runs=(*case.runs, *case.unseen), unseen=(), circumstances=here, flown=flown)
 
 
 def _two(rng: Rng) -> Sequence[str]:

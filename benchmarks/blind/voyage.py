@@ -17,7 +17,7 @@ from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
 
-__all__ = ["BOTTOM", "Case", "File", "Voyage", "case_of", "draw_voyage", "fly", "noise_levels", "trial_of"]
+__all__ = ["BOTTOM", "Case", "File", "Flown", "Voyage", "case_of", "draw_voyage", "fly", "noise_levels", "trial_of"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -60,6 +60,8 @@ class Case:
     """What the given model makes of the same commands, for kinds that give no model file."""
     circumstances: tuple[str, ...] = ()
     """What of :data:`.rough.CIRCUMSTANCES` the weather came with."""
+    flown: Flown | None = None
+    """How kinds in weather came about, for referees alone."""
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -77,6 +79,15 @@ class Voyage:
     names: tuple[str, ...]
     seeds: tuple[int, ...]
     plain: str
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A voyage with all that was hidden in it, weather too, in the tank's order, and its files before any smoothing."""
+
+    voyage: Voyage
+    hidden: tuple[Hidden, ...]
+    files: tuple[File, ...]
 
 
 def draw_voyage(rng: Rng, hidden: Sequence[Hidden]) -> Voyage:
@@ -126,12 +137,24 @@ def noise_levels(rng: Rng, craft: Craft, noise: float) -> dict[str, float]:
     return {n: noise * craft.scale[n] * log_uniform(rng, 0.5, 2.0) for n in craft.signals}
 
 
-def fly(voyage: Voyage, hidden: Sequence[Hidden], noise: Mapping[str, float] | None = None) -> list[File]:
-    """Return one file per run; without *noise* what perfect sensors would report."""
+def fly(
+    voyage: Voyage,
+    hidden: Sequence[Hidden],
+    noise: Mapping[str, float] | None = None,
+    *,
+    told: Sequence[Mapping[str, Array]] = (),
+    beside: Sequence[HiddenEffect] = (),
+) -> list[File]:
+    """Return one file per run; without *noise* what perfect sensors would report.
+
+    *told*: commands that the runs had in the end, where somebody at the helm changed the plan; *beside*: one more
+    effect of each run.
+    """
     full = {c: max(float(np.abs(run[c]).max()) for run in voyage.commands[:-1]) for c in voyage.craft.drives}
     files = []
-    for k, commands in enumerate(voyage.commands):
+    for k, commands in enumerate(told or voyage.commands):
         effects = [_made(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
+        effects += beside[k : k + 1]
         files.append(
             open_loop(
                 _hull(voyage.craft, voyage.plain),

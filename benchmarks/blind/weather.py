@@ -19,7 +19,7 @@ from benchmarks.blind.foreign import Foreign
 from sitl.effects import EffectParameter, Setting
 from sitl.sensors import SensorReading
 
-__all__ = ["CALM", "HIDDEN", "WEATHER", "Weather", "drawn_weather", "smoothed"]
+__all__ = ["BURSTS", "CALM", "HIDDEN", "WEATHER", "Weather", "drawn_weather", "smoothed"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -40,6 +40,10 @@ CALM = "clean"
 """Stands for no effect at all."""
 
 
+BURSTS = "bursts"
+"""Column of the tank's file that nobody but a referee sees."""
+
+
 class Weather(Foreign):
     """A moment that wanders, and bursts."""
 
@@ -55,6 +59,7 @@ class Weather(Foreign):
         """Begin anywhere."""
         self._force = self.draw.gauss(0.0, self["spread"])
         self._burst, self._left = 0.0, 0.0
+        self._bursts: list[tuple[float, int]] = [(-math.inf, 0)]
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
         """Push."""
@@ -62,11 +67,20 @@ class Weather(Foreign):
         self._force = keep * self._force + self.draw.gauss(0.0, self["spread"] * math.sqrt(1.0 - keep * keep))
         self._left -= dt
         if self._left <= 0.0:
+            if self._burst:
+                self._bursts.append((t, -abs(self._bursts[-1][1])))
             self._burst = 0.0
             if self.draw.random() < dt / self["every"]:
                 self._burst = self.draw.gauss(0.0, self["burst"])
                 self._left = self.draw.expovariate(1.0 / self["memory"])
+                if self._burst:
+                    self._bursts.append((t, abs(self._bursts[-1][1]) + 1))
         inputs[self.channel] += self._force + self._burst
+
+    def alter_file(self, columns: dict[str, Array]) -> None:
+        """Write down, for referees, which burst there is: its number; that of the last one, negative, for none."""
+        began, number = np.array(self._bursts).T
+        columns[BURSTS] = number[np.searchsorted(began, columns["t"], side="right") - 1]
 
 
 class Waves(Foreign):
@@ -204,7 +218,7 @@ def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
 
 def smoothed(file: Mapping[str, Array], width: int) -> dict[str, Array]:
     """Return the file with its heading smoothed forwards and backwards over *width* samples, and its rate from that."""
-    found = dict(file)
+    found = {name: values for name, values in file.items() if name != BURSTS}
     if width > 1:
         keep = 1.0 - 1.0 / width
         psi = file["psi"].copy()
