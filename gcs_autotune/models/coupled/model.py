@@ -62,7 +62,7 @@ class Simulator:
     ----------
     free : names of the parameters sensitivities are wanted for, in this order.
     free_states : names of the initial states (``u``, ``psi``, ``x`` ...) likewise; they come after the parameters.
-    patience : steps per stamp before a simulation is given up as hopelessly stiff.
+    patience : steps per stamp before a simulation is given up as hopelessly stiff; what is linear takes none.
 
     Attributes
     ----------
@@ -128,38 +128,19 @@ class Simulator:
         n, q = len(self.states), len(self.free) + len(self.free_states)
         X = np.empty((len(t_out), n))
         S = np.empty((len(t_out), n, q)) if sensitivities else np.empty((0, 0, 0))
+        theta, x_0 = np.asarray(theta, dtype=np.float64), np.asarray(x_0, dtype=np.float64)
+        t_in, inputs, t_out = (np.ascontiguousarray(each, dtype=np.float64) for each in (t_in, inputs, t_out))
+        free = self._free if sensitivities else self._none
         if self._linear is not None:
-            finite = linear_sweep(
-                self._linear,
-                np.asarray(theta, dtype=np.float64),
-                float(M_inverse[0, 0]),
-                np.asarray(x_0, dtype=np.float64),
-                np.ascontiguousarray(t_in, dtype=np.float64),
-                np.ascontiguousarray(inputs, dtype=np.float64),
-                np.ascontiguousarray(t_out, dtype=np.float64),
-                self._free if sensitivities else self._none,
-                self._states,
-                X,
-                S,
-            )
-            return (X, S) if finite else None
+            inverse = float(M_inverse[0, 0])
+            exact = linear_sweep(self._linear, theta, inverse, x_0, t_in, inputs, t_out, free, self._states, X, S)
+            return (X, S) if exact else None
+        most = STEPS + self.patience * len(t_out)
         for _ in range(TRIES if self.patience >= PATIENCE else 2):
             finite, fastest = kernel.sweep(
-                self.program,
-                np.asarray(theta, dtype=np.float64),
-                M,
-                M_inverse,
-                np.asarray(x_0, dtype=np.float64),
-                np.ascontiguousarray(t_in, dtype=np.float64),
-                np.ascontiguousarray(inputs, dtype=np.float64),
-                np.ascontiguousarray(t_out, dtype=np.float64),
-                self._free if sensitivities else self._none,
-                self._states,
-                self._max_rate,
-                STEPS + self.patience * len(t_out),
-                X,
-                S,
-            )
+                self.program, theta, M, M_inverse, x_0, t_in, inputs, t_out, free, self._states, self._max_rate, most,
+                X, S,
+            )  # fmt: skip
             if fastest <= self._max_rate:
                 break
             self._max_rate = _rate_for(fastest if finite else min(fastest, FINER * self._max_rate))
