@@ -20,7 +20,7 @@ from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
 from gcs_autotune.diagnose.day_to_day import alike_in, differing
-from gcs_autotune.diagnose.process_noise_starts import ROUGH, Say, plain_under_process_noise
+from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, Say, plain_under_process_noise
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
@@ -43,9 +43,9 @@ Array = NDArray[np.float64]
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
 
-AGAINST, FEWEST_TO_COMPARE = 4.0, 30
+AGAINST = 4.0
 """Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
-command is fed back, and the fewest samples to tell; open loops of the blind suite came to 2 at most."""
+command is fed back; open loops of the blind suite came to 2 at most."""
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force must beat none to be there at all."""

@@ -19,7 +19,7 @@ from gcs_autotune.identify import Fitted, Problem, WanderingFit, WanderingProble
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
-__all__ = ["ROUGH", "Say", "errs_after_commands", "plain_under_process_noise"]
+__all__ = ["FEWEST_TO_COMPARE", "ROUGH", "Say", "errs_after_commands", "plain_under_process_noise"]
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ out at 0.62 to 1.4 times the truth, and quadratic drag was worth 5 in log-likeli
 """
 
 FEWEST_TO_COMPARE = 30
-"""Samples on each side of such a comparison."""
+"""Samples from which on innovations are compared: just after commands with elsewhere, or with the commands."""
 
 SLOWER = (1.0, 0.3, 3.0)
 """Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""

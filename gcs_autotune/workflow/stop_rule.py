@@ -81,6 +81,11 @@ class Assessment:
     stds: tuple[float, ...] = ()
     gains: ProvisionalGains | None = None
 
+    @property
+    def answers(self) -> bool:
+        """Whether it says what gains there will be, or that there are none."""
+        return self.refused or not self.lacks
+
     def moved_from(self, last: Assessment) -> bool:
         """Whether any number is further from what it was in the *last* one than chance explains."""
         pairs = zip(self.values, last.values, last.stds, strict=True)
@@ -200,8 +205,7 @@ class KnownDesign:
         if now.gains is not None:
             self._gains = now.gains
             self._watcher.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
-        answers = [a is not None and (not a.lacks or a.refused) for a in (last, now)]
-        is_known = answers[1] and (last is None or not answers[0] or not now.moved_from(last))
+        is_known = now.answers and (last is None or not last.answers or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
         if self._reversals < LEAST_REVERSALS:
             return ""
@@ -218,7 +222,7 @@ class KnownDesign:
 
     def weigh(self, whole: Assessment) -> None:
         """Take note of what a run tells that was flown earlier, to its end."""
-        self.known, self.another_size = not whole.lacks, whole.another_size
+        self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:
         """The relay is over; nobody waits for an answer any more."""

@@ -206,6 +206,9 @@ def test_a_wish_refused_twice_by_a_model_that_stays_the_same_ends_the_relay() ->
     number, why = ended_after(rule)
     assert (number, why) == (6, "no gains do what was asked for, by the model known so far")
     assert rule.known
+    for earlier in (UNKNOWN, REFUSED):
+        rule.weigh(earlier)
+        assert rule.known is earlier.refused, "a run flown earlier tells as much"
 
 
 def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
