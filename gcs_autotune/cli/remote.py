@@ -196,8 +196,8 @@ def _read(source: int) -> bytes:
 def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Watcher]]:
     """Yield who is asked and who is told: the person at the terminal, or with ``--remote`` a program.
 
-    Meanwhile the garbage collector leaves alone what has been loaded by now: to look through all of it takes some 60 ms,
-    which a flight that fills the memory could meet while it holds the sticks.
+    Meanwhile the garbage collector leaves alone what has been loaded by now: to look through all of it takes some
+    60 ms, which a flight that fills the memory could meet while it holds the sticks.
     """
     gc.freeze()
     try:
