@@ -43,8 +43,12 @@ WIDEST, TRIED = math.log(8.0), 9
 
 
 def visible(case: Case) -> float | None:
-    """Return what the one effect hidden in *case* is worth [nats]; None for none, for two, and without weather."""
-    return None if case.flown is None or len(case.truth) != 1 else worth(case.flown, case.levels["psi"])
+    """Return what the one effect hidden in *case* is worth in the runs that were given [nats].
+
+    None for no effect, for two, and without weather.
+    """
+    given = len(case.runs) + len(case.unseen)
+    return None if case.flown is None or len(case.truth) != 1 else worth(case.flown.first(given), case.levels["psi"])
 
 
 def worth(flown: Flown, noise: float) -> float:

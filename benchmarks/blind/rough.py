@@ -71,7 +71,7 @@ def draw_rough(rng: Rng, slug: str) -> Case | None:
     flown = Flown(voyage, everything, tuple(fly(voyage, everything, levels)))
     files = [smoothed(f, width) for f in flown.files]
     share = around[0].values["spread"] / craft.full[craft.input]
-    case = case_of(rng, voyage, hidden, files, share, noise, levels)
+    case = case_of(rng, voyage, hidden, files, share, noise, levels, keeps=1.0)  # trims come to nothing over all runs
     return replace(case, runs=(*case.runs, *case.unseen), unseen=(), circumstances=here, flown=flown)
 
 

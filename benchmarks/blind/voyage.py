@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,11 +83,22 @@ class Voyage:
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A voyage with all that was hidden in it, weather too, in the tank's order, and its files before any smoothing."""
+    """A voyage with all that was hidden in it, weather too, in the tank's order, and its files before any smoothing.
+
+    All runs of it, those that are thrown away as well.
+    """
 
     voyage: Voyage
     hidden: tuple[Hidden, ...]
     files: tuple[File, ...]
+
+    def first(self, runs: int) -> Flown:
+        """Return the first *runs* of it."""
+        v = self.voyage
+        fewer = replace(
+            v, commands=v.commands[:runs], initial=v.initial[:runs], names=v.names[:runs], seeds=v.seeds[:runs]
+        )
+        return replace(self, voyage=fewer, files=self.files[:runs])
 
 
 def draw_voyage(rng: Rng, hidden: Sequence[Hidden]) -> Voyage:
@@ -189,20 +200,23 @@ def case_of(
     ratio: float,
     noise: float,
     levels: Mapping[str, float],
+    *,
+    keeps: float = 0.7,
 ) -> Case:
+    """Return the case of a voyage's files; *keeps*: how often the last of them is kept apart, not thrown away."""
     wraps = bool(rng.random() < 0.3) and not any(
         (h.place == "yaw" and h.slug == "tether-pull") or (h.place == "psi" and h.slug != "compass-deviation")
         for h in hidden
     )
     trials = [trial_of(f"run{k + 1}", file, wraps) for k, file in enumerate(files)]
-    keeps = 1 if rng.random() < 0.7 else 0
+    kept = bool(rng.random() < keeps)
     return Case(
         kind="",
         index=0,
         truth={h.slug: (_told(h), _counted(h, voyage.craft, files[:-1])) for h in hidden},
         craft=voyage.craft,
         runs=tuple(trials[:-1]),
-        unseen=tuple(trials[-1:] if keeps else ()),
+        unseen=tuple(trials[-1:] if kept else ()),
         plain=voyage.plain,
         ratio=ratio,
         noise=noise,

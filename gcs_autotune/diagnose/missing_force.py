@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.day_to_day import days_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.identify import Day
+from gcs_autotune.identify import Day, Water
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
@@ -49,13 +49,25 @@ class MissingCurve:
     share: float
 
 
+@dataclass(frozen=True, slots=True)
+class Waves:
+    """Waves beneath which the runs were: period [s], damping ratio of their band; standard deviations of the swing of
+    what is seen [m, rad] and of the force.
+    """
+
+    period: float
+    damping: float
+    swing: float
+    force: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MissingForce:
     """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
 
     ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
     commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
-    own besides, none where runs are alike.
+    own besides, none where runs are alike. ``waves``: beneath which they were, None for none.
     """
 
     dof: str
@@ -65,6 +77,7 @@ class MissingForce:
     share: float
     curves: Mapping[str, MissingCurve]
     days: tuple[Day, ...] = ()
+    waves: Waves | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -74,7 +87,8 @@ class MissingForce:
         }
         own = {"dof": self.dof, "unit": self.unit, "size": self.size}
         days = [asdict(day) for day in self.days]
-        return {**own, "memory": self.memory, "share": self.share, "curves": curves, "days": days}
+        waves = None if self.waves is None else asdict(self.waves)
+        return {**own, "memory": self.memory, "share": self.share, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +120,14 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
     share = size / commanded if commanded > 0.0 else math.nan
     days = days_of(search.problem, search.fit, inertia)
-    return MissingForce(search.dof, unit, size, water.memory, share, curves, days)
+    return MissingForce(search.dof, unit, size, water.memory, share, curves, days, _waves_of(water, inertia))
+
+
+def _waves_of(water: Water, inertia: float) -> Waves | None:
+    if not water.wavy:
+        return None
+    period = 2.0 * math.pi / water.wave_frequency
+    return Waves(period, water.wave_damping, water.wave_swing, water.wave_force * abs(inertia))
 
 
 def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
@@ -240,6 +261,8 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
             f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
             f"it changes within {missing.memory:.3g} s"
         )
+        if missing.waves is not None:
+            found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
         told = [c for c in missing.curves.values() if c.share > TOLD]
         for curve in told[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
@@ -256,6 +279,16 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
     return tuple(found)
+
+
+def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
+    unit = SIGNALS[signal][0]
+    swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
+    kind = "moment" if DOFS[missing.dof].angular else "force"
+    return (
+        f"waves every {waves.period:.2g} s come besides: {AXES.get(signal, signal)} swings with them by {swing}, and "
+        f"they push with a {kind} of {waves.force:.2g} {_of(missing)} (standard deviations); they count as no cause"
+    )
 
 
 def _of(missing: MissingForce) -> str:

@@ -20,7 +20,14 @@ from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
 from gcs_autotune.diagnose.day_to_day import alike_in, differing
-from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, Say, plain_under_process_noise
+from gcs_autotune.diagnose.process_noise_starts import (
+    FEWEST_TO_COMPARE,
+    ROUGH,
+    WAVES,
+    Say,
+    momentary,
+    plain_under_process_noise,
+)
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
@@ -49,10 +56,6 @@ command is fed back; open loops of the blind suite came to 2 at most."""
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force must beat none to be there at all."""
-
-MOMENTARY = 2.0
-"""Chosen: samples of the record within which a force that is forgotten is no weather: commands that took effect at
-other moments than recorded, or what the sensor's own filter does."""
 
 REFIT = 4
 """Scoring rounds of a fit to the rest when a run is left out."""
@@ -108,7 +111,7 @@ class WeatherSearch:
     @property
     def momentary(self) -> bool:
         """Whether what wanders is forgotten so soon that it is no weather."""
-        return self.plain.water.memory <= 1.01 * MOMENTARY * self.problem.data.interval
+        return momentary(self.problem, self.plain)
 
 
 def weathered_form(form: Form, dof: str) -> Form | None:
@@ -176,8 +179,8 @@ def search_under_process_noise(
 
 
 def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
-    """Return the log-likelihood that the wandering force of *fit* gains over none, inf where none runs away."""
-    still = replace(fit.water, size=1e-9, day_force=0.0, day_thrust=0.0)
+    """Return the log-likelihood that weather and waves of *fit* gain over none, inf where none runs away."""
+    still = replace(fit.water, size=1e-9, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
     if problem.fit(fit.theta, fit.effects, still, rounds=0) is None:
         return math.inf
     fits = [problem.fit(fit.theta, fit.effects, replace(still, noise=still.noise * k), rounds=8) for k in (1.0, 10.0)]
@@ -273,7 +276,10 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         if fit.water.day_thrust or fit.water.day_force > 1.01 * same.day_force:
             # What bends thrust makes runs of other commands differ, and may explain them alike.
             tries.append(problem.fit(fit.theta, fit.effects, same))
-        ends.append((tried_one, max((f for f in tries if f is not None), key=lambda f: f.total)))
+        if fit.water.wavy:
+            # What answers the commands in a rhythm may be taken for waves until its cause is there.
+            tries.append(problem.fit(fit.theta, fit.effects, replace(fit.water, wave_swing=0.0, wave_force=0.0)))
+        ends.append((tried_one, max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)))
     if ends:
         best = max(ends, key=lambda e: e[1].total)[1]
         again = problem.fit(best.theta, present.effects, best.water)

@@ -15,11 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.attested import WORTH
-from gcs_autotune.identify import Fitted, Problem, WanderingFit, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.identify import (
+    LEAST_DAMPING,
+    LONGEST_WAVE,
+    MOST_DAMPING,
+    Fitted,
+    Problem,
+    WanderingFit,
+    WanderingProblem,
+    Water,
+    data_summary_of,
+    thinned_to,
+)
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
-__all__ = ["FEWEST_TO_COMPARE", "ROUGH", "Say", "errs_after_commands", "plain_under_process_noise"]
+__all__ = [
+    "FEWEST_TO_COMPARE",
+    "ROUGH",
+    "WAVES",
+    "Say",
+    "errs_after_commands",
+    "momentary",
+    "plain_under_process_noise",
+]
 
 Array = NDArray[np.float64]
 
@@ -72,10 +91,23 @@ WATERS = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
 at which a fit begins: waves that turn the bow are noise far above any sensor's. Without the last a craft of 18 s came
 out as one of 0.7, 17 nats short (rough water, seed 275, quadratic actuator)."""
 
+MOMENTARY = 2.0
+"""Chosen: samples of the record within which a force that is forgotten is no weather: commands that took effect at
+other moments than recorded, or what the sensor's own filter does."""
+
+FREQUENCIES = 8
+"""Chosen: of waves, at which a fit with them begins."""
+
+PERIODS = 10.0
+"""Chosen: periods of the longest run from which on a band of frequencies is told from a force that wanders."""
+
+WAVES = 8.0
+"""Log-likelihood by which waves must beat none to be there: four numbers more, and the best of several frequencies."""
+
 LOOKS = 3
 """Chosen: times the runs are looked at anew, at most: a first fit may be lost, the second ruled by a smoother."""
 
-FAR_OFF = 2.0
+FAR_OFF = 1.5
 """Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
 runs are looked at anew."""
 
@@ -105,6 +137,8 @@ def plain_under_process_noise(
             least = min(SPACED * problem.data_summary.interval, NARROWEST * pace)
             # Too close for its smoother a fit knows neither pace nor width: what is seen from further off tells.
             interval = least if wandering.interval < least / FAR_OFF else max(interval, least)
+        else:
+            interval = min(interval, wandering.interval)  # what was seen closer by without harm tells more
         again = _thinned(problem, form, signal, plain.theta, pace, limits, interval)
         if again is None or 1.0 / FAR_OFF < again.interval / wandering.interval < FAR_OFF:
             break
@@ -115,8 +149,8 @@ def plain_under_process_noise(
         looks.append((wandering, plain))
     if _inertia_shown(looks[-1]) < 1.0:
         # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
-        return max(looks, key=_inertia_shown)
-    return wandering, plain
+        wandering, plain = max(looks, key=_inertia_shown)
+    return wandering, _with_waves(wandering, plain, say)
 
 
 def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:
@@ -184,14 +218,21 @@ def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: S
             water = Water(0.2 * rate / own_pace, memory * own_pace, more * noise)
             fit = problem.fit(begun, (), water, rounds=ROUGH)
             rough += [] if fit is None else [fit]
-    rough.sort(key=lambda f: -f.total)
+    best = _to_the_end(problem, rough, say)
+    return None if best is None else _shaped(problem, best, say)
+
+
+def _to_the_end(problem: WanderingProblem, rough: list[WanderingFit], say: Say) -> WanderingFit | None:
+    """Return the best of the two most promising, fitted to the end."""
     ends = []
-    for k, f in enumerate(rough[:2]):
+    for k, f in enumerate(sorted(rough, key=lambda f: -f.total)[:2]):
         say("process noise: fitting to the end", k, 2)
         ends.append(problem.fit(f.theta, (), f.water))
-    best = max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
-    if best is None:
-        return None
+    return max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
+
+
+def _shaped(problem: WanderingProblem, best: WanderingFit, say: Say) -> WanderingFit:
+    """Return *best* with the law that suits its innovations, and a smoother of the signal, where these pay."""
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: law of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
@@ -201,6 +242,42 @@ def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: S
     say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+
+
+def _with_waves(problem: WanderingProblem, calm: WanderingFit, say: Say) -> WanderingFit:
+    """Return *calm*, or the fit with waves where it is likelier by :data:`WAVES`.
+
+    It begins at several frequencies, and at several paces: waves that turn the bow may have had a fit without them lose
+    the craft.
+    """
+    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
+    slowest = 2.0 * math.pi / min(LONGEST_WAVE, longest / PERIODS)
+    quickest = 0.9 * math.pi / problem.interval
+    if quickest <= slowest:
+        return calm
+    own = replace(calm.water, smoothing=0.0, freedom=math.inf)
+    others = [samples * problem.data.interval for samples in PACES]
+    thetas = [calm.theta, *(np.array([_gain_at(problem, pace), -1.0 / pace]) for pace in others)]
+    rough = []
+    for k, omega in enumerate(np.geomspace(slowest, quickest, FREQUENCIES).tolist()):
+        say("process noise: waves", k, FREQUENCIES)
+        for theta in thetas:
+            water = replace(own, wave_swing=4.0 * own.noise, wave_force=0.5 * own.size, wave_frequency=omega)
+            fit = problem.fit(theta, (), water, rounds=ROUGH)
+            rough += [] if fit is None else [fit]
+    found = _to_the_end(problem, rough, say)
+    if found is None:
+        return calm
+    found = _shaped(problem, found, say)
+    within = 1.01 * LEAST_DAMPING < found.water.wave_damping < 0.99 * MOST_DAMPING
+    # At a limit these are no waves: a tone in step with the commands, or a force that wanders in another way.
+    inside = within and found.water.wave_frequency > 1.01 * slowest and not momentary(problem, found)
+    return found if inside and found.total > calm.total + WAVES else calm
+
+
+def momentary(problem: WanderingProblem, fit: WanderingFit) -> bool:
+    """Whether what wanders is forgotten so soon that it is no weather."""
+    return fit.water.memory <= 1.01 * MOMENTARY * problem.data.interval
 
 
 def _gain_at(problem: WanderingProblem, pace: float) -> float:

@@ -60,7 +60,7 @@ from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.kalman.wandering import WanderingProblem
 from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
-from gcs_autotune.identify.kalman.wandering_score import Water
+from gcs_autotune.identify.kalman.wandering_score import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, Water
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
 from gcs_autotune.identify.lopsided_thrust import with_doubt_of_thrust
@@ -142,8 +142,11 @@ __all__ = [
     "DEAD_ZONE",
     "FREE",
     "INPUTS",
+    "LEAST_DAMPING",
+    "LONGEST_WAVE",
     "METHODS",
     "MIN_SAMPLES",
+    "MOST_DAMPING",
     "NU",
     "QUADRATIC",
     "SIGNS",

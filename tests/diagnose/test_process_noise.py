@@ -19,7 +19,7 @@ from gcs_autotune.diagnose import diagnose, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
 from gcs_autotune.diagnose.attested import Attested, interval_of
 from gcs_autotune.diagnose.heldout import HeldOut
-from gcs_autotune.diagnose.missing_force import MissingForce, words_of
+from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
     may_be_weighed,
@@ -244,6 +244,39 @@ def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_he
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
+
+
+def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
+    """Without them she came out as a craft of half a second, her heading smoothed by two."""
+    case = draw_case("rough", 292, 0, "quadratic-actuator")
+    assert case.circumstances == ("waves",) and case.flown is not None
+    waves = next(h.values for h in case.flown.hidden if h.slug == "waves")
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    assert found is not None
+    assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=0.1)
+    missing = missing_of(found, "N m", case.craft.inertia["yaw"])
+    assert missing is not None and missing.waves is not None
+    assert missing.waves.period == pytest.approx(2.0 * math.pi / waves["frequency"], rel=0.05)
+    assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
+    assert missing.to_dict()["waves"]["period"] == missing.waves.period
+    told = next(w for w in words_of(found, missing) if "waves" in w)
+    assert told.startswith("waves every 4.2 s come besides: the heading swings with them by ")
+    assert "N m (standard deviations)" in told
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_beneath_waves() -> None:
+    case = draw_case("rough", 292, 0, "input-bias")
+    assert "waves" in case.circumstances
+    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
+    assert found is not None
+    assert [a.effect.slug for a in found.named] == ["input-bias"]
+
+
+def test_water_without_waves_has_none_in_the_model() -> None:
+    found = search_under_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
+    assert found is not None
+    assert not found.plain.water.wavy
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ task              a question with its options read
 ekf               ``ekf``, ``ukf``: parameters in the state (ZhaoUSV), passes until they settle
 smoother          ``smoother``: all states and parameters at once, iterated
 wandering         one degree of freedom under a force that wanders (``wandering_score``: its unknowns; ``thinning``)
+waves             compiled: waves as two states of either filter, a force in a narrow band and a swing of what is seen
 linear_pass       compiled: that filter where the equation is linear in its velocity, by exact transitions
 prediction_error  ``prediction-error``: innovations' likelihood over parameters and both noises
 report, doubts    the ``Fit`` of any of them

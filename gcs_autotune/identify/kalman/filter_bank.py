@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
+from gcs_autotune.identify.kalman.waves import rough
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, program_of, scratch, states_of
 
@@ -39,12 +40,20 @@ class FilterRecord:
 class Levels:
     """Noise: ``noise`` (m,) variance of every signal; ``drive`` (n,) intensity of the white noise driving every state
     [unit^2/s]; ``walk`` (p,) that of the free parameters; ``decay`` (p,) [1/s] the rate at which each returns to zero
-    (an Ornstein-Uhlenbeck process: a force that wanders, begun anew in every record), 0 or empty for constants."""
+    (an Ornstein-Uhlenbeck process: a force that wanders, begun anew in every record), 0 or empty for constants;
+    ``waves`` (4,) see :mod:`.waves`, zeros for none: begun anew in every record, seen in the first signal, and pushing
+    as the first free parameter does."""
 
     noise: Array
     drive: Array
     walk: Array
     decay: Array = field(default_factory=lambda: np.zeros(0))
+    waves: Array = field(default_factory=lambda: np.zeros(4))
+
+    @property
+    def of_waves(self) -> int:
+        """How many states the waves have."""
+        return 2 if rough(self.waves) else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +84,8 @@ class FilterResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """The same run seen from its end: trajectories (s, n + p) with variances, per record; ``score`` of the levels.
+    """The same run seen from its end: trajectories (s, N) of states, free parameters and waves, with variances, per
+    record; ``score`` of the levels.
 
     ``by_noise`` (2, m), ``by_drive`` (2, n): a level is right where both rows agree.
     """
@@ -152,6 +162,7 @@ class FilterBank:
         full : keep what :meth:`smooth` needs.
         """
         n, p = len(self.states), len(self.free)
+        N = n + p + levels.of_waves
         decay = levels.decay if len(levels.decay) else np.zeros(p)
         wanders = decay > 0.0
         parameters, covariance = prior.parameters.copy(), prior.covariance.copy()
@@ -163,9 +174,10 @@ class FilterBank:
                 parameters[wanders] = 0.0
                 covariance[wanders], covariance[:, wanders] = 0.0, 0.0
                 covariance[wanders, wanders] = 0.5 * levels.walk[wanders] / decay[wanders]
-            mean, cov = np.concatenate([prior.states[i], parameters]), np.zeros((n + p, n + p))
-            cov[:n, :n], cov[n:, n:] = np.diag(prior.spread[i] ** 2), covariance
-            history = new_history(len(track.stamps), len(self.signals), n, n + p, full=full)
+            mean, cov = np.zeros(N), np.eye(N)
+            mean[:n], mean[n : n + p] = prior.states[i], parameters
+            cov[:n, :n], cov[n : n + p, n : n + p] = np.diag(prior.spread[i] ** 2), covariance
+            history = new_history(len(track.stamps), len(self.signals), n, N, full=full)
             fastest = forward(
                 self.program,
                 np.asarray(theta, dtype=np.float64),
@@ -182,11 +194,12 @@ class FilterBank:
                 levels.drive,
                 levels.walk,
                 decay,
+                levels.waves,
                 np.zeros((0, n)) if about is None else np.ascontiguousarray(about[i][:, :n]),
                 sigma,
                 self._max_rates[i],
                 history,
-                scratch(n, n + p),
+                scratch(n, N),
             )
             if fastest < 0.0:
                 return None
@@ -198,30 +211,32 @@ class FilterBank:
             if not np.all(np.isfinite(e)) or not np.all(S > 0.0):
                 return None
             total -= 0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S)))
-            parameters, covariance = mean[n:], cov[n:, n:].copy()
+            parameters, covariance = mean[n : n + p], cov[n : n + p, n : n + p].copy()
             histories.append(history)
         return FilterResult(parameters, covariance, total, tuple(histories))
 
     def smooth(self, result: FilterResult, levels: Levels) -> Smoothed:
         """Run a full pass backwards."""
         n, p, m = len(self.states), len(self.free), len(self.signals)
+        N = n + p + levels.of_waves
         decay = levels.decay if len(levels.decay) else np.zeros(p)
-        adjoint, information = np.zeros(n + p), np.zeros((n + p, n + p))
+        anew = np.ones(N, dtype=bool)  # of every record
+        anew[n : n + p] = decay > 0.0
+        adjoint, information = np.zeros(N), np.zeros((N, N))
         by_noise, by_drive = np.zeros((2, m)), np.zeros((2, n))
         trajectories: list[Array] = []
         variances: list[Array] = []
         later_anew = False
         backwards = zip(reversed(self.tracks), reversed(result.histories), reversed(self._anew), strict=True)
-        for track, history, anew in backwards:
-            adjoint[:n] = 0.0
-            information[:n], information[:, :n] = 0.0, 0.0
-            if later_anew:
-                adjoint[:], information[:] = 0.0, 0.0
-            later_anew = anew
-            adjoint[n:][decay > 0.0] = 0.0
-            information[n:][decay > 0.0], information[:, n:][:, decay > 0.0] = 0.0, 0.0
-            path, var = np.empty((len(track.stamps), n + p)), np.empty((len(track.stamps), n + p))
-            backward(track.stamps, levels.noise, decay, history, adjoint, information, path, var, by_noise, by_drive)
+        for track, history, run_anew in backwards:
+            lost = np.full(N, True) if later_anew else anew
+            adjoint[lost], information[lost], information[:, lost] = 0.0, 0.0, 0.0
+            later_anew = run_anew
+            path, var = np.empty((len(track.stamps), N)), np.empty((len(track.stamps), N))
+            backward(
+                track.stamps, levels.noise, decay, levels.waves, history, adjoint, information, path, var, by_noise,
+                by_drive,
+            )  # fmt: skip
             trajectories.insert(0, path)
             variances.insert(0, var)
         return Smoothed(tuple(trajectories), tuple(variances), by_noise, by_drive)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.kalman.waves import rough, wave_transition
 from gcs_autotune.models import INPUT, INPUT_SIZE, STATES, Form, term_of
 from gcs_autotune.sname import DOFS
 
@@ -105,6 +106,7 @@ def linear_pass(
     size: float,
     memory: float,
     noise: float,
+    waves: Array,
     start: Array,
     spread: Array,
     e: Array,
@@ -116,14 +118,20 @@ def linear_pass(
     craft; of each row more the pass tells what that force, from rest and with no sample but zeros, adds to the
     innovations (DeJong1991): they are linear in it. y : (s,) position at *stamps* (s,), NaN where
     there is none; *of_velocity*: velocity instead. size, memory [s] : of the force that wanders (Ornstein-Uhlenbeck);
-    noise : standard deviation of *y*. start, spread : (2,) velocity and position at the first stamp and their standard
+    noise : standard deviation of *y*; waves (4,) : see :mod:`.waves`, without size for none.
+    start, spread : (2,) velocity and position at the first stamp and their standard
     deviations. e (c, s), S (s,) : filled with innovations and their variances, left alone where there is no sample.
     """
-    rows = len(force)
-    v, x, w = np.zeros(rows), np.zeros(rows), np.zeros(rows)
-    v[0], x[0] = start[0], start[1]
-    # Covariance of (v, x, w), the upper triangle.
-    vv, vx, vw, xx, xw, ww = spread[0] ** 2, 0.0, 0.0, spread[1] ** 2, 0.0, size**2
+    rows, m = len(force), 5 if rough(waves) else 3
+    # Velocity, position, the force that wanders; two of the waves.
+    x, P, H, K, g = np.zeros((rows, m)), np.zeros((m, m)), np.zeros(m), np.zeros(m), np.zeros(m)
+    x[0, 0], x[0, 1] = start[0], start[1]
+    P[0, 0], P[1, 1], P[2, 2] = spread[0] ** 2, spread[1] ** 2, size**2
+    H[0 if of_velocity else 1] = 1.0
+    if m > 3:
+        P[3, 3] = P[4, 4] = 1.0
+        H[4] = waves[0]
+    F, FP = np.zeros((m, m)), np.zeros((m, m))
     row, last = 0, len(t_in) - 1
     while row < last and t_in[row + 1] <= stamps[0]:
         row += 1
@@ -144,9 +152,11 @@ def linear_pass(
                     one = (1.0 - kept) / b
                     two = (h - one) / b
                 for c in range(rows):
-                    f = force[c, row] + w[c]
-                    x[c] += one * v[c] + two * f
-                    v[c] = kept * v[c] + one * f
+                    f = force[c, row] + x[c, 2]
+                    if m > 3:
+                        f += waves[1] * x[c, 4]
+                    x[c, 1] += one * x[c, 0] + two * f
+                    x[c, 0] = kept * x[c, 0] + one * f
                 q += one * a + two
                 p += one * E
                 a = kept * a + one
@@ -156,47 +166,55 @@ def linear_pass(
                     row += 1
                 if now >= stop:
                     break
-            gone = np.exp(-(stop - stamps[s - 1]) / memory)
+            h = stop - stamps[s - 1]
+            F[2, 2] = np.exp(-h / memory)
+            if m > 3:
+                wave_transition(waves, h, F[3:, 3:])
             for c in range(rows):
-                w[c] *= gone
-            # P <- F P F' with F = [[E, 0, a], [p, 1, q], [0, 0, 1]]; then the force forgets.
-            fv, fx, fw = E * vv + a * vw, E * vx + a * xw, E * vw + a * ww
-            gx, gw = p * vx + xx + q * xw, p * vw + xw + q * ww
-            gv = p * vv + vx + q * vw
-            vv, vx, xx = fv * E + fw * a, fv * p + fx + fw * q, gv * p + gx + gw * q
-            vw, xw = fw * gone, gw * gone
-            ww = ww * gone * gone + size**2 * (1.0 - gone * gone)
-            if not (abs(v[0]) < 1e9 and abs(x[0]) < 1e9):
+                x[c, 2] *= F[2, 2]
+                if m > 3:
+                    x[c, 3], x[c, 4] = F[3, 3] * x[c, 3] + F[3, 4] * x[c, 4], F[4, 3] * x[c, 3] + F[4, 4] * x[c, 4]
+            for j in range(m):
+                push = P[2, j] + (waves[1] * P[4, j] if m > 3 else 0.0)
+                FP[0, j] = E * P[0, j] + a * push
+                FP[1, j] = p * P[0, j] + P[1, j] + q * push
+                FP[2, j] = F[2, 2] * P[2, j]
+                for i in range(3, m):
+                    FP[i, j] = F[i, 3] * P[3, j] + F[i, 4] * P[4, j]
+            for i in range(m):
+                push = FP[i, 2] + (waves[1] * FP[i, 4] if m > 3 else 0.0)
+                P[i, 0] = FP[i, 0] * E + push * a
+                P[i, 1] = FP[i, 0] * p + FP[i, 1] + push * q
+                P[i, 2] = FP[i, 2] * F[2, 2]
+                for j in range(3, m):
+                    P[i, j] = FP[i, 3] * F[j, 3] + FP[i, 4] * F[j, 4]
+                    if i > 2:  # what is lost of a stationary process comes anew
+                        P[i, j] += (1.0 if i == j else 0.0) - F[i, 3] * F[j, 3] - F[i, 4] * F[j, 4]
+            P[2, 2] += size**2 * (1.0 - F[2, 2] * F[2, 2])
+            if not (abs(x[0, 0]) < 1e9 and abs(x[0, 1]) < 1e9):
                 return False
         if np.isnan(y[s]):
             continue
-        if of_velocity:
-            hv, hx, hw, variance = vv, vx, vw, vv + noise**2
-        else:
-            hv, hx, hw, variance = vx, xx, xw, xx + noise**2
+        variance = noise**2
+        for i in range(m):
+            g[i] = 0.0
+            for j in range(m):
+                g[i] += P[i, j] * H[j]
+        for i in range(m):
+            variance += H[i] * g[i]
         S[s] = variance
-        kv, kx, kw = hv / variance, hx / variance, hw / variance
+        for i in range(m):
+            K[i] = g[i] / variance
         for c in range(rows):
-            error = (y[s] if c == 0 else 0.0) - (v[c] if of_velocity else x[c])
+            error = y[s] if c == 0 else 0.0
+            for i in range(m):
+                error -= H[i] * x[c, i]
             e[c, s] = error
-            v[c] += kv * error
-            x[c] += kx * error
-            w[c] += kw * error
-        # Joseph's form: (I - K H) P (I - K H)' + K r K' keeps what is small positive.
-        if of_velocity:
-            keep, r = 1.0 - kv, noise**2
-            xx = xx - 2.0 * kx * vx + kx * kx * (vv + r)
-            xw = xw - kx * vw - kw * vx + kx * kw * (vv + r)
-            ww = ww - 2.0 * kw * vw + kw * kw * (vv + r)
-            vx = keep * (vx - kx * vv) + kv * kx * r
-            vw = keep * (vw - kw * vv) + kv * kw * r
-            vv = keep * keep * vv + kv * kv * r
-        else:
-            keep, r = 1.0 - kx, noise**2
-            vv = vv - 2.0 * kv * vx + kv * kv * (xx + r)
-            vw = vw - kv * xw - kw * vx + kv * kw * (xx + r)
-            ww = ww - 2.0 * kw * xw + kw * kw * (xx + r)
-            vx = keep * (vx - kv * xx) + kx * kv * r
-            xw = keep * (xw - kw * xx) + kx * kw * r
-            xx = keep * keep * xx + kx * kx * r
+            for i in range(m):
+                x[c, i] += K[i] * error
+        # Joseph's form, (I - K H) P (I - K H)' + K r K', multiplied out; errors in K then count by their squares alone.
+        for i in range(m):
+            for j in range(i, m):
+                P[i, j] -= K[i] * g[j] + K[j] * (g[i] - variance * K[i])
+                P[j, i] = P[i, j]
     return True

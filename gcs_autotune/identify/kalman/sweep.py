@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.transition import inertia, measure, sigma_step, step
+from gcs_autotune.identify.kalman.waves import renew_waves, rough, turn_waves, wave_transition
 from gcs_autotune.models import Program, Scratch
 
 __all__ = ["FilterHistory", "backward", "forward", "new_history"]
@@ -32,7 +33,8 @@ class FilterHistory(NamedTuple):
 
     ``mean`` (s, N), ``covariance`` (s, N, N) after each stamp's samples; ``F`` (s, n, N), ``late`` (s, n, n) the
     transition into each stamp; ``e``, ``S`` (s, m) innovations and their variances (NaN where no sample);
-    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure`.
+    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure`. Where there are waves (:mod:`.waves`)
+    their two states come last, and N is two more.
     """
 
     mean: Array
@@ -67,11 +69,12 @@ def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, decay
     A parameter that decays is an Ornstein-Uhlenbeck process: it keeps ``exp(-decay h)`` of itself.
     """
     n, N = F.shape
+    end = n + len(decay)  # of the parameters; waves come after them
     T = np.dot(F, cov)
     top = np.dot(T, np.ascontiguousarray(F.T))
     for i in range(n):
         for j in range(n, N):
-            cov[i, j] = T[i, j] * np.exp(-decay[j - n] * h)
+            cov[i, j] = T[i, j] * (np.exp(-decay[j - n] * h) if j < end else 1.0)
             cov[j, i] = cov[i, j]
     for i in range(n):
         for j in range(i, n):
@@ -82,7 +85,7 @@ def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, decay
                     value += q[o] * h / 6.0 * (early + (1.0 if i == o and j == o else 0.0))
             cov[i, j] = value
             cov[j, i] = value
-    for i in range(n, N):
+    for i in range(n, end):
         if decay[i - n] > 0.0:
             kept = np.exp(-decay[i - n] * h)
             for j in range(n, N):
@@ -145,6 +148,7 @@ def forward(
     q: Array,
     walk: Array,
     decay: Array,
+    waves: Array,
     reference: Array,
     sigma: bool,
     max_rate: float,
@@ -157,6 +161,8 @@ def forward(
     vector, -1 for known ones. Y : (s, m) samples, NaN where there is none; codes : (m,) what they are (see
     :func:`measure`); r : (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s];
     walk : (p,) that of the parameters; decay : (p,) [1/s] the rate at which each returns to zero, 0 for constants.
+    waves : (4,) see :mod:`.waves`, without size for none, and nothing of them in *mean* and *cov*. The first signal
+    shows them, and what they push is added to the first free parameter.
     reference : (s, n) trajectory to linearise about with the parameters in
     *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
 
@@ -167,7 +173,7 @@ def forward(
     n, N, p = len(q), len(mean), len(places)
     theta = theta.copy()
     given = theta.copy()
-    fixed = len(reference) > 0
+    fixed, wavy = len(reference) > 0, rough(waves)
     M, M_inverse = np.zeros((6, 6)), np.zeros((len(P.active), len(P.active)))
     if not fixed:
         for i in range(p):
@@ -178,6 +184,7 @@ def forward(
         for e in range(len(P.inertia_coefs)):
             massive = massive or P.inertia[e, 2] == places[i]
     full = len(history.mean) > 0
+    of_waves = np.zeros((2, 2))
     F, late, H, K, g = np.zeros((n, N)), np.zeros((n, n)), np.zeros(N), np.zeros(N), np.zeros(N)
     x, before, moved = np.zeros(n), np.zeros(n), mean.copy()
     delay = theta[P.delay] if P.delay >= 0 else 0.0
@@ -192,6 +199,8 @@ def forward(
                 before[i] = x[i]
             first = row
             finite, rate = False, 0.0
+            if wavy:
+                theta[places[0]] += waves[1] * mean[N - 1]
             for _ in range(8):
                 finite, rate, row = step(
                     P, theta, M, M_inverse, x, F, late, stamps[s - 1], stamps[s], first, t_in, inputs, free, now, W
@@ -205,6 +214,10 @@ def forward(
                 return -1.0 - s
             now = max(max_rate, 1.5 * rate if rate > now else 0.7 * now)
             fastest = max(fastest, rate)
+            if wavy:
+                theta[places[0]] -= waves[1] * mean[N - 1]
+                for i in range(n):
+                    F[i, N - 1] = waves[1] * F[i, n]
             if fixed:
                 for i in range(n):
                     for j in range(n):
@@ -216,6 +229,10 @@ def forward(
                 now, W,
             ):  # fmt: skip
                 _time_update(cov, F, late, q, walk, decay, h)
+            if wavy:
+                wave_transition(waves, h, of_waves)
+                turn_waves(mean, cov, of_waves)
+                renew_waves(cov, of_waves)
             for i in range(n):
                 mean[i] = x[i]
             for i in range(p):
@@ -230,6 +247,9 @@ def forward(
             if np.isnan(Y[s, i]):
                 continue
             value = measure(P, theta, reference[s] if fixed else mean[:n], codes[i], free, H)
+            if wavy and i == 0:
+                value += waves[0] * mean[N - 1]
+                H[N - 1] = waves[0]
             error = Y[s, i] - value
             if fixed:
                 for j in range(n):
@@ -303,6 +323,7 @@ def backward(
     stamps: Array,
     r: Array,
     decay: Array,
+    waves: Array,
     history: FilterHistory,
     adjoint: Array,
     information: Array,
@@ -319,7 +340,7 @@ def backward(
     """
     m, N = history.K.shape[1], history.K.shape[2]
     n = history.F.shape[1]
-    carried = np.zeros((N, N))
+    carried, of_waves = np.zeros((N, N)), np.zeros((2, 2))
     for s in range(len(stamps) - 1, -1, -1):
         cov = history.covariance[s]
         down = np.dot(cov, adjoint)
@@ -348,6 +369,9 @@ def backward(
         if s == 0:
             return
         F, late, h = history.F[s], history.late[s], (stamps[s] - stamps[s - 1]) / 6.0
+        if rough(waves):
+            wave_transition(waves, 6.0 * h, of_waves)
+            turn_waves(adjoint, information, np.ascontiguousarray(of_waves.T))
         F_adjoint = np.dot(np.ascontiguousarray(F.T), adjoint[:n])
         F_information = np.dot(np.ascontiguousarray(F.T), information[:n])
         whole = np.dot(np.ascontiguousarray(F_information[:, :n]), F)
@@ -357,7 +381,8 @@ def backward(
         for i in range(n):
             by_drive[0, i] += h * (F_adjoint[i] ** 2 + 4.0 * late_adjoint[i] ** 2 + adjoint[i] ** 2)
             by_drive[1, i] += h * (whole[i, i] + 4.0 * late_block[i, i] + information[i, i])
-        kept = np.exp(-decay * 6.0 * h)
+        kept = np.ones(N - n)
+        kept[: len(decay)] = np.exp(-decay * 6.0 * h)
         for i in range(n, N):
             F_adjoint[i] += kept[i - n] * adjoint[i]
         for i in range(N):

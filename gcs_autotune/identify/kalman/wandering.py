@@ -26,6 +26,7 @@ from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, l
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
 from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
 from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of
+from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.sname import DOFS
@@ -211,6 +212,7 @@ class WanderingProblem:
             np.zeros(states),
             np.append(2.0 * decay * water.size**2, constant),
             np.append(decay, constant),
+            water.waves,
         )
         prior = Prior(*self._priors, np.array(begin), np.diag(np.square(std)))
         with np.errstate(all="ignore"):
@@ -273,7 +275,7 @@ class WanderingProblem:
             of_velocity = self.dof.velocity in track.record.signals
             finite = linear_pass(
                 drive.t, np.stack(forces), damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise,
-                start, std, e, S,
+                water.waves, start, std, e, S,
             )  # fmt: skip
             own, S = e[0, seen], S[seen]
             if not finite or not np.all(np.isfinite(own)) or not np.all(S > 0.0):
@@ -295,9 +297,9 @@ class WanderingProblem:
         first, gain, found = len(bank.states) + 1, float(fit.theta[0]), {}
         for track, history in zip(bank.tracks, result.histories, strict=True):  # of a run in parts the last knows all
             scale = np.array([1.0, gain])
-            cov = history.covariance[-1, first:, first:] / np.outer(scale, scale)
+            cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)
             told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
-            mean = (history.mean[-1, first:] - [0.0, gain]) / scale
+            mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
             found[track.record.run] = RunSays(track.record.run, told - np.diag(wide**-2.0), told @ mean)
         return tuple(found.values())
 
@@ -340,7 +342,8 @@ class WanderingProblem:
                     improved, x, here = there[1] - here[1], other, there
                     damping = max(damping * 0.2, 1e-6)
                     break
-                if float(gradient @ move) < ENOUGH:
+                # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
+                if float(np.abs(gradient) @ np.abs(move)) < ENOUGH:
                     break
                 damping = max(damping * 6.0, 1e-3)
             if improved < ENOUGH:
@@ -406,7 +409,7 @@ class WanderingProblem:
         theta[names.index(bank.free[0])] = 1.0
         own = [names.index(n) for n in bank.free[1:]]
         gust = list(bank.form.inputs).index(WANDERS)
-        simulator, errors = Simulator(bank.form), []
+        simulator, errors, waves = Simulator(bank.form), [], fit.water.waves
         for track, history in zip(bank.tracks, result.histories, strict=True):
             signal = next(iter(track.record.signals.values()))
             seen = int(next(i for i, name in enumerate(bank.states) if name == signal.name))
@@ -423,9 +426,10 @@ class WanderingProblem:
                 inside = t_in[(t_in > start) & (t_in < end)]
                 t = np.union1d(np.append(inside, start), np.arange(start, end, self.interval))
                 rows = table[np.maximum(np.searchsorted(t_in, t, side="right") - 1, 0)].copy()
-                rows[:, gust] = history.mean[s, n] * np.exp(-(t - start) / fit.water.memory)
-                theta[own] = history.mean[s, n + 1 :]
+                sea = waves_ahead(waves, history.mean[s, -2:], np.append(t, end) - start)
+                rows[:, gust] = history.mean[s, n] * np.exp(-(t - start) / fit.water.memory) + waves[1] * sea[:-1]
+                theta[own] = history.mean[s, n + 1 : n + 1 + len(own)]
                 found = simulator.run(theta, history.mean[s, :n].copy(), t, rows, np.array([start, end]))
                 if found is not None:
-                    errors.append(signal.values[goal] - found[0][-1, seen])
+                    errors.append(signal.values[goal] - found[0][-1, seen] - waves[0] * sea[-1])
         return np.array(errors)

@@ -48,7 +48,7 @@ class WanderingFit:
     @property
     def unknowns(self) -> int:
         """How many numbers were fitted."""
-        return len(self.theta) + len(self.free_effects) + 3 + (self.water.smoothing > 0.0)
+        return len(self.theta) + len(self.free_effects) + len(self.water.unknowns)
 
     def std_of(self, slug: str, place: str, name: str) -> float:
         """Return the standard error of an effect's number, NaN where it was not fitted."""

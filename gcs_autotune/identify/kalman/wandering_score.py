@@ -16,16 +16,23 @@ from scipy.special import gammaln
 
 from gcs_autotune.clock import check_time
 from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.identify.kalman.waves import rough
 
 if TYPE_CHECKING:
     from gcs_autotune.identify.kalman.wandering import WanderingProblem
 
-__all__ = ["Coordinates", "Water", "free_of", "log_density"]
+__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "Coordinates", "Water", "free_of", "log_density"]
 
 Array = NDArray[np.float64]
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Time constants of a smoother, in samples of the record."""
+
+LONGEST_WAVE = 20.0
+"""Longest period [s] of waves: what is slower pushes, and is the wandering force's."""
+
+LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
+"""Damping ratios of waves: narrower is a machine's hum, wider no band (Fossen2011 fits 0.1 to 0.26 to usual seas)."""
 
 SHORTEST_MEMORY = 2.0
 """Least time constant of the force, in intervals between samples: quicker, it is noise of the sensor's kind."""
@@ -37,6 +44,8 @@ class Water:
 
     ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
     that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
+    ``wave_swing`` [as noise], ``wave_force`` [as size]: standard deviations of what waves add to the position seen and
+    to the force, ``wave_frequency`` [rad/s] and ``wave_damping`` ratio: of their band (:mod:`.waves`); 0 for none.
     ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
     What a linear craft then shows is what smoothed commands would have done. ``day_force`` [as size] and ``day_thrust``
     [share]: standard deviations between runs of each one's constant force and of its thrust; 0 where runs are alike.
@@ -49,11 +58,32 @@ class Water:
     smoothing: float = 0.0
     day_force: float = 0.0
     day_thrust: float = 0.0
+    wave_swing: float = 0.0
+    wave_force: float = 0.0
+    wave_frequency: float = 1.0
+    wave_damping: float = 0.1
 
     @property
     def differs(self) -> bool:
         """Whether every run has a constant force, or a thrust, of its own."""
         return self.day_force > 0.0 or self.day_thrust > 0.0
+
+    @property
+    def waves(self) -> Array:
+        """Swing, force, frequency and damping ratio (4,) of the waves."""
+        return np.array([self.wave_swing, self.wave_force, self.wave_frequency, self.wave_damping])
+
+    @property
+    def wavy(self) -> bool:
+        """Whether there are waves."""
+        return bool(rough(self.waves))
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of what is fitted, each by its logarithm."""
+        smoothing = ("smoothing",) if self.smoothing > 0.0 else ()
+        waves = ("wave_swing", "wave_force", "wave_frequency", "wave_damping") if self.wavy else ()
+        return ("size", "memory", "noise", *smoothing, *waves)
 
 
 def free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
@@ -72,7 +102,7 @@ Point = tuple[tuple[tuple[Array, Array, Array], ...], float, Array]
 
 
 class Coordinates:
-    """Unknowns in a row: base parameters, effects' numbers, logarithms of size, memory and noise."""
+    """Unknowns in a row: base parameters, effects' numbers, logarithms of the water's (:attr:`Water.unknowns`)."""
 
     def __init__(
         self,
@@ -82,21 +112,29 @@ class Coordinates:
         water: Water,
     ) -> None:
         self.problem, self.effects, self.free_effects, self.water = problem, effects, free_effects, water
-        self.levels = 3 + (water.smoothing > 0.0)
+        self.names = water.unknowns
+        self.levels = len(self.names)
         own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
         pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
         longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
         step = max((next(iter(s.signals.values())).step for s in problem.segments), default=0.0)
         rates = np.concatenate([np.abs(np.diff(next(iter(s.signals.values())).values)) for s in problem.segments])
         finest = max(step / math.sqrt(12.0), 1e-3 * float(np.median(rates)), 1e-9)
+        between = problem.data.interval
+        bounds = {
+            "size": (1e-12, 1e6),
+            "memory": (SHORTEST_MEMORY * problem.interval, longest),
+            "noise": (finest, 1e6),
+            "smoothing": (LEAST_SMOOTHING * between, MOST_SMOOTHING * between),
+            "wave_swing": (1e-2 * finest, 1e6),
+            "wave_force": (1e-12, 1e6),
+            "wave_frequency": (2.0 * math.pi / LONGEST_WAVE, math.pi / problem.interval),
+            "wave_damping": (LEAST_DAMPING, MOST_DAMPING),
+        }
         low, high = problem.limits
-        self.low = np.concatenate(
-            [low, [p[0] for p in pairs], np.log([1e-12, SHORTEST_MEMORY * problem.interval, finest])]
-        )
-        self.high = np.concatenate([high, [p[1] for p in pairs], np.log([1e6, longest, 1e6])])
-        if water.smoothing > 0.0:
-            least, most = LEAST_SMOOTHING * problem.data.interval, MOST_SMOOTHING * problem.data.interval
-            self.low, self.high = np.append(self.low, math.log(least)), np.append(self.high, math.log(most))
+        of_water = np.log([bounds[n] for n in self.names])
+        self.low = np.concatenate([low, [p[0] for p in pairs], of_water[:, 0]])
+        self.high = np.concatenate([high, [p[1] for p in pairs], of_water[:, 1]])
         spans = np.array([p[1] - p[0] for p in pairs])
         self.widest = np.concatenate(
             [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(self.levels, 0.1)]
@@ -105,7 +143,7 @@ class Coordinates:
     def pack(self, theta: Array, effects: Sequence[EffectInstance], water: Water) -> Array:
         """Return the unknowns (q,) of base parameters (p,), effects and water."""
         values = [effects[i].values[n] for i, n in self.free_effects]
-        every = (water.size, water.memory, water.noise, water.smoothing)[: self.levels]
+        every = [getattr(water, n) for n in self.names]
         return np.concatenate([theta, values, [math.log(max(v, 1e-12)) for v in every]])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
@@ -115,8 +153,7 @@ class Coordinates:
         for k, (i, n) in enumerate(self.free_effects):
             values.setdefault(i, {})[n] = float(x[p + k])
         effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
-        names = ("size", "memory", "noise", "smoothing")[: self.levels]
-        levels = dict(zip(names, np.exp(x[-self.levels :]).tolist(), strict=True))
+        levels = dict(zip(self.names, np.exp(x[-self.levels :]).tolist(), strict=True))
         return x[:p].copy(), effects, replace(self.water, **levels)
 
     def clipped(self, x: Array) -> Array:

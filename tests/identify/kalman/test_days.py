@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from test_wandering import DRAG, GAIN, LINEAR, problem_of, run
 
 from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 
 THETA = np.array([0.45, -0.7])
 WATER = Water(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
+CHOPPY = replace(WATER, wave_swing=0.05, wave_force=0.1, wave_frequency=2.4, wave_damping=0.15)
 
 
 def short(name: str, seed: int) -> Segment:
@@ -28,22 +30,32 @@ def short(name: str, seed: int) -> Segment:
     return Segment(name, name, t_in, rng.normal(0.0, 1.0, (4, 1)), ("N",), ("1",), {"psi": signal})
 
 
-def responses(segment: Segment, states: Array, spread: Array) -> tuple[Array, Array, Array]:
-    """Return the mean (s,) of the samples, what every independent unit of chance adds to them (s, units), and what
-    the run's own constant force and thrust do (s, 2): by steps of a millisecond.
+def responses(segment: Segment, states: Array, spread: Array, water: Water) -> tuple[Array, Array, Array, Array]:
+    """Return the mean (s,) of the samples, what every independent unit of chance adds to them (s, units), what the
+    run's own constant force and thrust do (s, 2), and the force that wanders by units (s, units): by steps of a
+    millisecond.
     """
     k, d = THETA
-    t, keep = segment.signals["psi"].t, math.exp(-0.5 / WATER.memory)
-    pushes = np.zeros((len(t), 2 + len(t)))  # what wanders, by unit: the first, then one more in each interval
-    pushes[0, 2] = WATER.size
-    for s in range(1, len(t)):
-        pushes[s] = keep * pushes[s - 1]
-        pushes[s, 2 + s] = WATER.size * math.sqrt(1.0 - keep * keep)
+    t, keep = segment.signals["psi"].t, math.exp(-0.5 / water.memory)
+    n, units = len(t), 2 + 3 * len(segment.signals["psi"].t)
+    gusts = np.zeros((n, units))  # what wanders, by unit: the first, then one more in each interval
+    gusts[0, 2] = water.size
+    sea = np.zeros((n, 2, units))  # both states of the waves, by two units in each interval
+    sea[0, 0, 2 + n], sea[0, 1, 3 + n] = 1.0, 1.0
+    omega, zeta = water.wave_frequency, water.wave_damping
+    F = expm(0.5 * np.array([[0.0, omega], [-omega, -2.0 * zeta * omega]]))
+    L = np.linalg.cholesky(np.eye(2) - F @ F.T)
+    for s in range(1, n):
+        gusts[s] = keep * gusts[s - 1]
+        gusts[s, 2 + s] = water.size * math.sqrt(1.0 - keep * keep)
+        sea[s] = F @ sea[s - 1]
+        sea[s, :, 2 + n + 2 * s : 4 + n + 2 * s] = L
+    pushes = gusts + water.wave_force * sea[:, 1]
     order = [1, 0] if states[0] != segment.signals["psi"].values[0] else [0, 1]
     x0, v0 = states[order]
     # Columns: mean, units of chance, own force, own thrust.
-    x = np.concatenate([[x0], [spread[order][0], 0.0], np.zeros(len(t)), [0.0, 0.0]])
-    v = np.concatenate([[v0], [0.0, spread[order][1]], np.zeros(len(t)), [0.0, 0.0]])
+    x = np.concatenate([[x0], [spread[order][0], 0.0], np.zeros(3 * n), [0.0, 0.0]])
+    v = np.concatenate([[v0], [0.0, spread[order][1]], np.zeros(3 * n), [0.0, 0.0]])
     seen = [x.copy()]
     h = 1e-3
     for s in range(len(t) - 1):
@@ -56,29 +68,49 @@ def responses(segment: Segment, states: Array, spread: Array) -> tuple[Array, Ar
             x, v = x + one * v + (h - one) / -d * f, kept * v + one * f
         seen.append(x.copy())
     rows = np.array(seen)
-    return rows[:, 0], rows[:, 1:-2], rows[:, -2:]
+    return rows[:, 0], rows[:, 1:-2] + water.wave_swing * sea[:, 1], rows[:, -2:], gusts
 
 
-def test_integrating_out_is_exact_beside_a_dense_gaussian() -> None:
+@pytest.mark.parametrize("water", [WATER, CHOPPY], ids=["calm", "waves"])
+def test_integrating_out_is_exact_beside_a_dense_gaussian(water: Water) -> None:
     """Two records of one run, which share its own force and thrust, and one of another."""
     segments = [short("a", 1), short("a", 2), short("b", 3)]
     problem = problem_of(segments)
-    found = problem.innovations_at(THETA, (), WATER)
+    found = problem.innovations_at(THETA, (), water)
     assert found is not None
     told = sum(-0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S))) for _, e, S in found)
     states, spread = problem._priors
-    parts = [responses(s, states[i], spread[i]) for i, s in enumerate(segments)]
+    parts = [responses(s, states[i], spread[i], water) for i, s in enumerate(segments)]
     dense = 0.0
     for own in ([0, 1], [2]):
         error = np.concatenate([segments[i].signals["psi"].values - parts[i][0] for i in own])
-        shared = np.concatenate([parts[i][2] for i in own]) * [WATER.day_force, WATER.day_thrust]
-        C = shared @ shared.T + WATER.noise**2 * np.eye(len(error))
+        shared = np.concatenate([parts[i][2] for i in own]) * [water.day_force, water.day_thrust]
+        C = shared @ shared.T + water.noise**2 * np.eye(len(error))
         for j, i in enumerate(own):
             block = slice(12 * j, 12 * j + 12)
             C[block, block] += parts[i][1] @ parts[i][1].T
         _, size = np.linalg.slogdet(2.0 * np.pi * C)
         dense -= 0.5 * (float(size) + float(error @ np.linalg.solve(C, error)))
     assert told == pytest.approx(dense, abs=1e-5)
+
+
+def test_the_force_that_wanders_is_told_from_waves_as_a_dense_gaussian_tells_it() -> None:
+    """By the smoother, run by run; of a day's own force and thrust there is none."""
+    water = replace(CHOPPY, day_force=0.0, day_thrust=0.0)
+    segments = [short("a", 1), short("b", 3)]
+    problem = problem_of(segments)
+    done = problem.run(THETA, (), water, full=True)
+    assert done is not None
+    bank, result, levels = done
+    smoothed = bank.smooth(result, levels)
+    states, spread = problem._priors
+    for i, segment in enumerate(segments):
+        mean, chance, _, gusts = responses(segment, states[i], spread[i], water)
+        C = chance @ chance.T + water.noise**2 * np.eye(len(mean))
+        told = gusts @ chance.T @ np.linalg.solve(C, segment.signals["psi"].values - mean)
+        left = gusts @ gusts.T - gusts @ chance.T @ np.linalg.solve(C, chance @ gusts.T)
+        assert smoothed.trajectories[i][:, 2] == pytest.approx(told, abs=2e-4)
+        assert smoothed.variances[i][:, 2] == pytest.approx(np.diag(left), rel=2e-2)
 
 
 @pytest.mark.parametrize("name", LINEAR)

@@ -310,7 +310,7 @@ def test_a_sigma_point_that_cannot_be_carried_changes_nothing(far: float, place:
 STAMPS = np.array([0.05, 0.2, 0.5, 0.6, 1.1])
 CODES = ints(5, 6, 0)
 R = np.array([0.02, 0.05, 0.03]) ** 2
-DECAY, CONSTANT = np.array([0.8, 0.0]), np.zeros(2)
+DECAY, CONSTANT, CALM = np.array([0.8, 0.0]), np.zeros(2), np.zeros(4)
 """One parameter that returns to zero, one that stays; sigma points know constants only."""
 READ = np.array(
     [
@@ -331,8 +331,8 @@ def result(r: Array = R, q: Array = Q_STATES, **options: Any) -> tuple[float, Fi
     given, sigma = options.get("given", (T_IN, INPUTS)), options.get("sigma", False)
     rate = forward(
         BOAT, options.get("theta", THETA), FREE_PLACES, FREE, mean, cov, *given, STAMPS,
-        options.get("read", READ), CODES, r, q, WALK, CONSTANT if sigma else DECAY, reference, sigma, PACE, history,
-        scratch(8),
+        options.get("read", READ), CODES, r, q, WALK, CONSTANT if sigma else DECAY, CALM, reference, sigma, PACE,
+        history, scratch(8),
     )  # fmt: skip
     return rate, history, mean, cov
 
@@ -413,7 +413,7 @@ def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
     end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
     forward(
         BOAT, THETA, FREE_PLACES, FREE, end, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK, DECAY,
-        np.zeros((0, 6)), False, PACE, lean, scratch(8),
+        CALM, np.zeros((0, 6)), False, PACE, lean, scratch(8),
     )  # fmt: skip
     assert np.array_equal(lean.e, full.e, equal_nan=True) and np.array_equal(lean.S, full.S, equal_nan=True)
     assert np.array_equal(end, mean)
@@ -450,7 +450,7 @@ def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivative
     adjoint, information = np.zeros(8), np.zeros((8, 8))
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
     by_noise, by_drive = np.ones((2, 3)), np.ones((2, 6))
-    backward(STAMPS, R, DECAY, history, adjoint, information, smoothed, variances, by_noise, by_drive)
+    backward(STAMPS, R, DECAY, CALM, history, adjoint, information, smoothed, variances, by_noise, by_drive)
     x, P = history.mean[-1], history.covariance[-1]
     assert smoothed[-1] == pytest.approx(x, abs=1e-12)
     for s in range(3, -1, -1):
@@ -483,7 +483,9 @@ def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> 
     e = 0.3
     adjoint, information = -seen[0] * e / S, np.outer(seen[0], seen[0]) / S
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
-    backward(STAMPS, R, DECAY, history, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6)))
+    backward(
+        STAMPS, R, DECAY, CALM, history, adjoint, information, smoothed, variances, np.zeros((2, 3)), np.zeros((2, 6))
+    )
     K = cov @ seen[0] / S
     assert smoothed[-1] == pytest.approx(mean + K * e, abs=1e-12)
     assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)
@@ -497,7 +499,7 @@ def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> Non
         mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
         forward(
             boat, prompt, FREE_PLACES, FREE, mean, cov, T_IN, INPUTS, STAMPS, READ, CODES, R, Q_STATES, WALK, DECAY,
-            np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
+            CALM, np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
         )  # fmt: skip
         means.append(mean)
     assert means[0] == pytest.approx(means[1], abs=1e-12)
@@ -517,7 +519,7 @@ def test_a_delay_that_is_the_very_first_parameter_holds_the_inputs_back_as_any_o
         mean, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
         forward(
             boat, theta, places, free, mean, cov, given, INPUTS[:3], STAMPS, READ, CODES, R,
-            Q_STATES, WALK, DECAY, np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
+            Q_STATES, WALK, DECAY, CALM, np.zeros((0, 6)), False, PACE, new_history(5, 3, 6, 8, full=False), scratch(8),
         )  # fmt: skip
         means.append(mean)
     assert means[1] == pytest.approx(means[0], abs=1e-12)
@@ -560,7 +562,7 @@ def test_steps_that_met_more_than_twice_their_pace_are_made_again_and_the_pace_f
     mean, cov, history = start.copy(), covariance(6), new_history(5, 3, 6, 6, full=True)
     fastest = forward(
         BOAT, THETA, ints(), NONE, mean, cov, T_IN, INPUTS, stamps, np.full((5, 3), np.nan), CODES, R, Q_STATES,
-        np.zeros(0), np.zeros(0), np.zeros((0, 6)), False, least, history, scratch(6),
+        np.zeros(0), np.zeros(0), CALM, np.zeros((0, 6)), False, least, history, scratch(6),
     )  # fmt: skip
     pace, x, met, again, lost = least, start, 0.0, 0, 0
     for s in range(1, 5):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
@@ -24,6 +25,22 @@ FORM = Form(
 GAIN, DAMPING, SIZE, MEMORY, STEP = 0.5, 0.6, 0.05, 3.0, 0.2
 
 
+SEA = (2.4, 0.1)
+"""Frequency [rad/s] and damping ratio of the waves."""
+
+
+def waves(rng: np.random.Generator, fine: float, count: int) -> Array:
+    """Return waves (count,) of unit spread in steps of *fine* [s]: exact, by the matrix exponential."""
+    omega, zeta = SEA
+    F = expm(fine * np.array([[0.0, omega], [-omega, -2.0 * zeta * omega]]))
+    L = np.linalg.cholesky(np.eye(2) - F @ F.T + 1e-15 * np.eye(2))
+    state, found = rng.normal(0.0, 1.0, 2), np.empty(count)
+    for i in range(count):
+        found[i] = state[1]
+        state = F @ state + L @ rng.normal(0.0, 1.0, 2)
+    return found
+
+
 def run(
     seed: int,
     *,
@@ -32,8 +49,13 @@ def run(
     size: float = SIZE,
     force: float = 0.0,
     thrust: float = 1.0,
+    swing: float = 0.0,
+    slap: float = 0.0,
 ) -> Segment:
-    """Return a relay run of 80 s, integrated in steps of a hundredth of a second; *force*, *thrust*: of its own day."""
+    """Return a relay run of 80 s, integrated in steps of a hundredth of a second; *force*, *thrust*: of its own day.
+
+    swing, slap : standard deviations of what waves of :data:`SEA` add to the heading seen, and of how they push.
+    """
     rng = np.random.default_rng(seed)
     fine, count = 0.01, 8000
     t = fine * np.arange(count)
@@ -42,15 +64,16 @@ def run(
     psi, r, push = 0.0, 0.0, rng.normal(0.0, size)
     path = np.empty(count)
     keep = math.exp(-fine / MEMORY)
+    sea = waves(np.random.default_rng(100 + seed), fine, count) if swing or slap else np.zeros(count)
     for i in range(count):
         path[i] = psi
         psi += fine * r
-        own = thrust * GAIN * command[i] + force
+        own = thrust * GAIN * command[i] + force + slap * sea[i]
         r += fine * (own - DAMPING * r - square * abs(r) * r + slide * v[i] + push)
         push = keep * push + rng.normal(0.0, size * math.sqrt(1.0 - keep * keep))
     every = round(STEP / fine)
     at = t[::every]
-    seen = path[::every] + rng.normal(0.0, 1e-3, len(at))
+    seen = path[::every] + swing * sea[::every] + rng.normal(0.0, 1e-3, len(at))
     jumps = np.flatnonzero(np.r_[True, np.diff(command) != 0.0])
     channels = {"v": Channel("v", "m/s", at, v[::every])}
     signals = {"psi": Signal("psi", at, seen, 0.0)}
@@ -108,7 +131,7 @@ def test_a_trial_of_a_craft_without_inertia_leaves_no_fine_steps_behind(
     forward = filter_bank.forward
 
     def noted(*arguments: Any) -> float:
-        asked.append(arguments[17])
+        asked.append(arguments[18])
         return float(forward(*arguments))
 
     monkeypatch.setattr(filter_bank, "forward", noted)
@@ -232,13 +255,16 @@ LINEAR: dict[str, tuple[EffectInstance, ...]] = {
 }
 
 
+CHOPPY = {"wave_swing": 0.03, "wave_force": 0.08, "wave_frequency": SEA[0], "wave_damping": SEA[1]}
+
+
 @pytest.mark.parametrize("name", LINEAR)
-@pytest.mark.parametrize("smoothing", [0.0, 0.35])
-def test_exact_transitions_filter_as_the_general_pass_does(name: str, smoothing: float) -> None:
+@pytest.mark.parametrize("more", [{}, {"smoothing": 0.35}, CHOPPY], ids=["calm", "smoothed", "waves"])
+def test_exact_transitions_filter_as_the_general_pass_does(name: str, more: dict[str, float]) -> None:
     runs = [run(1), run(2)]
     speed = Channel("u", "m/s", runs[0].stamps, 1.0 + 0.3 * np.sin(0.2 * runs[0].stamps))
     problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in runs])
-    effects, water = LINEAR[name], Water(0.05, 2.5, 2e-3, smoothing=smoothing)
+    effects, water = LINEAR[name], replace(Water(0.05, 2.5, 2e-3), **more)
     theta = np.array([0.45, -0.7])
     assert problem._linear(effects) is not None
     exact = problem.innovations_at(theta, effects, water)
@@ -283,3 +309,31 @@ def test_samples_of_a_velocity_are_filtered_the_same() -> None:
     seen = ~np.isnan(history.S[:, 0])
     assert exact[0][1] == pytest.approx(history.e[seen, 0], abs=1e-6)
     assert exact[0][2] == pytest.approx(history.S[seen, 0], rel=1e-5)
+
+
+def test_waves_are_found_at_their_frequency_and_size_and_leave_the_craft_as_she_is() -> None:
+    """Without them in the model the craft comes out quicker, or slower: her heading seems to answer at once."""
+    problem = problem_of([run(k, swing=0.03, slap=0.04) for k in (1, 2, 3)])
+    calm = problem.fit(*BEGIN)
+    begun = replace(BEGIN[2], wave_swing=0.01, wave_force=0.01, wave_frequency=2.0)
+    fit = problem.fit(BEGIN[0], (), begun)
+    assert calm is not None and fit is not None
+    assert fit.unknowns == calm.unknowns + 4
+    assert fit.total > calm.total + 50.0
+    assert fit.water.wave_frequency == pytest.approx(SEA[0], rel=0.03)
+    assert fit.water.wave_damping == pytest.approx(SEA[1], abs=0.04)
+    assert fit.water.wave_swing == pytest.approx(0.03, rel=0.25)
+    assert fit.water.wave_force == pytest.approx(0.04, rel=0.5)
+    assert fit.theta == pytest.approx([GAIN, -DAMPING], rel=0.08)
+    assert abs(calm.theta[1] + DAMPING) > 2.0 * abs(fit.theta[1] + DAMPING)
+
+
+def test_an_error_ahead_is_smaller_where_the_waves_are_known() -> None:
+    problem = problem_of([run(k, size=0.01, swing=0.03) for k in (1, 2)])
+    theta, calm = np.array([GAIN, -DAMPING]), Water(0.01, MEMORY, 0.03)
+    errors = []
+    for water in (calm, replace(calm, noise=1e-3, wave_swing=0.03, wave_force=1e-6, wave_frequency=SEA[0])):
+        fit = problem.fit(theta, (), water, rounds=0)
+        assert fit is not None
+        errors.append(float(np.sqrt(np.mean(problem.ahead(fit, 0.4) ** 2))))
+    assert errors[1] < 0.8 * errors[0]

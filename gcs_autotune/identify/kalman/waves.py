@@ -1,0 +1,68 @@
+"""Waves as two states of a filter: a force in a narrow band of frequencies, and a swing of what the sensor sees.
+
+White noise through ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both states have unit
+spread; the first goes with the integral of the second, which pushes and is seen. At rest that has no share: a slow
+force is no wave. ``waves`` (4,) throughout: swing [m, rad] and force per inertia, standard deviations both; frequency
+[rad/s]; damping ratio. Between two stamps the force is held, as that which wanders is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["renew_waves", "rough", "turn_waves", "wave_transition", "waves_ahead"]
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True)
+def rough(waves: Array) -> bool:
+    """Return whether there are waves."""
+    return bool(waves[0] > 0.0 or waves[1] > 0.0)
+
+
+@njit(cache=True)
+def wave_transition(waves: Array, h: float, F: Array) -> None:
+    """Fill *F* (2, 2), the exact transition over *h* seconds."""
+    omega, zeta = waves[2], waves[3]
+    root = np.sqrt(1.0 - zeta * zeta)
+    c, s, fade = np.cos(omega * root * h), np.sin(omega * root * h) / root, np.exp(-zeta * omega * h)
+    F[0, 0], F[0, 1] = fade * (c + zeta * s), fade * s
+    F[1, 0], F[1, 1] = -fade * s, fade * (c - zeta * s)
+
+
+@njit(cache=True)
+def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
+    """Apply *F* (2, 2) to the last two of *vector* (N,), and to those of *matrix* (N, N) from both sides, in place."""
+    N = len(vector)
+    a, b = N - 2, N - 1
+    vector[a], vector[b] = F[0, 0] * vector[a] + F[0, 1] * vector[b], F[1, 0] * vector[a] + F[1, 1] * vector[b]
+    for j in range(N):
+        one, two = matrix[a, j], matrix[b, j]
+        matrix[a, j], matrix[b, j] = F[0, 0] * one + F[0, 1] * two, F[1, 0] * one + F[1, 1] * two
+    for j in range(N):
+        one, two = matrix[j, a], matrix[j, b]
+        matrix[j, a], matrix[j, b] = F[0, 0] * one + F[0, 1] * two, F[1, 0] * one + F[1, 1] * two
+
+
+@njit(cache=True)
+def renew_waves(cov: Array, F: Array) -> None:
+    """Add to *cov* (N, N) what comes anew in an interval of transition *F*: as much as a stationary process lost."""
+    a, b = len(cov) - 2, len(cov) - 1
+    cov[a, a] += 1.0 - F[0, 0] * F[0, 0] - F[0, 1] * F[0, 1]
+    cov[b, b] += 1.0 - F[1, 0] * F[1, 0] - F[1, 1] * F[1, 1]
+    both = F[0, 0] * F[1, 0] + F[0, 1] * F[1, 1]
+    cov[a, b] -= both
+    cov[b, a] -= both
+
+
+def waves_ahead(waves: Array, state: Array, after: Array) -> Array:
+    """Return the second state (k,) expected *after* (k,) [s] the two were *state* (2,)."""
+    F, found = np.zeros((2, 2)), np.zeros(len(after))
+    if rough(waves):
+        for k, h in enumerate(after.tolist()):
+            wave_transition(waves, h, F)
+            found[k] = F[1] @ state
+    return found
