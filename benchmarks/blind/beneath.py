@@ -105,7 +105,8 @@ def marked(row: Row) -> Row:
     truth, named = row["truth"], row["named"]
     alike = [set(g) for g in row["groups"]]
     lagging = [n for n in named if n in EXCUSED or any(n in g and g & set(EXCUSED) for g in alike)]
-    excused = [n for n in lagging if "lag" in row["circumstances"] and n not in truth]
+    hit = {n for n in named if n in truth or any(n in g and g & set(truth) for g in alike)}
+    excused = [n for n in lagging if "lag" in row["circumstances"] and n not in hit]
     left = [n for n in named if n not in excused]
     true = [any(n == t or any({n, t} <= g for g in alike) for t in truth) for n in left]
     told = sum(t in left or any(t in g and g & set(left) for g in alike) for t in truth)
