@@ -62,7 +62,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Keep together the tests of a file that make something once for all, a module fixture or a compiled function.
+    """Keep together the tests of a file that make something once for all: a fixture, a compiled function, a page kept.
 
     So are those in a browser: they wait more than they compute, and one process that waits leaves the others the
     processors, where all of them waiting in the end leave them idle.
@@ -71,7 +71,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         return None
     from xdist.scheduler import LoadScopeScheduling
 
-    once = re.compile(r'scope="module"|^@njit|pytest\.mark\.browser', re.MULTILINE)
+    once = re.compile(r'scope="module"|^@(njit|cache)\b|pytest\.mark\.browser', re.MULTILINE)
     sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if once.search(p.read_text())}
 
     class Sharing(LoadScopeScheduling):
