@@ -21,7 +21,7 @@ WARM_UP = (
     "-c",
     "from gcs_autotune.workflow.jit_warmup import warm_up; warm_up(['surge', 'yaw'], ['rover-heading'])",
 )
-"""Compile what most tests need, beside the rewriting of assertions."""
+"""Compile what most tests need."""
 FILTERS = (
     "-c",
     """
@@ -30,11 +30,10 @@ from gcs_autotune.workflow.jit_warmup import _swing
 fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 """,
 )
-"""Compile the filters while the first tests run, half a minute that two processes would spend each: what they share
-with the rest is compiled by then."""
+"""Compile the filters, and what uses exact transitions. Before any test: while the first of them ran, two processes
+compiled the same once more each, for half a minute of processor."""
 REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
 """Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
-FILTERS_BEING_COMPILED = pytest.StashKey[subprocess.Popen[bytes]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -43,19 +42,11 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: see gcs_autotune.cli.main
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
-        wanted = (WARM_UP,) if sys.dont_write_bytecode else (WARM_UP, REWRITE)
-        warming, *others = [_python(*each) for each in wanted]
-        assert warming.wait() == 0
-        for process in others:
+        beside = [] if sys.dont_write_bytecode else [_python(*REWRITE)]
+        for compiling in (WARM_UP, FILTERS):  # one after the other: they share much
+            assert _python(*compiling).wait() == 0
+        for process in beside:
             process.wait()  # what cannot be collected is told by whoever runs it
-        config.stash[FILTERS_BEING_COMPILED] = _python(*FILTERS)
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """Leave no process behind where the tests are done before."""
-    if FILTERS_BEING_COMPILED in config.stash:
-        config.stash[FILTERS_BEING_COMPILED].kill()
-        config.stash[FILTERS_BEING_COMPILED].wait()
 
 
 def _python(*arguments: str) -> subprocess.Popen[bytes]:
@@ -71,7 +62,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Keep together the tests of a file that make something once for all, a module fixture or a compiled function.
+    """Keep together the tests of a file that make something once for all: a fixture, a compiled function, a page kept.
 
     So are those in a browser: they wait more than they compute, and one process that waits leaves the others the
     processors, where all of them waiting in the end leave them idle.
@@ -80,7 +71,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         return None
     from xdist.scheduler import LoadScopeScheduling
 
-    once = re.compile(r'scope="module"|^@njit|pytest\.mark\.browser', re.MULTILINE)
+    once = re.compile(r'scope="module"|^@(njit|cache)\b|pytest\.mark\.browser', re.MULTILINE)
     sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if once.search(p.read_text())}
 
     class Sharing(LoadScopeScheduling):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -16,6 +17,11 @@ PAST_THE_DOOR = {
 """(file, module): the imports of another room's inside that are meant."""
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports_past_a_door(root: Path) -> set[tuple[str, str]]:
     """Return (file, module) for every import of *root*'s packages that goes past another room's ``__init__``."""
     found = set()
@@ -23,7 +29,7 @@ def imports_past_a_door(root: Path) -> set[tuple[str, str]]:
         rooms = {path.parent.name for path in root.glob(f"{package}/*/__init__.py")}
         for path in root.glob(f"{package}/**/*.py"):
             file = path.relative_to(root)
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in ast.walk(tree_of(path)):
                 names = [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
                 names += [name.name for name in node.names] if isinstance(node, ast.Import) else []
                 for name in names:
@@ -55,7 +61,7 @@ def test_no_public_class_name_means_two_things() -> None:
     places: dict[str, list[str]] = {}
     for package in ("gcs_autotune", "sitl"):
         for path in sorted(ROOT.glob(f"{package}/**/*.py")):
-            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            for node in tree_of(path).body:
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     places.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
     assert len(places) > 300

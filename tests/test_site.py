@@ -26,6 +26,16 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 
 
+BUILD = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from sphinx.cmd.build import main
+from tests.conftest import in_few_evaluations
+with in_few_evaluations():
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
 def module_of_the_site(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None and spec.loader is not None
@@ -111,10 +121,12 @@ def test_model_files_hold_to_their_schema(tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(1200)  # two tunes are flown meanwhile
 def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path):
-    """Pages are executed meanwhile; one that fails fails the build."""
+    """Pages are executed meanwhile; one that fails fails the build. Their tunes design in few evaluations: at its full
+    length one is flown in ``tests/cli/test_command_line.py``.
+    """
     for needed in ("sphinx", "myst_parser", "furo"):
         pytest.importorskip(needed, reason=f"{needed} is not installed (pip install '.[docs]')")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path)]
+    command = [sys.executable, "-c", BUILD, "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     lost = []

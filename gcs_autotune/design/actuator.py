@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,17 +117,7 @@ class Actuator:
         NoGainsMeetSpec
             Full output does not.
         """
-        if force == 0.0:
-            return 0.0
-        grid = np.linspace(0.0, math.copysign(1.0, force), 2001)
-        reach = self.static(grid) * math.copysign(1.0, force)
-        if reach[-1] < abs(force):
-            raise NoGainsMeetSpec(
-                f"a constant force of {force:.2f} of full cannot be held: the actuator gives {reach[-1]:.2f} at most"
-            )
-        first = int(np.argmax(reach >= abs(force)))
-        share = (abs(force) - reach[first - 1]) / max(reach[first] - reach[first - 1], 1e-300)
-        return float(grid[first - 1] + share * (grid[first] - grid[first - 1]))
+        return _output_for(self, force)
 
     def slopes(self) -> tuple[float, ...]:
         """Return the gains around which small motions live: by direction, size of output and state of the battery.
@@ -135,10 +126,7 @@ class Actuator:
         take their part first. Margins are to hold at each. Within dead zone and play the loop is open; that is left to
         the simulation.
         """
-        bend = 2.0 * self.square * max(USED - 0.5 * self.play - self.lost, 0.0) / self.reference
-        sizes = (1.0 - self.square, 1.0 - self.square + bend) if self.square else (1.0,)
-        found = {round(w * s * g, 6) for w in {1.0, self.weakest} for s in sizes for g in {self.ahead, self.astern}}
-        return tuple(sorted({max(g, MIN_SLOPE) for g in found}))
+        return _slopes(self)
 
     def step(self, dt: float) -> ActuatorStep:
         """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]."""
@@ -162,3 +150,30 @@ class Actuator:
 
 PERFECT = Actuator()
 """Force is output."""
+
+
+@lru_cache(maxsize=256)
+def _output_for(actuator: Actuator, force: float) -> float:
+    """Do as :meth:`Actuator.output_for`: a design asks for the same force in every one of thousands of steps."""
+    if force == 0.0:
+        return 0.0
+    grid = np.linspace(0.0, math.copysign(1.0, force), 2001)
+    reach = actuator.static(grid) * math.copysign(1.0, force)
+    if reach[-1] < abs(force):
+        raise NoGainsMeetSpec(
+            f"a constant force of {force:.2f} of full cannot be held: the actuator gives {reach[-1]:.2f} at most"
+        )
+    first = int(np.argmax(reach >= abs(force)))
+    share = (abs(force) - reach[first - 1]) / max(reach[first] - reach[first - 1], 1e-300)
+    return float(grid[first - 1] + share * (grid[first] - grid[first - 1]))
+
+
+@lru_cache(maxsize=256)
+def _slopes(actuator: Actuator) -> tuple[float, ...]:
+    """Do as :meth:`Actuator.slopes`, which a design asks for as often."""
+    bend = 2.0 * actuator.square * max(USED - 0.5 * actuator.play - actuator.lost, 0.0) / actuator.reference
+    sizes = (1.0 - actuator.square, 1.0 - actuator.square + bend) if actuator.square else (1.0,)
+    found = {
+        round(w * s * g, 6) for w in {1.0, actuator.weakest} for s in sizes for g in {actuator.ahead, actuator.astern}
+    }
+    return tuple(sorted({max(g, MIN_SLOPE) for g in found}))

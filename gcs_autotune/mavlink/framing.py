@@ -6,9 +6,11 @@ counted, so line noise, half frames and foreign protocols cost bytes and never a
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import cache
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -32,10 +34,11 @@ _OVERHEAD = {_V1: 8, _V2: 12}
 _SIGNATURE = 13
 _SIGNED = 0x01
 _LONGEST = 255 + 12 + _SIGNATURE
+_HEADER = struct.Struct("<BBBBBBBHB")
+_HEADER_LENGTH, _CHECKSUM = 10, 2
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One whole frame as it was on the wire, decoded. ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``; ``origin``
     says where it came from, on links that can tell senders apart."""
 
@@ -120,12 +123,71 @@ def frame_length(buffer: bytes | bytearray, position: int) -> int | None:
     return length
 
 
-def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None:
-    """Return the decoded frame, or None when its checksum (or anything else) is wrong."""
-    try:
-        message = decoder.decode(raw)
-    except mavlink.MAVError:
+class _Kind(NamedTuple):
+    """How a message without arrays is laid out: its fields in the order of the wire, and ``order``, where each argument
+    of ``make`` is among them (None: in the same place)."""
+
+    make: Callable[..., Message]
+    layout: struct.Struct
+    fields: Callable[[Message], tuple[Any, ...]]
+    order: tuple[int, ...] | None
+    seed: bytes
+
+
+@cache
+def _plain_kind(number: int) -> _Kind | None:
+    """Return how the message of that *number* is laid out; None for one with arrays, and for one nobody knows."""
+    made = mavlink.mavlink_map.get(number)
+    if made is None or len(made.ordered_fieldnames) < 2 or any(made.array_lengths):
         return None
+    order = tuple(made.orders)
+    straight = order == tuple(range(len(order)))
+    fields = attrgetter(*made.ordered_fieldnames)
+    return _Kind(made, made.unpacker, fields, None if straight else order, bytes((made.crc_extra,)))
+
+
+def _decode_plain(raw: bytearray) -> Message | None:
+    """Return the message in an unsigned MAVLink 2 frame as pymavlink would, in half its time; None: ask pymavlink."""
+    if len(raw) <= _OVERHEAD[_V2] or raw[0] != _V2 or raw[2] or raw[1] != len(raw) - _OVERHEAD[_V2]:
+        return None
+    kind = _plain_kind(raw[7] | raw[8] << 8 | raw[9] << 16)
+    checksum = raw[-2] | raw[-1] << 8
+    if kind is None or mavlink.x25crc(raw[1:-_CHECKSUM] + kind.seed).crc != checksum:
+        return None
+    size = kind.layout.size
+    values = kind.layout.unpack(raw[_HEADER_LENGTH:-_CHECKSUM].ljust(size, b"\0")[:size])
+    message = kind.make(*(values if kind.order is None else [values[place] for place in kind.order]))
+    header = message.get_header()
+    header.mlen, header.compat_flags, header.seq = raw[1], raw[3], raw[4]
+    header.srcSystem, header.srcComponent = raw[5], raw[6]
+    message._msgbuf, message._payload, message._crc = raw, raw[6:-_CHECKSUM], checksum
+    return message
+
+
+def _pack_plain(message: Message, mav: Any) -> bytes | None:
+    """Return the unsigned MAVLink 2 frame of *message* as pymavlink would, in half its time; None: ask pymavlink."""
+    number = type(message).id  # some have a field of that name
+    kind = _plain_kind(number)
+    if kind is None:
+        return None
+    payload = kind.layout.pack(*kind.fields(message)).rstrip(b"\0") or b"\0"
+    head = (_V2, len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent, number & 0xFFFF, number >> 16)
+    frame = _HEADER.pack(*head) + payload
+    checksum: int = mavlink.x25crc(frame[1:] + kind.seed).crc
+    return frame + checksum.to_bytes(_CHECKSUM, "little")
+
+
+def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None:
+    """Return the decoded frame, or None when its checksum (or anything else) is wrong.
+
+    *decoder* checks no signatures.
+    """
+    message = _decode_plain(raw)
+    if message is None:
+        try:
+            message = decoder.decode(raw)
+        except mavlink.MAVError:
+            return None
     at = 5 if raw[0] == _V2 else 3
     return Frame(bytes(raw), message, message.get_type(), raw[at], raw[at + 1], origin)
 
@@ -170,9 +232,11 @@ class Packer:
 
     def pack(self, message: Message) -> bytes:
         """Return *message* as a MAVLink 2 frame."""
-        if self._stamp is not None:
+        if self._stamp is None:
+            frame = _pack_plain(message, self._mav) or bytes(message.pack(self._mav))
+        else:
             self._mav.signing.timestamp = self._stamp()
-        frame = bytes(message.pack(self._mav))
+            frame = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
 

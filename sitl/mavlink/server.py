@@ -15,7 +15,7 @@ from sitl.mavlink.control import (
     handle_manual_control,
     handle_override,
 )
-from sitl.mavlink.dialect import Message, mavlink
+from sitl.mavlink.dialect import Message, mavlink, pack, parse
 from sitl.mavlink.file_transfer import FileTransfer
 from sitl.mavlink.parameter_protocol import ParameterProtocol
 from sitl.mavlink.signing import handle_setup_signing
@@ -87,7 +87,7 @@ class Server:
     def send(self, message: Message) -> None:
         """Put a message on the wire."""
         self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
-        self._out += message.pack(self.codec)
+        self._out += pack(message, self.codec)
         self.codec.seq = (self.codec.seq + 1) % 256
 
     def send_now(self, message_id: int) -> None:
@@ -138,7 +138,7 @@ class Server:
         self._announce()
 
     def _hear(self, data: bytes) -> None:
-        for message in self.codec.parse_buffer(data) or ():
+        for message in parse(self.codec, data):
             handler = HANDLERS.get(message.get_type())
             if handler is not None and self._is_addressed(message):
                 handler(self, message)

@@ -119,7 +119,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
         prompt.type("autotune stop")
         prompt.wait_for("nothing is running")
-        prompt.type("autotune heading --yes --out run")
+        prompt.type("autotune heading --yes --step-duration 8 --out run")
         prompt.wait_for("relay")
         prompt.type("autotune stop")
         prompt.wait_for("stopping: putting things back")
@@ -133,7 +133,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
 @pytest.mark.slow
 def test_mavproxys_own_end_in_mid_run_cleans_up_first(tmp_path):
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
-        prompt.type("autotune heading --yes --out run")
+        prompt.type("autotune heading --yes --step-duration 8 --out run")
         prompt.wait_for("relay")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["ending"] == "aborted"
     last = (tmp_path / "run" / "journal.jsonl").read_text().splitlines()[-1]

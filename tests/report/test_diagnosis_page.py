@@ -246,7 +246,7 @@ def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
     for portrait in told.before:
         against = {n: (x, rng.normal(0.0, 1.0, len(x)), u) for n, (x, _, u) in portrait.against.items()}
         flat.append(replace(portrait, against=against, cross={}, spectrum=None))
-    assert "This speaks for:" in render_diagnosis(told, "t", WHEN)
+    assert "This speaks for:" in html_of("dead-zone")
     assert "This speaks for:" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
 
 
@@ -258,7 +258,7 @@ def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside()
     t = np.linspace(trace.t[0], trace.t[-1], 50)
     places = {n: Channel(n, "m", t, 40.0 * f(t / 9.0)) for n, f in (("x", np.sin), ("y", np.cos))}
     run = Trial(trace.run, {channel: Channel(channel, "N m", t, np.sign(np.sin(t))), **places})
-    bare, full = (render_diagnosis(told, "t", WHEN, runs=runs) for runs in ((), (run,)))
+    bare, full = html_of("dead-zone"), render_diagnosis(told, "t", WHEN, runs=(run,))
     label = f">{channel} [N m]<"
     assert label in full
     assert label not in bare

@@ -14,8 +14,15 @@ from rich.console import Console
 
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import write_story
+from gcs_autotune.report.tune import page as tune_page
 from gcs_autotune.report.tune import run_directory as room
 from gcs_autotune.report.tune.tables import show_tune
+
+
+@pytest.fixture(autouse=True)
+def without_pictures(monkeypatch):
+    """The files are looked at, and what JSON is in them; pictures are in ``test_report_page`` and others."""
+    monkeypatch.setattr(tune_page, "draw_pictures", lambda *story: [])
 
 
 def _read(path):

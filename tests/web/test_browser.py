@@ -233,24 +233,36 @@ def test_a_model_that_a_run_left_is_offered_to_design_from_and_to_preview_with(v
         page.stopped()
 
 
+@pytest.fixture
+def known(flying: tuple[str, Path]) -> str:
+    """A model of the boat at sea among the runs: with it gains are designed without oscillations before."""
+    found = {"alpha": 16.36, "beta": 4.912, "beta_quadratic": 0.0, "delta": 0.0153, "delay": 0.15}
+    (flying[1] / "19990101-known").mkdir(exist_ok=True)
+    model = {"schema": 1, "model": "single-dof", "dof": "yaw", "input_unit": "1", **found}
+    (flying[1] / "19990101-known" / "model.json").write_text(json.dumps(model))
+    return "19990101-known/model.json"
+
+
 @pytest.mark.parametrize(
-    ("stage", "is_question"),
+    ("stage", "is_question", "has_model"),
     [
-        ("Go ahead?", True),
-        ("first self-oscillation", False),
-        ("Write ATC_STR_RAT_FF", True),
-        ("step with new gains", False),
+        ("Go ahead?", True, False),
+        ("first self-oscillation", False, False),
+        ("Write ATC_STR_RAT_FF", True, True),
+        ("step with new gains", False, True),
     ],
 )
 def test_stop_in_every_stage_of_a_tune_puts_everything_back(
-    visit: Any, flying: tuple[str, Path], at_sea: str, stage: str, is_question: bool
+    visit: Any, flying: tuple[str, Path], at_sea: str, known: str, stage: str, is_question: bool, has_model: bool
 ) -> None:
     """Over a link that keeps its own time: in a time that flies ahead of ours the last stage is over unseen.
 
     Stopped at any other point, and by whatever asks for it, a tune is in ``tests/workflow/test_bad_input.py``.
     """
     page = visit(flying[0])
-    page.start(connect=at_sea)
+    page.page.click("#tab-start")
+    page.page.locator("#numbers summary", has_text="Proof").click()
+    page.start(connect=at_sea, **{"n-step-duration": "12", **({"model": known} if has_model else {})})
     for question in ("Go ahead?", "Write ATC_STR_RAT_FF"):
         where = "#question-text" if is_question else "#stage"
         page.shows_one_of(((where, stage), ("#question-text", question)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -16,6 +17,7 @@ def with_brief_designs(briefly: None) -> None:
 
 
 DRAWN = ((tune_page, "draw_pictures"), (flight_page, "_signals"), (flight_page, "_fits"), (flight_page, "_tracks"))
+DRAW = tuple(getattr(page, name) for page, name in DRAWN)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -24,6 +26,15 @@ def without_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for page, name in DRAWN:
             patch.setattr(page, name, lambda *story: [])
+        yield
+
+
+@contextmanager
+def with_pictures() -> Iterator[None]:
+    """Draw them meanwhile: one page of the file is looked at."""
+    with pytest.MonkeyPatch.context() as patch:
+        for (page, name), draw in zip(DRAWN, DRAW, strict=True):
+            patch.setattr(page, name, draw)
         yield
 
 

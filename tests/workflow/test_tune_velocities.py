@@ -14,21 +14,18 @@ from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Unattended, experiment
 from sitl.effects import parse_effect
 
+from .conftest import with_pictures
 from .sitl_harness import Ear, SitlHarness
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module", autouse=True)
-def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
 
 
 @pytest.fixture(scope="module")
 def swift(tmp_path_factory):
     """A boat that steers by two thrusters, its speed loop tuned from a cruise pair that is wrong."""
     harness = SitlHarness(tmp_path_factory.mktemp("swift"), "blueboat", parameters={"CRUISE_SPEED": 2.5})
-    return harness, harness.tune(axis="speed")
+    with with_pictures():
+        return harness, harness.tune(axis="speed")
 
 
 def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_put_right(swift) -> None:
