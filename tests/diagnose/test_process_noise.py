@@ -264,6 +264,25 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert "N m (standard deviations)" in told
 
 
+def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
+    """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
+    problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
+    found = search_under_process_noise(problem, base, ("quadratic-drag",), (), nobody)
+    assert found is not None and [a.effect.slug for a in found.named] == ["quadratic-drag"]
+    bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
+    both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
+    assert both is not None
+    idle = replace(found.named[0], effect=bias)
+    groups = (("input-bias", "wind-moment"), ("quadratic-drag", "saturation"))
+    left = process_noise._without_idle(replace(found, named=(idle, *found.named), fit=both, alike=groups))
+    assert [a.effect.slug for a in left.named] == ["quadratic-drag"]
+    assert [e.slug for e in left.fit.effects] == ["quadratic-drag"]
+    assert left.alike == groups[1:]
+    # One that still explains stays, whatever came after it.
+    kept = process_noise._without_idle(replace(found, named=(*found.named, idle), fit=both))
+    assert [a.effect.slug for a in kept.named] == ["quadratic-drag", "input-bias"]
+
+
 @pytest.mark.slow
 def test_an_effect_is_named_beneath_waves() -> None:
     case = draw_case("rough", 292, 0, "input-bias")
