@@ -55,10 +55,14 @@ AGAINST = 4.0
 command is fed back; open loops of the blind suite came to 2 at most."""
 
 PRESENT = 8.0
-"""Log-likelihood by which a wandering force must beat none to be there at all."""
+"""Log-likelihood by which a wandering force, with waves, must beat none to be there at all."""
 
 REFIT = 4
 """Scoring rounds of a fit to the rest when a run is left out."""
+
+FAR_ROUGHER = 2.0
+"""Chosen: squares of innovations on data left out, over what the other runs' fit expects, from which on its weather is
+another's."""
 
 RUNNERS = 6
 """Candidates fitted to the end."""
@@ -88,7 +92,7 @@ class WeatherSearch:
     """What a search under process noise ended with.
 
     ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
-    every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force over none.
+    every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force, and waves, over none.
     ``still``: the same beside the causes named, inf where there was no time to ask; ``cut``: where time was over, in
     words.
     ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
@@ -330,14 +334,19 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
 
 
 def _attested(
-    search: WeatherSearch, effect: EffectInstance, fit: WanderingFit, present: WanderingFit, before: Sequence[Array]
+    search: WeatherSearch,
+    effect: EffectInstance,
+    fit: WanderingFit,
+    present: WanderingFit,
+    left_out: Sequence[WanderingFit | None],
 ) -> Attested:
-    """Return what *effect* gains in *fit* over *present*, which leaves *before* of what is left out."""
+    """Return what *effect* gains in *fit* over *present*, whose fits on what is *left_out* are given."""
     more = fit.unknowns - present.unknowns
     needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(search.tried, 1), max(more, 1))
     gain = fit.total - present.total
     now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
-    after = _unseen(search, fit) if gain > 0.5 * needed else before
+    before = _densities(left_out, left_out)
+    after = _densities(_unseen(search, fit), left_out) if gain > 0.5 * needed else before
     foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
     lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
@@ -419,12 +428,23 @@ def _rough(
     return max(ends, key=lambda f: f.total, default=None)
 
 
-def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[Array]:
-    """Return the log densities (samples,) of what each fold leaves out, by *fit* refitted to the rest of it."""
+def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[WanderingFit | None]:
+    """Return *fit*, refitted to the rest, as it is on what each fold leaves out; None where it runs away."""
     found = []
     for train, test in search.folds:
-        rest = search.problem.on(train)
-        again = rest.fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
-        seen = None if again is None else search.problem.on(test).judge(again)
-        found.append(np.full(1, RUNS_AWAY) if seen is None else seen.densities)
+        again = search.problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
+        found.append(None if again is None else search.problem.on(test).judge(again))
+    return found
+
+
+def _densities(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:
+    """Return the log densities (samples,) of what each fold leaves out, under the weather that *plain* shows there.
+
+    Where that is far rougher than the other runs' (a gust, a glitch, a worse day), it is so for every candidate:
+    by the others' calm, a few samples would outweigh all there is, to either side.
+    """
+    found = []
+    for fit, base in zip(fits, plain, strict=True):
+        rougher = 1.0 if base is None or base.roughness < FAR_ROUGHER else base.roughness
+        found.append(np.full(1, RUNS_AWAY) if fit is None else fit.densities(rougher))
     return found

@@ -37,6 +37,7 @@ from gcs_autotune.identify import (
     Problem,
     WanderingFit,
     WanderingProblem,
+    Water,
     data_summary_of,
     fit_base,
     plain_form,
@@ -264,6 +265,23 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert "N m (standard deviations)" in told
 
 
+def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
+    """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
+    own = np.array([0.1, -0.2, 0.05])
+    calm, rough = (
+        WanderingFit(cast(Any, None), own, (), Water(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
+        for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
+    )
+    assert rough.roughness == pytest.approx(1e4 * calm.roughness)
+    same, other = process_noise._densities([calm, rough], [calm, rough])
+    assert same == pytest.approx(calm.densities())
+    assert other == pytest.approx(rough.densities(rough.roughness))
+    better = replace(rough, innovations=((own, 90.0 * own, np.full(3, 0.02)),))
+    gain = process_noise._densities([better], [rough])[0].sum() - other.sum()
+    assert 0.0 < gain < 1.0 < better.densities().sum() - rough.densities().sum()
+    assert process_noise._densities([None], [None])[0].sum() < -1e5
+
+
 def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
     problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
@@ -314,6 +332,11 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     assert not process_noise.answers_heading(other.problem, other.fit)
 
 
+def on_unseen(density: float) -> SimpleNamespace:
+    """Return a fit of one sample of that log density."""
+    return SimpleNamespace(roughness=1.0, densities=lambda _: np.array([density]))
+
+
 @pytest.mark.parametrize(
     ("damping", "slug", "brief"),
     [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
@@ -324,13 +347,13 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     """In waves that turned the bow no inertia was found (540 1/s), and hers was named as a rate limit."""
     number = {"actuator-lag": {"time_constant": 1.5}, "dead-zone": {"width": 0.1}}[slug]
     effect = EffectInstance(slug, "N", number)
-    monkeypatch.setattr(process_noise, "_unseen", lambda *_: [np.array([9.0]), np.array([9.0])])
+    monkeypatch.setattr(process_noise, "_unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
     fits = [
         SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t) for n, t in ((5, 0), (6, 20))
     ]
-    before = [np.zeros(1), np.zeros(1)]
+    before = [on_unseen(0.0), on_unseen(0.0)]
     judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
     assert judged.brief is brief
 

@@ -40,10 +40,14 @@ class WanderingFit:
         """The log-likelihood of all records."""
         return float(self.log_likelihood.sum())
 
+    def densities(self, rougher: float = 1.0) -> Array:
+        """Return the log density (samples,) of every innovation, record after record, their variances *rougher*."""
+        return np.concatenate([log_density(e, rougher * S, self.water.freedom) for _, e, S in self.innovations])
+
     @property
-    def densities(self) -> Array:
-        """The log density (samples,) of every innovation, record after record."""
-        return np.concatenate([log_density(e, S, self.water.freedom) for _, e, S in self.innovations])
+    def roughness(self) -> float:
+        """The mean of the squares of all innovations over what their variances say."""
+        return float(np.mean(np.concatenate([e * e / S for _, e, S in self.innovations])))
 
     @property
     def unknowns(self) -> int:
