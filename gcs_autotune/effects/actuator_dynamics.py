@@ -14,6 +14,10 @@ from gcs_autotune.effects.summary import DataSummary
 __all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
 
 
+LATEST = 1.0
+"""A delay [s] that is looked for however quick the craft is: radio, autopilot and a GPS know nothing of that."""
+
+
 class InputDelay(ActuatorEffect):
     """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
 
@@ -40,8 +44,9 @@ class InputDelay(ActuatorEffect):
         return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to twice the craft's pace, a dozen samples at least."""
-        return {"delay": (0.0, max(2.0 * horizon(data)[1], min(12.0 * data.interval, 0.25 * data.duration)))}
+        """None, to twice the craft's pace, a dozen samples or :data:`LATEST` at least."""
+        floor = min(max(12.0 * data.interval, LATEST), 0.25 * data.duration)
+        return {"delay": (0.0, max(2.0 * horizon(data)[1], floor))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Shift the changes of the channel; a lone channel keeps no other stamps."""
