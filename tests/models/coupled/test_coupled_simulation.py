@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.models.coupled import CoupledModel, Form, Simulator, form_from
+from gcs_autotune.models.coupled import CoupledModel, Form, Simulator, form_from, kernel
+from gcs_autotune.models.coupled.model import PATIENCE, STEPS, TRIES
 
 STEP = 0.25
 T_IN = np.arange(0.0, 12.0, STEP)
@@ -119,6 +121,26 @@ def test_a_current_carries_the_craft_and_shows_in_speeds_over_ground() -> None:
     over_ground[:, 3] += V[0] * np.cos(psi) + V[1] * np.sin(psi)
     over_ground[:, 4] += V[1] * np.cos(psi) - V[0] * np.sin(psi)
     assert found == pytest.approx(over_ground, abs=2e-4)
+
+
+def test_a_motion_too_stiff_for_the_steps_allowed_is_given_up_and_no_sweep_begun_that_cannot_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stiff = Simulator(form(free=["X_udot", "Y_vdot", "N_rdot", "X_u"]), ("X_u",))
+    theta = np.array([{"X_u": -1e7}.get(n, -1.0) for n in stiff.form.parameters])
+    sweep, paces = kernel.sweep, []
+
+    def counted(*given: Any) -> tuple[bool, float]:
+        paces.append(given[10])
+        return sweep(*given)
+
+    monkeypatch.setattr(kernel, "sweep", counted)
+    assert stiff.run(theta, np.full(6, 0.1), T_IN, INPUTS, T_OUT) is None
+    needed = np.array(paces) * (T_OUT[-1] - T_OUT[0]) / kernel.REACH
+    assert 1 < len(paces) < TRIES
+    assert needed.max() < STEPS + PATIENCE * len(T_OUT)
+    gentle = np.where(theta < -1.0, -2.0, theta)
+    assert stiff.run(gentle, np.full(6, 0.1), T_IN, INPUTS, T_OUT) is not None
 
 
 def test_a_lag_smooths_the_inputs_by_a_first_order_actuator() -> None:
