@@ -50,9 +50,6 @@ ROUGH = 2
 PACE = 5.0
 """Chosen: samples judged per time constant of the craft; closer ones tell of the sensor's own filter."""
 
-CLOSE, MOST_JUDGED = 15.0, 1500
-"""Chosen: samples judged per time constant where the sensor has no smoother, and of all runs together then at most."""
-
 FEWEST = 60
 """Samples a run keeps at least, where it has them."""
 
@@ -150,41 +147,10 @@ def plain_under_process_noise(
             break
         wandering, plain = again, found
         looks.append((wandering, plain))
-    closer = _closer(problem, form, signal, wandering, plain, limits, say)
-    if closer is not None:
-        wandering, plain = closer
-        looks.append(closer)
     if _inertia_shown(looks[-1]) < 1.0:
         # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
         wandering, plain = max(looks, key=_inertia_shown)
     return wandering, _with_waves(wandering, plain, say)
-
-
-def _closer(
-    problem: Problem,
-    form: Form,
-    signal: str,
-    wandering: WanderingProblem,
-    plain: WanderingFit,
-    limits: tuple[Array, Array],
-    say: Say,
-) -> tuple[WanderingProblem, WanderingFit] | None:
-    """Return a closer look where the sensor has no smoother that could rule it; None where it has one, or bursts follow
-    commands.
-
-    What is late is told by samples that are closer than it is, and makes the craft seem slower, so that they are not.
-    """
-    if plain.water.smoothing > 0.0 or errs_after_commands(wandering, plain):
-        return None
-    pace = _pace_of(plain.theta)
-    every = sum(float(s.stamps[-1]) - s.start for s in problem.segments) / MOST_JUDGED
-    again = _thinned(problem, form, signal, plain.theta, pace, limits, max(pace / CLOSE, every))
-    if again is None or again.interval > wandering.interval / FAR_OFF:
-        return None
-    found = _best_of_starts(again, plain.theta, pace, say)
-    if found is None or found.water.smoothing > 0.0 or errs_after_commands(again, found):
-        return None
-    return None if _inertia_shown((again, found)) < 1.0 else (again, found)
 
 
 def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:
