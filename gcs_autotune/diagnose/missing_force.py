@@ -286,8 +286,9 @@ def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"it swings every {waves.period:.2g} s besides, as waves make it: {AXES.get(signal, signal)} by {swing}, under "
-        f"a {kind} of {waves.force:.2g} {_of(missing)} (standard deviations); that counts as no cause"
+        f"it swings every {waves.period:.2g} s besides, as waves or a mount that shakes make it: "
+        f"{AXES.get(signal, signal)} by {swing}, under a {kind} of {waves.force:.2g} {_of(missing)} (standard "
+        "deviations); that counts as no cause"
     )
 
 
