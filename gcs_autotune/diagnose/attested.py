@@ -15,7 +15,7 @@ from gcs_autotune.diagnose.score import HALF, is_form_of
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import WanderingFit
 
-__all__ = ["RUNS_AWAY", "WORTH", "Attested", "interval_of", "plainest"]
+__all__ = ["WORTH", "Attested", "densities_of", "interval_of", "plainest"]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,10 @@ once as much, asymmetric thrust was named of a clean craft (weather, seed 75 cas
 
 RUNS_AWAY = -1e6
 """Log density of a sample on which a model runs away."""
+
+FAR_ROUGHER = 2.0
+"""Chosen: squares of innovations on data left out, over what the other runs' fit expects, from which on its weather is
+another's."""
 
 FEWEST_WHOLES = 4
 """Chosen: parts left out, of which the scatter tells something: two or three are alike by accident."""
@@ -85,6 +89,19 @@ class Attested:
     def falls_short(self) -> bool:
         """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
         return self.gain > self.needed and not self.holds
+
+
+def densities_of(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:
+    """Return the log densities (samples,) of what each fold leaves out, under the weather that *plain* shows there.
+
+    Where that is far rougher than the other runs' (a gust, a glitch, a worse day), it is so for every candidate:
+    by the others' calm, a few samples would outweigh all there is, to either side.
+    """
+    found = []
+    for fit, base in zip(fits, plain, strict=True):
+        rougher = 1.0 if base is None or base.roughness < FAR_ROUGHER else base.roughness
+        found.append(np.full(1, RUNS_AWAY) if fit is None else fit.densities(rougher))
+    return found
 
 
 def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float, float]:

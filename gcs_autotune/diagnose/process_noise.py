@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.attested import RUNS_AWAY, WORTH, Attested, interval_of, plainest
+from gcs_autotune.diagnose.attested import WORTH, Attested, densities_of, interval_of, plainest
 from gcs_autotune.diagnose.day_to_day import alike_in, differing
 from gcs_autotune.diagnose.process_noise_starts import (
     FEWEST_TO_COMPARE,
@@ -59,10 +59,6 @@ PRESENT = 8.0
 
 REFIT = 4
 """Scoring rounds of a fit to the rest when a run is left out."""
-
-FAR_ROUGHER = 2.0
-"""Chosen: squares of innovations on data left out, over what the other runs' fit expects, from which on its weather is
-another's."""
 
 RUNNERS = 6
 """Candidates fitted to the end."""
@@ -348,8 +344,8 @@ def _attested(
     needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(search.tried, 1), max(more, 1))
     gain = fit.total - present.total
     now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
-    before = _densities(left_out, left_out)
-    after = _densities(_unseen(search, fit), left_out) if gain > 0.5 * needed else before
+    before = densities_of(left_out, left_out)
+    after = densities_of(_unseen(search, fit), left_out) if gain > 0.5 * needed else before
     foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
     lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
@@ -437,17 +433,4 @@ def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[WanderingFit | Non
     for train, test in search.folds:
         again = search.problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
         found.append(None if again is None else search.problem.on(test).judge(again))
-    return found
-
-
-def _densities(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:
-    """Return the log densities (samples,) of what each fold leaves out, under the weather that *plain* shows there.
-
-    Where that is far rougher than the other runs' (a gust, a glitch, a worse day), it is so for every candidate:
-    by the others' calm, a few samples would outweigh all there is, to either side.
-    """
-    found = []
-    for fit, base in zip(fits, plain, strict=True):
-        rougher = 1.0 if base is None or base.roughness < FAR_ROUGHER else base.roughness
-        found.append(np.full(1, RUNS_AWAY) if fit is None else fit.densities(rougher))
     return found

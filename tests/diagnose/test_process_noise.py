@@ -17,7 +17,7 @@ from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
 from gcs_autotune.diagnose import diagnose, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
-from gcs_autotune.diagnose.attested import Attested, interval_of
+from gcs_autotune.diagnose.attested import Attested, densities_of, interval_of
 from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
 from gcs_autotune.diagnose.process_noise import (
@@ -276,13 +276,13 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
         for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
     )
     assert rough.roughness == pytest.approx(1e4 * calm.roughness)
-    same, other = process_noise._densities([calm, rough], [calm, rough])
+    same, other = densities_of([calm, rough], [calm, rough])
     assert same == pytest.approx(calm.densities())
     assert other == pytest.approx(rough.densities(rough.roughness))
     better = replace(rough, innovations=((own, 90.0 * own, np.full(3, 0.02)),))
-    gain = process_noise._densities([better], [rough])[0].sum() - other.sum()
+    gain = densities_of([better], [rough])[0].sum() - other.sum()
     assert 0.0 < gain < 1.0 < better.densities().sum() - rough.densities().sum()
-    assert process_noise._densities([None], [None])[0].sum() < -1e5
+    assert densities_of([None], [None])[0].sum() < -1e5
 
 
 def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
