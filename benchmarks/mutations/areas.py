@@ -91,7 +91,7 @@ def _matching(package: Path, pattern: str) -> list[Path]:
 _WATCHDOG = "gcs_autotune/link/vehicle/watchdog.py::Watchdog.__init__: "
 _FLAGS = '_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}'
 _LEAN = _FLAGS.replace("}", ', "error_model": "numpy"}')
-_NO_ENTRY = '"_nrt": False, "no_cpython_wrapper": True'
+_NO_ENTRY = '"_nrt": False, "error_model": "numpy", "no_cpython_wrapper": True'
 _ANY, _SAME = "Callable[[Callable[..., Any]], Callable[..., Any]]", "Callable[[_Function], _Function]"
 _NO_WRAPPER = 'njit(**{**_LEAN, "no_cpython_wrapper": True})'
 _OFF, _BOTH = ("True -> False",), ("True -> False", "False -> True")
