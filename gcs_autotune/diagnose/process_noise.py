@@ -240,7 +240,8 @@ def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectIn
             starts = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
             if [q.unit for q in entry.parameters] == ["s"]:
                 name = entry.parameters[0].name
-                most = max(slower.time_constant, DOZEN * data.interval), entry.bounds(place, data)[name][1]
+                allowed = entry.bounds(place, data).get(name, (0.0, math.inf))[1]
+                most = max(slower.time_constant, DOZEN * data.interval), allowed
                 even = [np.linspace(0.0, t, EVEN + 1)[1:] for t in most if math.isfinite(t)]
                 starts += [{name: float(t)} for t in np.concatenate(even)]
             own = [s for k, s in enumerate(starts) if s not in starts[:k]]

@@ -335,6 +335,14 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     assert not process_noise.answers_heading(other.problem, other.fit)
 
 
+def test_times_are_tried_evenly_of_an_effect_whose_book_sets_no_limits_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever adds one need not give any."""
+    problem, _ = as_from_a_log(weathered(3))
+    monkeypatch.setattr(type(process_noise.EFFECTS["input-delay"]), "bounds", lambda *_: {})
+    (choices,) = process_noise._choices(problem.data_summary, ("input-delay",), ())
+    assert len(choices) > process_noise.EVEN
+
+
 def on_unseen(density: float) -> SimpleNamespace:
     """Return a fit of one sample of that log density."""
     return SimpleNamespace(roughness=1.0, densities=lambda _: np.array([density]))

@@ -158,7 +158,7 @@ class FilterBank:
         theta : (all,) every parameter; the free ones count only with *about*.
         about : a trajectory (s, n) per record to linearise about, with the parameters of *theta*; None: linearise at
             the estimate.
-        sigma : carry mean and covariance by sigma points.
+        sigma : carry mean and covariance by sigma points, which know no waves.
         full : keep what :meth:`smooth` needs.
         """
         n, p = len(self.states), len(self.free)
