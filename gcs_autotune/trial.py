@@ -142,9 +142,14 @@ class Trial:
 
     @property
     def proper(self) -> Trial:
-        """The manoeuvre proper, without its lead-in: from ``meta["from_t"]`` on (all of it when there is none)."""
-        start = self.meta.get("from_t")
-        return self.between(start - HALF_A_STAMP, self.end) if isinstance(start, float) and start > self.start else self
+        """The manoeuvre proper: from ``meta["from_t"]`` to ``meta["to_t"]`` [s], each as far as there is one.
+
+        What comes before is the lead-in; what comes after was flown while an answer was awaited.
+        """
+        start, end = self.meta.get("from_t"), self.meta.get("to_t")
+        begins = start - HALF_A_STAMP if isinstance(start, float) and start > self.start else self.start
+        ends = end + HALF_A_STAMP if isinstance(end, float) and end < self.end else self.end
+        return self if (begins, ends) == (self.start, self.end) else self.between(begins, ends)
 
     def with_full_scale(self, full: Mapping[str, float]) -> Trial:
         """Return the trial with forces recorded as shares of full output in N and N m.

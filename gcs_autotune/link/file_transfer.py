@@ -112,7 +112,7 @@ def read_remote_file(session: Session, path: str, timeout: float = 60.0) -> byte
         opened = exchange.answer(_OPEN, path.encode("ascii"))
         if not opened.is_ack:
             raise BadFile(f"{session.vehicle} has no file {path} that can be read{_why(opened)}")
-        data = _read(session, exchange, Deadline.after(session.clock, timeout), path)
+        data = _read(session, exchange, Deadline.after(session.liveness, timeout), path)
         exchange.ask(_TERMINATE)
         return data
     finally:

@@ -22,7 +22,7 @@ _KEPT = 50
 
 
 class Liveness:
-    """The time listened and the last word heard.
+    """The time listened and the last word heard. A clock, too: one that stands while this computer is busy.
 
     Attributes
     ----------
@@ -37,15 +37,20 @@ class Liveness:
         self._word = 0.0
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
+    def now(self) -> float:
+        """Return :attr:`listened` [s], for deadlines that must not pass while an answer lies unread."""
+        return self.listened
+
     @property
     def silence(self) -> float:
         """Seconds spent listening since the vehicle was last heard."""
         return self.listened - self.last_heard
 
-    def count(self, now: float) -> None:
-        """We have just listened, at link time *now* [s]: count the time since we did so last."""
-        self.listened += min(now - self._last_pump, _LONGEST_PUMP)
-        self._last_pump = now
+    def count(self, now: float) -> float:
+        """Count the time since we listened last, now being link time *now* [s]; return how long [s] that is."""
+        since, self._last_pump = now - self._last_pump, now
+        self.listened += min(since, _LONGEST_PUMP)
+        return since
 
     @property
     def unheard(self) -> float:

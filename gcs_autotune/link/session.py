@@ -40,6 +40,10 @@ _SLICE = 0.1
 """Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
 _HEED = 0.02
 """Chosen [s]: the same where time is the machine's own, for a STOP is to be on the wire within 50 ms."""
+_AWAY = 0.2
+"""Chosen [s of link time]: a longer time from pump to pump was spent elsewhere, or the machine was busy."""
+_MOST_READS = 64
+"""Chosen: reads to catch up with; a sender without end must not keep us from our own tasks."""
 _HEARTBEAT_PERIOD = 1.0
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
@@ -206,10 +210,21 @@ class Session:
         next_task = self._periodic_tasks.next_due() - self.clock.now()
         longest = _SLICE if self.transport.is_simulated else _HEED
         data = self.transport.read(max(0.0, min(timeout, longest, next_task)))
-        self.liveness.count(self.clock.now())
+        was_away = self.liveness.count(self.clock.now()) > _AWAY
         for frame in self.port.frames(data):
             self._route(frame)
+        if was_away and data:
+            self._catch_up()
         self.check_heard(self._timeout)
+
+    def _catch_up(self) -> None:
+        """Read on what came while this computer was busy: the oldest comes first, and what counts is the newest."""
+        for _ in range(_MOST_READS):
+            data = self.transport.read(0.0)
+            if not data:
+                return
+            for frame in self.port.frames(data):
+                self._route(frame)
 
     def _route(self, frame: Frame) -> None:
         self.routing.traffic[frame.name] += len(frame.raw)
@@ -260,8 +275,12 @@ class Session:
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
-        """Pump until *condition* returns something other than None, and return that; None after *timeout* [s]."""
-        deadline = Deadline.after(self.clock, timeout)
+        """Pump until *condition* returns something other than None, and return that; None after *timeout* [s].
+
+        What counts is time spent listening: an answer that came while this computer was busy is read before the
+        silence is judged.
+        """
+        deadline = Deadline.after(self.liveness, timeout)
         while (found := condition()) is None:
             if deadline.expired:
                 return None

@@ -130,7 +130,14 @@ class RelaySettings:
 
 
 class StopRule(Protocol):
-    """Who knows before the limit cycle has settled that a relay has told enough. It is asked at every tick."""
+    """Ends a relay before its limit cycle has settled, once the record suffices. It is asked at every tick.
+
+    Attributes
+    ----------
+    counted_to : the vehicle's time [s] up to which the record counts when the rule ended the relay; NaN for its end.
+    """
+
+    counted_to: float
 
     def begin(self) -> None:
         """The oscillation begins, or begins anew with another size."""
@@ -154,6 +161,7 @@ class Relay(Manoeuvre):
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
         self._rule, self._enough = rule, False
+        self._counted_to = math.nan
         if settings.noise_std is not None:
             self._approach.skip(settings.noise_std)
         self._high = True
@@ -191,6 +199,7 @@ class Relay(Manoeuvre):
             "speed": self._approach.speed,
             "from_t": self._began,
             "enough": self._enough,
+            "to_t": self._counted_to,
         }
 
     def commands(self, now: Observation) -> Commands:
@@ -289,7 +298,8 @@ class Relay(Manoeuvre):
             return
         enough = self._rule.update(self, state.switchings) if self._rule is not None and state.proper else ""
         if enough:
-            self._enough = True
+            assert self._rule is not None
+            self._enough, self._counted_to = True, self._rule.counted_to
             self._end("completed", enough)
             return
         if state.settled:

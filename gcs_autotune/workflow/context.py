@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Observation
@@ -95,13 +95,17 @@ class TuneContext:
         self.worker.begin(work)
         try:
             self.come_about(before, math.inf)
-            if not self.worker.done:
-                keep_company(self.craft)
         except BaseException:
             self.worker.abandon()
             raise
-        found: T = await_worker(self.craft, self.worker, self.runner.bear)
+        found: T = self.await_worker()
         return found
+
+    def await_worker(self) -> Any:
+        """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
+        if not self.worker.done:
+            keep_company(self.craft)
+        return await_worker(self.craft, self.worker, self.runner.bear)
 
     def begin(self) -> None:
         """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""

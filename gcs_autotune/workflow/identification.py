@@ -119,6 +119,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     first = context.fly(relay, "first self-oscillation").trial
     if again:
         rule.weigh(context.run_in_background(assess, rule.question, first))
+    else:
+        first = rule.conclude(first, context.await_worker)
     if rule.known:
         log.say("identifying")
         fit = log.fit = _plain(context, [step, first])
@@ -128,7 +130,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     turned = context.come_about("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
     relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
-    trials = [first, context.fly(relay, "second self-oscillation").trial]
+    second = context.fly(relay, "second self-oscillation").trial
+    trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")
     plain = log.fit = _plain(context, trials)
     found = _with_curve(context, plain, trials, step)

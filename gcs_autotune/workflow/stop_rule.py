@@ -14,8 +14,10 @@ which turn it gently, before they show in its oscillations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -140,10 +142,17 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 class KnownDesign:
     """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
 
+    Every half period from the third on is asked about, in turn, and none is passed over: a slow computer gives the same
+    answers as a fast one, only later. What was flown while an answer was awaited does not count (:attr:`counted_to`).
+
     :meth:`start` comes first of all. *watcher* is told what the gains promise by then.
 
-    ``known`` says afterwards whether the last relay ended for that, ``another_size`` whether one of another size is
-    called for.
+    Attributes
+    ----------
+    known : whether the last relay ended because the gains are known.
+    another_size : whether a relay of another size is called for.
+    counted_to : the vehicle's time [s] at the end of the half period that was decisive; NaN when there is none, or when
+        the relay ended with it.
     """
 
     def __init__(
@@ -153,52 +162,88 @@ class KnownDesign:
         self._watcher = watcher or SilentWatcher()
         self._at_work = self._stale = False
         self._reversals = 0
+        self._waiting: deque[Trial] = deque()
+        self._asked: Trial | None = None
         self._of_step: Assessment | None = None
         self._last: Assessment | None = None
         self._gains: ProvisionalGains | None = None
         self._times = 0
         self.known = self.another_size = False
+        self.counted_to = math.nan
 
     def __deepcopy__(self, memo: dict[int, Any]) -> KnownDesign:
         """A relay that is flown again asks the same one."""
         return self
 
     def start(self) -> None:
-        """Have it looked what the step tells by itself."""
+        """Assess the step by itself."""
         self._ask(None)
 
     def begin(self) -> None:
-        """Forget what oscillations have told: a relay begins, or begins again with another size or hysteresis."""
+        """Forget the oscillations so far: a relay begins, or begins again with another size or hysteresis."""
         self._stale = self._at_work and self._of_step is not None
         self._reversals = self._times = 0
+        self._waiting.clear()
         self._last = None
         self.known = self.another_size = False
+        self.counted_to = math.nan
         if self._of_step is not None:
-            self._judged(self._of_step)
+            self._judged(self._of_step, None)
 
     def update(self, relay: Relay, reversals: int) -> str:
         """Take note of one tick of *relay* after so many *reversals*; return why it may end, empty while it may not."""
-        if self._at_work and self._worker.done:
-            self._at_work = False
-            try:
-                assessment: Assessment = self._worker.result()
-            except AutotuneError as error:
-                assessment = Assessment(str(error))
-            stale, self._stale = self._stale, False
-            return "" if stale else self._judged(assessment)
-        if self._at_work or reversals < LEAST_REVERSALS or reversals <= self._reversals:
-            return ""
-        self._reversals = reversals
-        return self._ask(self._craft.recorded_so_far(relay.settings).proper)
+        if reversals >= LEAST_REVERSALS and reversals > self._reversals:
+            self._reversals = reversals
+            self._waiting.append(self._craft.recorded_so_far(relay.settings).proper)
+        while True:
+            if self._at_work:
+                if not self._worker.done:
+                    return ""
+                why = self._answered(self._worker.result)
+            elif self._waiting:
+                why = self._ask(self._waiting.popleft())
+            else:
+                return ""
+            if why:
+                return why
+
+    def conclude(self, run: Trial, awaited: Callable[[], Assessment]) -> Trial:
+        """Return as much of *run*, a relay that has ended, as counts; what is still unanswered is answered first.
+
+        awaited : waits for the worker, watching the craft, and returns its answer.
+        """
+        why = ""
+        while not (self.known or self.another_size) and (self._at_work or self._waiting):
+            why = self._answered(awaited) if self._at_work else self._ask(self._waiting.popleft())
+        if not why:
+            return run
+        settings = {"enough": True, "to_t": self.counted_to}
+        return replace(run, reason=why, meta={**run.meta, **settings}).proper
 
     def _ask(self, run: Trial | None) -> str:
         if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
-            return self._judged(assess(self.question, run, self._gains))
+            return self._judged(assess(self.question, run, self._gains), run)
         self._worker.begin(partial(assess, self.question, run, self._gains))
-        self._at_work = True
+        self._at_work, self._asked = True, run
         return ""
 
-    def _judged(self, now: Assessment) -> str:
+    def _answered(self, answer: Callable[[], Assessment]) -> str:
+        """Take the worker's *answer*; return why the relay may end, empty while it may not."""
+        self._at_work = False
+        try:
+            assessment = answer()
+        except AutotuneError as error:
+            assessment = Assessment(str(error))
+        stale, self._stale = self._stale, False
+        if stale:
+            return ""
+        why = self._judged(assessment, self._asked)
+        if why and self._asked is not None:
+            self.counted_to = self._asked.end
+        return why
+
+    def _judged(self, now: Assessment, run: Trial | None) -> str:
+        """Judge the assessment of *run*, None for that of the step alone."""
         if self._of_step is None:
             self._of_step = now
         last, self._last = self._last, now
@@ -207,7 +252,7 @@ class KnownDesign:
             self._watcher.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
         is_known = now.answers and (last is None or not last.answers or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
-        if self._reversals < LEAST_REVERSALS:
+        if run is None:
             return ""
         if self._times >= TWICE and now.refused:
             self.known = True
@@ -221,11 +266,12 @@ class KnownDesign:
         return ""
 
     def weigh(self, whole: Assessment) -> None:
-        """Take note of what a run tells that was flown earlier, to its end."""
+        """Take note of the assessment of a run that was flown earlier, to its end."""
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:
         """The relay is over; nobody waits for an answer any more."""
+        self._waiting.clear()
         if self._at_work:
             self._worker.abandon()
             self._at_work = False

@@ -22,7 +22,7 @@ class Answering:
     def __init__(self, **held: float) -> None:
         self.held = held
         self.vehicle: Any = SimpleNamespace(system=7, component=2)
-        self.clock = ManualClock(100.0)
+        self.clock = self.liveness = ManualClock(100.0)
         self.notes: list[str] = []
         self.texts = SimpleNamespace(recent=self.recent)
         self.looked_back: list[float] = []

@@ -349,3 +349,75 @@ def test_a_machine_that_was_away_does_not_take_its_own_absence_for_the_vehicles(
             for _ in range(20):
                 clock.ahead += 0.4
                 session.pump()
+
+
+class Backlog:
+    """A vehicle whose messages queue up while nobody reads: each read returns one of them."""
+
+    def __init__(self, boat: ScriptedVehicle) -> None:
+        self.boat = boat
+        self.waiting: list[bytes] = []
+
+    def receive(self, data: bytes) -> None:
+        self.boat.receive(data)
+
+    def advance_to(self, t: float) -> bytes:
+        live = self.boat.advance_to(t)
+        return self.waiting.pop(0) if self.waiting else live
+
+
+def texts(*words: str) -> list[bytes]:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    return [mavlink.MAVLink_statustext_message(6, word.encode()).pack(sender) for word in words]
+
+
+def busy_session(boat: ScriptedVehicle) -> tuple[Session, Backlog, Suspended]:
+    """A session whose machine can be busy: the third has seconds to be added to its clock."""
+    peer, clock = Backlog(boat), Suspended()
+    session = Session(MemoryLink(peer))
+    session.discover()
+    session.clock = clock
+    clock.ahead = session.transport.clock.now()
+    session.pump()
+    return session, peer, clock
+
+
+def test_what_came_while_the_machine_was_busy_is_read_to_its_end_at_once(boat: ScriptedVehicle) -> None:
+    session, peer, clock = busy_session(boat)
+    heard: list[str] = []
+    session.listen("STATUSTEXT", lambda m: heard.append(m.text))
+    peer.waiting += texts("oldest", "older", "newest")
+    session.pump()
+    assert heard == ["oldest"], "a machine that is not busy reads as it comes"
+    clock.ahead += 1.0
+    session.pump()
+    assert heard == ["oldest", "older", "newest"]
+
+
+def test_an_answer_that_lies_unread_is_not_late_however_long_the_machine_was_busy(boat: ScriptedVehicle) -> None:
+    session, peer, clock = busy_session(boat)
+    heard: list[str] = []
+    session.listen("STATUSTEXT", lambda m: heard.append(m.text))
+    looks = 0
+
+    def answered() -> bool | None:
+        nonlocal looks
+        looks += 1
+        if looks == 1:  # the machine is busy for ten seconds now, and the answer comes meanwhile
+            clock.ahead += 10.0
+        if looks == 2:
+            peer.waiting += texts("the answer")
+        return True if "the answer" in heard else None
+
+    assert session.wait_for(answered, 2.0)
+
+
+def test_without_an_answer_a_wait_ends_after_the_time_that_was_spent_listening(boat: ScriptedVehicle) -> None:
+    session, _, clock = busy_session(boat)
+    begun = session.liveness.listened
+
+    def never() -> None:
+        clock.ahead += 0.1
+
+    assert session.wait_for(never, 2.0) is None
+    assert session.liveness.listened - begun == pytest.approx(2.0, abs=0.11)

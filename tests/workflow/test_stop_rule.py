@@ -218,10 +218,44 @@ def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
     assert why.startswith("this size of oscillation is explained, and not the step")
 
 
-def test_no_tick_waits_for_the_answer_and_half_periods_that_end_meanwhile_are_not_asked_about() -> None:
-    desk = Desk(KNOWN, UNKNOWN, KNOWN, KNOWN, KNOWN, looks=9)
-    assert ended_after(ruled(desk))[0] == 8
-    assert len(desk.answers) == 1
+def growing(desk: Desk) -> KnownDesign:
+    """A rule whose record grows by ten seconds a snapshot: 10, 20, ... s."""
+    lengths = iter(range(10, 1000, 10))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(next(lengths)))
+    rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
+    rule.start()
+    rule.begin()
+    return rule
+
+
+ANSWERS = (UNKNOWN, UNKNOWN, KNOWN, KNOWN)
+"""Of the step, and of the third to the fifth half period: known at the fifth."""
+
+
+@pytest.mark.parametrize(("looks", "ends"), [(0, 5), (4, 5), (9, 7), (30, 20)])
+def test_a_slow_computer_ends_a_relay_later_and_counts_the_same_half_periods(looks: int, ends: int) -> None:
+    rule = growing(Desk(*ANSWERS, looks=looks))
+    assert ended_after(rule, reversals=40)[0] == ends
+    assert rule.known
+    assert rule.counted_to == pytest.approx(swing(30).end)
+
+
+def test_what_is_unanswered_when_five_periods_have_ended_the_relay_is_answered_then() -> None:
+    desk = Desk(*ANSWERS, looks=40)
+    rule, run = growing(desk), swing(60)
+    assert ended_after(rule, reversals=7) == (0, "")
+    counted = rule.conclude(run, desk.result)
+    assert rule.known and counted.meta["enough"]
+    assert counted.end == pytest.approx(swing(30).end)
+    assert counted.reason.startswith("the gains are known")
+
+
+def test_a_relay_that_ended_by_itself_counts_whole_where_the_gains_are_not_known() -> None:
+    desk = Desk(*[UNKNOWN] * 9, looks=40)
+    rule, run = growing(desk), swing(60)
+    ended_after(rule, reversals=7)
+    assert rule.conclude(run, desk.result) is run
+    assert not rule.known
 
 
 def test_an_answer_about_an_oscillation_that_has_begun_anew_meanwhile_counts_for_nothing() -> None:

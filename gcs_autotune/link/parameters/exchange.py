@@ -185,7 +185,7 @@ _QUIET = 1.5
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
     """Return every parameter, by name; errors as those of ``Parameters.read_full``."""
     exchange.fresh, exchange.indices, exchange.count = {}, {}, 0
-    deadline = Deadline.after(session.clock, timeout)
+    deadline = Deadline.after(session.liveness, timeout)
     exchange.request_list()
     while not deadline.expired and not _is_whole(exchange):
         heard = len(exchange.indices)

@@ -61,7 +61,7 @@ def await_neutral(session: Session, telemetry: Telemetry) -> None:
     NotAsFound
         They did not become neutral, or are not heard any more.
     """
-    begun, deadline = telemetry.output_ticks, Deadline.after(session.clock, _TIMEOUT)
+    begun, deadline = telemetry.output_ticks, Deadline.after(session.liveness, _TIMEOUT)
     while not deadline.expired:
         seen = telemetry.output_ticks
         if session.wait_for(lambda: _is_neutral(telemetry, begun), min(_STALE_OUTPUTS, deadline.remaining)):

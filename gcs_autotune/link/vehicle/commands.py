@@ -146,7 +146,7 @@ class Commands:
         ArmingRefused
             With the vehicle's own reasons of the last time.
         """
-        deadline = Deadline.after(self._session.clock, patience)
+        deadline = Deadline.after(self._session.liveness, patience)
         while True:
             try:
                 self.arm()
