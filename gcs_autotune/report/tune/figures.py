@@ -292,6 +292,8 @@ def _draw_step(story: TuneStory) -> Figure | None:
         for leg, colour in legs:
             _line(top, leg.position, story.stepped, colour, "before" if colour == BEFORE else "after")
             _draw_output(bottom, leg.output, story, colour)
+        if legs:  # a prediction goes on for longer than what was flown and compared
+            top.set_xlim(-LEAD, max(float(leg.target.t[-1]) for leg, _ in legs))
         bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
     top, bottom = columns[0]
     top.set_ylabel(f"{what}, from the start [{unit}]")
