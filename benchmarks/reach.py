@@ -43,12 +43,12 @@ from gcs_autotune.design.spec import Spec
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE, Axis, Gain
 from gcs_autotune.link import MemoryLink, Transport
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
-from gcs_autotune.workflow.experiments import common_windows
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
 from sitl.autopilot.rover_modes import GuidedTarget

@@ -29,12 +29,13 @@ from benchmarks.reach import Aboard
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Session, open_craft, open_link
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, tune
 from gcs_autotune.workflow.connection import SERVO_RATE
-from gcs_autotune.workflow.experiments import common_windows, measure, resolution
+from gcs_autotune.workflow.experiments import measure, resolution
 from gcs_autotune.workflow.noise_estimate import noise_while_held
 from gcs_autotune.workflow.settings import STOP_RULES
 from sitl import make_effect, open_vehicle

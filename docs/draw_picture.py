@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 COLOURS = {"before": "#d55e00", "after": "#0072b2"}
-AFTER_STEP = 30.0
-"""How much of the step is drawn [s]."""
+LEAD = 2.0
+"""Seconds drawn before a command."""
 
 
 KEY, WITHIN = "gains", 0.05
@@ -44,56 +44,65 @@ def differs(run: Path, picture: Path) -> list[str]:
     return [n for n in names if not math.isclose(now.get(n, math.nan), then.get(n, math.nan), rel_tol=WITHIN)]
 
 
-def step_in(run: Path, which: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return heading times (n,) and headings (n,) [deg], output times (m,) and outputs (m,) [% of full], about the
-    step's beginning, and its size [deg].
+def legs_in(run: Path, which: str) -> list[dict[str, np.ndarray | float]]:
+    """Return the step and the step back of a trial, each from its command on.
+
+    ``t``, ``heading`` [s, deg], ``output_t``, ``output`` [s, % of full], ``target`` [deg] and ``lasted`` [s]; headings
+    are counted from where the step began.
     """
     [path] = run.glob(f"trials/*step-{which}.csv")
-    marks = json.loads(path.with_suffix(".json").read_text())["marks"]
-    targets = {m["detail"]["phase"]: (m["t"], m["detail"]["value"]) for m in marks if m["kind"] == "target"}
-    (_, reference), (begin, wanted) = targets["hold"], targets["step"]
+    told = json.loads(path.with_suffix(".json").read_text())
+    targets = [(m["t"], math.degrees(m["detail"]["value"])) for m in told["marks"] if m["kind"] == "target"]
+    base = targets[0][1]
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     t, psi = np.array([(float(r["t[s]"]), float(r["psi[rad]"])) for r in rows if r["psi[rad]"]]).T
     output_t, output = np.array([(float(r["t[s]"]), float(r["N[1]"])) for r in rows if r["N[1]"]]).T
     heading = np.degrees(np.unwrap(psi))
-    heading -= 360.0 * round((np.interp(begin, t, heading) - math.degrees(reference)) / 360.0)
-    return (
-        t - begin,
-        heading - math.degrees(reference),
-        output_t - begin,
-        100.0 * output,
-        math.degrees(wanted - reference),
-    )
+    heading -= 360.0 * round((np.interp(targets[1][0], t, heading) - base) / 360.0)
+    return [
+        {
+            "t": t - begin,
+            "heading": heading - base,
+            "output_t": output_t - begin,
+            "output": 100.0 * output,
+            "from": targets[i][1] - base,
+            "target": target - base,
+            "lasted": lasted,
+        }
+        for i, ((begin, target), lasted) in enumerate(zip(targets[1:], told["meta"]["lasted"], strict=False))
+    ]
 
 
 def figure_of(run: Path) -> Figure:
-    """Return the picture: heading and actuator of the step before and after, and what was written."""
+    """Return the picture: heading and actuator of step and step back, before and after, as far as both were flown."""
     summary = json.loads((run / "gains.json").read_text())
-    figure, (top, low) = plt.subplots(
-        2, 1, figsize=(8.0, 4.2), dpi=110, sharex=True, height_ratios=(2.4, 1.0), layout="constrained"
+    before, after = (legs_in(run, which) for which in ("before", "after"))
+    figure, grid = plt.subplots(
+        2, 2, figsize=(8.0, 4.2), dpi=110, sharex="col", sharey="row", height_ratios=(2.4, 1.0), layout="constrained"
     )
-    for which, words in (("before", "gains as found"), ("after", "gains proved by this tool")):
-        t, heading, output_t, output, size = step_in(run, which)
-        shown, driven = (t > -5.0) & (t < AFTER_STEP), (output_t > -5.0) & (output_t < AFTER_STEP)
-        top.plot(t[shown], heading[shown], color=COLOURS[which], label=words)
-        low.plot(output_t[driven], output[driven], color=COLOURS[which], linewidth=0.9)
-    top.step(
-        [-5.0, 0.0, AFTER_STEP],
-        [0.0, size, size],
-        where="post",
-        color="#555555",
-        linestyle="--",
-        linewidth=1.0,
-        label="wanted",
-    )
-    top.set_ylabel("heading from start [°]")
-    low.set_ylabel("steering [% of full]")
-    low.set_xlabel("time from the step [s]")
+    legends = ("gains as found", "gains proved by this tool")
+    for k, (top, low) in enumerate(grid.T):
+        until = min(before[k]["lasted"], after[k]["lasted"])
+        for leg, which, words in zip((before[k], after[k]), ("before", "after"), legends, strict=True):
+            for axes, times, values, width in (
+                (top, leg["t"], leg["heading"], 1.5),
+                (low, leg["output_t"], leg["output"], 0.9),
+            ):
+                shown = (times > -LEAD) & (times < until)
+                axes.plot(times[shown], values[shown], color=COLOURS[which], linewidth=width, label=words)
+        begin, end = after[k]["from"], after[k]["target"]
+        wanted = {"where": "post", "color": "#555555", "linestyle": "--", "linewidth": 1.0, "label": "target"}
+        top.step([-LEAD, 0.0, until], [begin, end, end], **wanted)
+        top.set_title("step back" if k else "step", fontsize=9)
+        low.set_xlabel("time from the command [s]")
+    grid[0, 0].set_ylabel("heading from start [°]")
+    grid[1, 0].set_ylabel("steering [% of full]")
     changes = ", ".join(f"{c['parameter']} {c['old']:.3g} → {c['new']:.3g}" for c in summary["changes"])
-    top.set_title(f"The same {size:.0f}° step, before and after `gcs-autotune tune heading`\n{changes}", fontsize=9)
-    top.legend(frameon=False, fontsize=9)
-    for axes in (top, low):
+    size = after[0]["target"]
+    figure.suptitle(f"The same {size:.0f}° step, before and after `gcs-autotune tune heading`\n{changes}", fontsize=9)
+    grid[0, 0].legend(frameon=False, fontsize=9)
+    for axes in grid.flat:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
     return figure

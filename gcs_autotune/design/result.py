@@ -70,7 +70,8 @@ class StepMetrics:
     ``itae`` [rad s^2 or m s^2] is normalised by the step size (so per unit step, [s^2]); ``overshoot`` is a
     fraction of the step; ``rise`` (10-90 %) and ``settling`` (to 5 %) in s, NaN when never reached;
     ``steady_error`` a fraction of the step; ``travel`` total variation of the actuator [fraction of full]
-    per second.
+    per second. ``hidden_by_noise``: ``settling`` is NaN because the noise of single readings is wider than the band,
+    not because the motion was outside it when the record ended.
     """
 
     itae: float
@@ -80,6 +81,7 @@ class StepMetrics:
     steady_error: float
     travel: float
     oscillation: float = 0.0
+    hidden_by_noise: bool = False
 
 
 class StepHalf(NamedTuple):

@@ -52,10 +52,12 @@ def noise_floor(noise_std: float, quantum: float) -> float:
 def combine(found: Sequence[StepMetrics]) -> StepMetrics:
     """Join steps of both directions: error, travel and times are averaged; what has a limit counts as the worst."""
     if not found:
-        return StepMetrics(*[math.nan] * 7)
+        return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
     worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
-    return StepMetrics(**mean, **worst)
+    unsettled = [m for m in found if math.isnan(m.settling)]
+    hidden = bool(unsettled) and all(m.hidden_by_noise for m in unsettled)
+    return StepMetrics(**mean, **worst, hidden_by_noise=hidden)
 
 
 def step_metrics(
@@ -96,14 +98,18 @@ def step_metrics(
     share = (smooth - start) / size
     last = seconds >= seconds[-1] * (1.0 - LAST_PART)
     swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
+    band = max(SETTLED, floor)
+    settling = _settling(seconds, share, band)
+    hidden = math.isnan(settling) and _is_hidden(seconds, share, band, noise_std / abs(size))
     return StepMetrics(
         itae=_error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time),
         overshoot=max(0.0, float(share.max()) - 1.0 - floor),
         rise=_crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1),
-        settling=_settling(seconds, share, max(SETTLED, floor)),
+        settling=settling,
         steady_error=abs(float(np.mean(1.0 - share[last]))),
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
         oscillation=swing,
+        hidden_by_noise=hidden,
     )
 
 
@@ -250,3 +256,9 @@ def _settling(t: Array, share: Array, band: float) -> float:
         return 0.0
     i = int(outside[-1]) + 1
     return float(t[i]) if i < len(t) and t[i] <= 0.9 * t[-1] else math.nan
+
+
+def _is_hidden(t: Array, share: Array, band: float, noise_std: float) -> bool:
+    """Return whether only the noise of single readings leaves *band*: the motion behind them ends inside it."""
+    motion = 1.0 - error_behind(1.0 - share, noise_std)
+    return noise_std > 0.0 and math.isfinite(_settling(t, motion, band))

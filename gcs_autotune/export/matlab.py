@@ -37,7 +37,7 @@ def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
 %   delay [s]: {", ".join(f"{c} {equations.delay[c]:g}" for c in inputs)}; lag [s]: {
         ", ".join(f"{c} {equations.lag[c]:g}" for c in inputs)
     }; apply them to input.
-%   Not in it: {"; ".join(equations.left) or "nothing"}.
+%   Not in it: {"; ".join((*equations.left, *late)) or "nothing"}.
 %
 %   Example, a step of the first input:
 %     [t, s] = ode45(@(t, s) {equations.identifier}(t, s, [{0.1 * equations.full.get(inputs[0], 1.0):g}; zeros({

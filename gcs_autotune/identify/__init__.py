@@ -88,14 +88,14 @@ from gcs_autotune.identify.open_loop.readings import (
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log
 from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
-from gcs_autotune.identify.pictures import draw_trace
+from gcs_autotune.identify.pictures import as_people_read, draw_trace
 from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_plan
 from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
-from gcs_autotune.identify.relay.limit_cycle import LimitCycleMonitor, MonitorState, find_cycles
+from gcs_autotune.identify.relay.limit_cycle import SCATTER, LimitCycleMonitor, MonitorState, find_cycles
 from gcs_autotune.identify.relay.linear_process import (
     experiments_needed,
     heading_loop,
@@ -149,6 +149,7 @@ __all__ = [
     "MOST_DAMPING",
     "NU",
     "QUADRATIC",
+    "SCATTER",
     "SIGNS",
     "THRUSTERS",
     "Agreement",
@@ -199,6 +200,7 @@ __all__ = [
     "WanderingProblem",
     "Water",
     "alternate",
+    "as_people_read",
     "autocorrelation",
     "base_limits",
     "check_axes",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from gcs_autotune.identify.result import Fit
 
-__all__ = ["as_headings", "draw_trace", "fit_picture", "plot_trace"]
+__all__ = ["as_people_read", "draw_trace", "fit_picture", "plot_trace"]
 
 Array = NDArray[np.float64]
 
@@ -53,17 +53,24 @@ def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Arr
     top.plot(t, fitted, color=MODEL, lw=1.4, label="model, from the inputs alone")
     top.plot(t, measured, ".", ms=2.4, color=MEASURED, label="measured")
     top.set_ylabel(f"{name} [{unit}]")
-    if trace.signal == "psi":
-        as_headings(top)
+    as_people_read(top, trace.signal, float(measured[0]) if len(measured) else 0.0)
     return t, band, measured - fitted, unit
 
 
-def as_headings(axes: Axes) -> None:
-    """Label a vertical axis in degrees as people read headings: 0 to 360, however often the record turned."""
+def as_people_read(axes: Axes, signal: str, first: float) -> None:
+    """Label a vertical axis of *signal* as people read it, of which *first* [deg, m] is the first value drawn.
+
+    Depth grows downwards. A heading begins within 0 to 360 degrees and goes on beyond that: labels wrapped one by one
+    would read 300, 0, 60 upwards.
+    """
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 9, 10]))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda degrees, _: f"{round(degrees, 2) % 360.0:g}"))
+    if signal == "z" and not axes.yaxis_inverted():
+        axes.invert_yaxis()
+    if signal == "psi" and math.isfinite(first):
+        turns = 360.0 * math.floor(first / 360.0)
+        axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 9, 10]))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda degrees, _: f"{round(degrees - turns, 2):g}"))
 
 
 def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "") -> Axes:

@@ -25,7 +25,7 @@ from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings,
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
-from gcs_autotune.manoeuvres.step import Step, StepSettings
+from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
@@ -78,9 +78,11 @@ __all__ = [
     "ZigZag",
     "ZigZagSettings",
     "Zone",
+    "common_windows",
     "how_far",
     "limited_orders",
     "preview",
     "read_area",
     "restore_on_exit",
+    "windows_of",
 ]

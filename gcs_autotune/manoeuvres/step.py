@@ -24,10 +24,11 @@ from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation,
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Trial
 
 Array = NDArray[np.float64]
 
-__all__ = ["Step", "StepSettings"]
+__all__ = ["Step", "StepSettings", "common_windows", "windows_of"]
 
 SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 """Chosen: a signal within this share of the step of its target, or within so many standard deviations of its noise,
@@ -275,3 +276,19 @@ class Step(Manoeuvre):
         if s.signal == "r":
             return TurnRateTarget(self.target, s.speed)
         return HeadingTarget(self.target, s.speed)
+
+
+def windows_of(trial: Trial) -> tuple[float, ...]:
+    """Return how long [s] the step and the step back of a step *trial* were recorded, as far as they were flown.
+
+    One that was stopped because the loop ran away counts as recorded to its end.
+    """
+    flown = len([m for m in trial.marks if m.kind == "target"]) - 1
+    lasted = [float(seconds) for seconds in trial.meta.get("lasted", ())]
+    longest = float(trial.meta.get("duration", math.inf))
+    return tuple(lasted[i] if i < len(lasted) else longest for i in range(max(flown, 0)))
+
+
+def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
+    """Return how long [s] both of two step trials recorded the step and the step back: what can be compared."""
+    return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))

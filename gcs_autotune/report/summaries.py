@@ -172,7 +172,7 @@ def sheets_summary(sheets: Sequence[Sheet]) -> Group:
         if sheet.verdict:
             parts.append(paragraph(f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}."))
         if sheet.doubts:
-            parts.extend(doubts_shown(doubt_sentence(d) for d in sheet.doubts))
+            parts.extend(doubts_shown((doubt_sentence(d) for d in sheet.doubts), about="figures"))
     return Group(*parts)
 
 

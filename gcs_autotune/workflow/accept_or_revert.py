@@ -8,12 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Change, Proposal, StepMetrics, is_better, told_over
 from gcs_autotune.link import Journal, ParameterTransaction
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import NewValue, ProposedGains
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
-from gcs_autotune.workflow.experiments import STEP_AHEAD, common_windows
+from gcs_autotune.workflow.experiments import STEP_AHEAD
 
 __all__ = ["accept_or_revert", "accept_or_revert_supplied"]
 

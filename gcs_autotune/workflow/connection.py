@@ -48,8 +48,11 @@ def telemetry_rates(control_rate: float) -> dict[str, float]:
 def connect(
     connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory | None = None
 ) -> Iterator[Session]:
-    """Open the link, make the *record* and find the vehicle; the link is closed on every way out."""
-    with connection.open() as transport:
+    """Open the link, make the *record* and find the vehicle; the link is closed on every way out.
+
+    A vehicle of the wrong kind leaves no record.
+    """
+    with _without_record_of_the_wrong_vehicle(record), connection.open() as transport:
         if record is not None:
             record.make()
         watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
@@ -70,6 +73,16 @@ def connect(
             finally:
                 if session.port.refusals:
                     watcher.say(session.port.refusals)
+
+
+@contextmanager
+def _without_record_of_the_wrong_vehicle(record: RunDirectory | None) -> Iterator[None]:
+    try:
+        yield
+    except WrongVehicle:
+        if record is not None:
+            record.discard()
+        raise
 
 
 @contextmanager

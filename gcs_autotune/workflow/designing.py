@@ -10,9 +10,10 @@ from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import Fit
+from gcs_autotune.manoeuvres import windows_of
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import measure, windows_of
+from gcs_autotune.workflow.experiments import measure
 from gcs_autotune.workflow.identification import Identified, delay_of
 from gcs_autotune.workflow.proof import Proof, design_input_of, reduction_of
 from gcs_autotune.workflow.stop_rule import DesignQuestion

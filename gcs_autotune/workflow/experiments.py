@@ -23,6 +23,7 @@ from gcs_autotune.manoeuvres import (
     StopRule,
     ThrottleSteps,
     ThrottleStepsSettings,
+    windows_of,
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import TuneSettings
@@ -37,7 +38,6 @@ __all__ = [
     "STEP_AHEAD",
     "SWING_AHEAD",
     "WORKING_DEPTH",
-    "common_windows",
     "dive_for",
     "measure",
     "noise_in",
@@ -47,7 +47,6 @@ __all__ = [
     "speed_for",
     "steering_throttle",
     "throttle_steps_for",
-    "windows_of",
 ]
 
 
@@ -180,22 +179,6 @@ def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
     total = np.concatenate([[0.0], np.cumsum(x)])
     mean: Array = (total[low + width] - total[low]) / width
     return mean, 1.0 / math.sqrt(width)
-
-
-def windows_of(trial: Trial) -> tuple[float, ...]:
-    """Return how long [s] the step and the step back of a step *trial* were recorded, as far as they were flown.
-
-    One that was stopped because the loop ran away counts as recorded to its end (:func:`measure`).
-    """
-    flown = len([m for m in trial.marks if m.kind == "target"]) - 1
-    lasted = [float(seconds) for seconds in trial.meta.get("lasted", ())]
-    longest = float(trial.meta["duration"])
-    return tuple(lasted[i] if i < len(lasted) else longest for i in range(max(flown, 0)))
-
-
-def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
-    """Return how long [s] both of two step trials recorded the step and the step back: what can be compared."""
-    return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))
 
 
 def measure(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -63,6 +64,12 @@ class RunDirectory:
         except OSError as error:
             raise UsageError(f"cannot make the run directory {self.path}: {error}; give another --out") from error
         self.is_made = True
+
+    def discard(self) -> None:
+        """Remove the directory of a run that was refused before anything was flown; one with trials stays."""
+        if self.is_made and not any((self.path / "trials").iterdir()):
+            shutil.rmtree(self.path, ignore_errors=True)
+            self.is_made = False
 
     @property
     def tlog(self) -> Path:

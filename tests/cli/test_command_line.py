@@ -181,6 +181,7 @@ def test_a_boat_has_no_depth(capsys, tmp_path):
     code, _, err = run(capsys, "tune", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "r")
     assert code == 4
     assert "no depth loop" in err
+    assert not (tmp_path / "r").exists(), "a run that was refused leaves no report of an abort"
 
 
 @pytest.mark.slow

@@ -382,3 +382,25 @@ def test_old_gains_that_were_worse_in_everything_do_not_forbid_anything() -> Non
     assert is_better(wild, replace(GOOD, overshoot=0.3)).better
     unmeasured = StepMetrics(*[math.nan] * 7)
     assert is_better(unmeasured, GOOD).better
+
+
+def noisy_step(noise: float, target_held: float = 1.0, seconds: float = 20.0) -> StepMetrics:
+    """A step of one that is followed with a time constant of 1 s, read through white noise."""
+    t = np.arange(0.0, seconds, 0.05)
+    x = target_held * (1.0 - np.exp(-t)) + noise * np.random.default_rng(3).normal(size=len(t))
+    x[0] = 0.0
+    target = np.where(t > 0.0, 1.0, 0.0)
+    return step_metrics(t, target, x, np.zeros(len(t)), noise_std=noise)
+
+
+def test_settling_that_noise_hides_is_not_told_as_never_settled() -> None:
+    clean, noisy, off = noisy_step(0.0), noisy_step(0.08), noisy_step(0.01, target_held=0.8)
+    assert clean.settling == pytest.approx(3.0, abs=0.1) and not clean.hidden_by_noise
+    assert math.isnan(noisy.settling) and noisy.hidden_by_noise
+    assert math.isnan(off.settling) and not off.hidden_by_noise, "20 % off its target when the record ends"
+
+
+def test_of_two_directions_one_that_did_not_settle_is_not_hidden_by_the_noise_of_the_other() -> None:
+    noisy, off = noisy_step(0.08), noisy_step(0.01, target_held=0.8)
+    assert combine([noisy, noisy_step(0.0)]).hidden_by_noise
+    assert not combine([noisy, off]).hidden_by_noise

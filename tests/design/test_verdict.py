@@ -54,8 +54,9 @@ def test_the_reason_tells_old_new_and_by_how_much() -> None:
     [
         ({}, {"settling": 9.0}, True, "settled after 9.0 s"),
         ({}, {"settling": NEITHER}, False, "did not settle to 5 %; the old gains did in 3.0 s"),
-        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled"),
+        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step was within 5 % when its record ended"),
         ({"settling": NEITHER}, {}, True, "settled after 3.0 s"),
+        ({}, {"settling": NEITHER, "hidden_by_noise": True}, True, "settling cannot be read: the noise is wider"),
         ({}, {"itae": NEITHER}, False, "the new step's error could not be measured"),
         ({"itae": NEITHER}, {}, True, "before it could not be measured"),
         ({"itae": NEITHER}, {"itae": NEITHER}, False, "the new step's error could not be measured"),

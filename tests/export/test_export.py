@@ -205,6 +205,13 @@ def test_the_table_is_read_back_with_units_and_errors():
     assert by_name["X_u"]["unit"] == "N s/m"
 
 
+@pytest.mark.parametrize("target", ["matlab", "gazebo"])
+def test_a_delay_that_a_target_leaves_to_its_caller_is_listed_as_not_in_the_file(target):
+    late = export_model(a_boat(EffectInstance("input-delay", "N", {"delay": 0.4})), target)
+    assert "the delay of N, 0.4 s" in late.text.partition("Not in it:")[2].splitlines()[0]
+    assert "Not in it: nothing" in export_model(a_boat(), "matlab").text
+
+
 def test_a_files_words_never_become_a_programs():
     """A model file is foreign: its names stand in comments, and an input that is no name is refused."""
     file = a_boat()

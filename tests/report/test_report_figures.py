@@ -29,9 +29,20 @@ def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
 def test_a_step_begins_at_zero_with_the_target_it_was_given():
     series = step_series(stories.step_trial(), WATCHED["psi"])
     assert series.size == pytest.approx(math.radians(30.0))
-    assert series.position.t[0] == pytest.approx(-2.0, abs=0.11)
-    assert series.target.t[1] == 0.0
-    assert np.allclose(series.target.y, [0.0, series.size, 0.0, 0.0])
+    there, back = series.legs
+    for leg in series.legs:
+        assert leg.position.t[0] == pytest.approx(-2.0, abs=0.11)
+        assert leg.target.t[1] == 0.0
+    assert np.allclose(there.target.y, [0.0, series.size, series.size])
+    assert np.allclose(back.target.y, [series.size, 0.0, 0.0])
+
+
+def test_both_legs_of_a_step_are_shown_from_their_own_command_on_and_as_far_as_they_are_compared():
+    whole = step_series(stories.step_trial(), WATCHED["psi"])
+    cut = step_series(stories.step_trial(), WATCHED["psi"], (5.0, 4.0))
+    assert [leg.position.t[-1] for leg in cut.legs] == pytest.approx([5.0, 4.0], abs=0.11)
+    assert all(leg.position.t[-1] > 20.0 for leg in whole.legs)
+    assert [leg.position.y[0] for leg in cut.legs] == pytest.approx([leg.position.y[0] for leg in whole.legs])
 
 
 def test_a_relay_is_shown_about_its_reference_with_every_switching():

@@ -33,7 +33,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     model_words,
     remainder_sentence,
 )
-from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.toolkit.terminal import doubts_shown, render_text
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor, sentence
 from gcs_autotune.report.tune.tables import margins_table
 from gcs_autotune.report.tune.wording import safety
@@ -239,9 +239,9 @@ def test_a_gain_margin_above_100_is_said_one_way(gain: float) -> None:
     assert ("gain margin", "more than 100", "more than 100") in margins_table(proposal).rows
 
 
-def test_a_heading_axis_reads_from_0_to_360_however_often_the_record_turned() -> None:
+def test_a_heading_axis_begins_within_a_turn_and_rises_from_label_to_label() -> None:
     t = np.linspace(0.0, 60.0, 400)
-    psi = np.radians(300.0 + 6.0 * t)
+    psi = np.radians(660.0 + 6.0 * t)
     trace = Trace("turns", t, psi, psi + 0.01, np.full(len(t), 0.1), "psi", "rad")
     figure = Figure()
     top, bottom = figure.subplots(2, 1)
@@ -249,8 +249,18 @@ def test_a_heading_axis_reads_from_0_to_360_however_often_the_record_turned() ->
     figure.canvas.draw()
     shown = [float(label.get_text()) for label in top.get_yticklabels()]
     assert len(shown) >= 3
-    assert all(0.0 <= degrees < 360.0 for degrees in shown)
+    assert shown == sorted(shown)
+    assert 180.0 <= shown[0] <= 360.0
     assert all(degrees % 45.0 == 0.0 or degrees % 30.0 == 0.0 for degrees in shown)
+
+
+def test_depth_is_drawn_downwards() -> None:
+    t = np.linspace(0.0, 60.0, 400)
+    trace = Trace("dive", t, 0.1 * t, 0.1 * t, np.full(len(t), 0.1), "z", "m")
+    top, bottom = Figure().subplots(2, 1)
+    draw_trace(top, bottom, trace)
+    low, high = top.get_ylim()
+    assert low > high
 
 
 @pytest.mark.parametrize(("p", "word"), [(0.4, "noise allows"), (1e-6, "unexplained")])
@@ -279,6 +289,19 @@ def test_one_period_alone_has_no_scatter() -> None:
     once = replace(first, cycle=replace(first.cycle, periods=1, scatter=np.inf))
     row = cycle_table(replace(fitted, iso=(once, *others))).rows[0]
     assert row[6:8] == ("1", UNKNOWN)
+
+
+@pytest.mark.parametrize(("scatter", "told"), [(0.05, "yes"), (1.26, "uneven")])
+def test_a_limit_cycle_whose_extremes_scatter_is_not_called_valid(scatter: float, told: str) -> None:
+    fitted = stories.fit()
+    first, *others = fitted.iso
+    cycle = replace(first, cycle=replace(first.cycle, scatter=scatter, valid=True))
+    assert cycle_table(replace(fitted, iso=(cycle, *others))).rows[0][-1] == told
+
+
+def test_doubts_about_figures_do_not_contradict_a_fit_without_doubts() -> None:
+    (heading, *_) = doubts_shown(["the approach was not steady"], about="figures")
+    assert render_text(heading).strip() == "What to doubt about the figures"
 
 
 def test_a_signal_at_the_beginning_of_a_sentence_keeps_its_name() -> None:

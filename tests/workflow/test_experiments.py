@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcs_autotune.manoeuvres import common_windows, windows_of
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.experiments import common_windows, measure, resolution, steering_throttle, windows_of
+from gcs_autotune.workflow.experiments import measure, resolution, steering_throttle
 
 QUANTUM = math.radians(2.0)
 STEP = math.radians(30.0)

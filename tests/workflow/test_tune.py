@@ -9,10 +9,9 @@ import pytest
 
 from gcs_autotune.errors import OperatorStopped, UsageError, WrongVehicle
 from gcs_autotune.link import Journal
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.manoeuvres import Envelope, common_windows
 from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
-from gcs_autotune.workflow.experiments import common_windows
 from sitl.effects import parse_effect
 
 from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness

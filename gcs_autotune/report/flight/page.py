@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify import Fit, Validation
+from gcs_autotune.identify import Fit, Validation, as_people_read
 from gcs_autotune.report.study.study import structure_title
 from gcs_autotune.report.study.tables import parameter_table, unseen_table
 from gcs_autotune.report.summaries import sheet_table
@@ -97,9 +97,9 @@ def render_preview(title: str, when: str, seen: Sequence[tuple[str, Trial, str, 
     good = f"It takes {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
     told = tuple(f"{name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
     headline = Headline(troubles[0] if troubles else good, "bad" if troubles else "good", (*troubles[1:], *told))
-    pictures = _signals(seen[0][1]) if len(seen) == 1 else []
+    pictures = _signals(seen[0][1], predicted=True) if len(seen) == 1 else []
     pictures += _tracks({"predicted" if len(seen) == 1 else name: trial for name, trial, _, _ in seen})
-    return _page(title, when, headline, (), (), [], pictures)
+    return _page(title, when, headline, (), (), [], pictures, pictured="Prediction")
 
 
 def _page(
@@ -112,6 +112,8 @@ def _page(
     pictures: Sequence[Picture],
     runs: Sequence[tuple[str, Trial]] = (),
     story: Sequence[TrialTold] = (),
+    *,
+    pictured: str = "Record",
 ) -> str:
     tiles = [(format_percent(m.fit.fit_percent), f"fit, {m.fit.dof}", "free run") for m in models]
     tiles += [(format_percent(m.unseen.fit_percent), "prediction", ", ".join(m.held_out)) for m in models if m.unseen]
@@ -131,6 +133,7 @@ def _page(
                 for m in models
             ],
             "pictures": pictures,
+            "pictured": pictured,
         },
     )
 
@@ -165,7 +168,7 @@ def _picture(kind: str, caption: str, figure: Figure | None) -> list[Picture]:
         return [Picture(kind, caption, to_svg(figure, kind, caption))]
 
 
-def _signals(trial: Trial, name: str = "") -> list[Picture]:
+def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> list[Picture]:
     names = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1 and np.ptp(trial[n].values) > 0.0][:2]
     inputs = [n for n in ("N", "X", "Z", "Y") if n in trial and len(trial[n]) > 1 and trial[n].values.any()]
     if not names or not inputs:
@@ -177,10 +180,11 @@ def _signals(trial: Trial, name: str = "") -> list[Picture]:
             few = thin(finite(trial[signal].t - trial.start, factor * trial[signal].values))
             ax.plot(few.t, few.y, color=AFTER, lw=1.2)
             ax.set_ylabel(f"{signal} [{unit}]")
+            as_people_read(ax, signal, float(few.y[0]) if len(few) else 0.0)
         draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
         axes[-1].set_xlabel("time [s]")
-    told = "hat it did, and what drove it."
-    return _picture(f"signals{name}", f"{name}: w{told}" if name else f"W{told}", figure)
+    told = "the motion and what drives it, predicted." if predicted else "the motion and what drove it."
+    return _picture(f"signals{name}", f"{name}: {told}" if name else f"{told[0].upper()}{told[1:]}", figure)
 
 
 def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> list[Picture]:

@@ -10,7 +10,16 @@ import numpy as np
 from rich.console import Group, RenderableType
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
-from gcs_autotune.identify import AxisFit, IsoEstimate, Parameter, Remainder, StructureFit, label_of
+from gcs_autotune.identify import (
+    SCATTER,
+    AxisFit,
+    IsoEstimate,
+    LimitCycle,
+    Parameter,
+    Remainder,
+    StructureFit,
+    label_of,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
@@ -312,8 +321,15 @@ def _cycle_row(estimate: IsoEstimate, unit: str, input_unit: str) -> tuple[str, 
         format_seconds(period),
         str(cycle.periods),
         format_share(cycle.scatter) if math.isfinite(cycle.scatter) else UNKNOWN,  # one period scatters about nothing
-        "yes" if cycle.valid else "NO (7.12)",
+        _cycle_verdict(cycle),
     )
+
+
+def _cycle_verdict(cycle: LimitCycle) -> str:
+    """Return whether a limit cycle holds (7.12) and the 10 % rule of (6.7), Miskovic2010."""
+    if not cycle.valid:
+        return "NO (7.12)"
+    return "uneven" if math.isfinite(cycle.scatter) and cycle.scatter > SCATTER else "yes"
 
 
 def _output(value: float, input_unit: str) -> str:

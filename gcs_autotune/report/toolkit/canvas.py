@@ -25,6 +25,7 @@ __all__ = [
     "WANTED",
     "legend",
     "new_axes",
+    "new_columns",
     "new_row",
     "pens",
     "to_svg",
@@ -122,6 +123,30 @@ def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure,
         for axes in stack[:-1]:
             axes.tick_params(labelbottom=False)
     return figure, stack
+
+
+def new_columns(count: int, heights: tuple[float, ...]) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure of *count* columns, each with one axes per height [in]; rows share their values, columns time."""
+    from matplotlib.figure import Figure
+
+    top, bottom, gap, left, between = 0.28, 0.48, 0.14, 0.13, 0.03
+    total = sum(heights) + top + bottom + gap * (len(heights) - 1)
+    figure = Figure(figsize=(WIDTH, total))
+    width = (0.98 - left - between * (count - 1)) / count
+    columns: list[list[Axes]] = []
+    for k in range(count):
+        column: list[Axes] = []
+        y = total - top
+        for row, height in enumerate(heights):
+            y -= height
+            box = (left + k * (width + between), y / total, width, height / total)
+            beside = columns[0][row] if columns else None
+            axes = figure.add_axes(box, sharex=column[0] if column else None, sharey=beside)
+            axes.tick_params(labelbottom=row == len(heights) - 1, labelleft=k == 0)
+            column.append(axes)
+            y -= gap
+        columns.append(column)
+    return figure, columns
 
 
 def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Figure, list[Axes]]:

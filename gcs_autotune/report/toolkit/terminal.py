@@ -33,12 +33,13 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
     return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
 
 
-def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
-    """Return the block of doubts, or the sentence that there are none."""
+def doubts_shown(texts: Iterable[str], about: str = "fit") -> list[RenderableType]:
+    """Return the block of doubts *about* something, or the sentence that there are none."""
     found = list(texts)
     if not found:
-        return [paragraph("The fit raises no doubts.")]
-    return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
+        return [paragraph(f"The {about} raises no doubts.")]
+    heading = "What to doubt" if about == "fit" else f"What to doubt about the {about}"
+    return [title(heading, "bold yellow"), *(bullet(text) for text in found)]
 
 
 def bullet(text: str) -> RichTable:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.design import Prediction
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report.toolkit.canvas import (
     AFTER,
     BAND,
@@ -25,6 +26,7 @@ from gcs_autotune.report.toolkit.canvas import (
     WANTED,
     legend,
     new_axes,
+    new_columns,
     pens,
     to_svg,
 )
@@ -37,6 +39,7 @@ from gcs_autotune.report.toolkit.figures import (
     draw_thrust,
     draw_track,
     finite,
+    inputs_of,
     is_bent,
     thin,
 )
@@ -50,7 +53,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["MOST_RELAYS", "RelaySeries", "StepSeries", "draw_pictures", "relay_series", "step_series"]
+__all__ = ["MOST_RELAYS", "RelaySeries", "StepLeg", "StepSeries", "draw_pictures", "relay_series", "step_series"]
 
 
 MOST_PERIODS = 60
@@ -58,12 +61,19 @@ MOST_PERIODS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepSeries:
-    """A step and the step back: times from the step [s], positions from where it began [rad or m]."""
+class StepLeg:
+    """A step, or the step back: times from its command [s], positions from where the step began [rad or m]."""
 
     position: Curve
     target: Curve
     output: Curve | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepSeries:
+    """The legs of a step trial, as far as it was flown: the step of ``size`` [rad or m] and the step back."""
+
+    legs: tuple[StepLeg, ...]
     size: float
 
 
@@ -83,10 +93,11 @@ class RelaySeries:
     last_from: float
 
 
-def step_series(trial: Trial | None, watched: Watched) -> StepSeries | None:
+def step_series(trial: Trial | None, watched: Watched, windows: Sequence[float] = ()) -> StepSeries | None:
     """Return the step in *trial*, or None when it has none (it was never flown, or ended before it).
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) tell where it is.
+    windows : seconds of each leg to show; a leg without one is shown to its end.
     """
     if trial is None or watched.position not in trial:
         return None
@@ -94,21 +105,36 @@ def step_series(trial: Trial | None, watched: Watched) -> StepSeries | None:
     step = next((i for i, m in enumerate(targets) if m.detail.get("phase") == "step"), None)
     if step is None:
         return None
-    start, base = targets[step].t, _value_before(targets, step, trial[watched.position])
-    lead = min(2.0, start - trial.start)
-    position = _from(trial[watched.position].between(start - lead, trial.end), start, base)
-    if len(position) < 2:
+    base = _value_before(targets, step, trial[watched.position])
+    values = [0.0, *(float(m.detail["value"]) - base for m in targets[step:])]
+    ends = [*(m.t for m in targets[step + 1 :]), trial.end]
+    legs = []
+    for k, (mark, end) in enumerate(zip(targets[step:], ends, strict=True)):
+        window = windows[k] if k < len(windows) else end - mark.t
+        leg = _leg(trial, watched, mark.t, min(window, end - mark.t), base, (values[k], values[k + 1]))
+        if leg is not None:
+            legs.append(leg)
+    return StepSeries(tuple(legs), values[1]) if legs else None
+
+
+def _leg(
+    trial: Trial, watched: Watched, start: float, window: float, base: float, target: tuple[float, float]
+) -> StepLeg | None:
+    """Return *window* [s] of *trial* from *start* [s] on, with two seconds before it; None with fewer than two samples.
+
+    target : the wanted value before and from *start*, from the *base* [rad or m].
+    """
+    begin, end = max(start - LEAD, trial.start), start + window
+    position = _from(trial[watched.position].between(begin, end), start, base)
+    if len(position) < 2 or not window > 0.0:
         return None
-    flown = targets[step:]
-    times = [-lead, *(m.t - start for m in flown), float(position.t[-1])]
-    values = [0.0, *(float(m.detail["value"]) - base for m in flown)]
-    output = trial[watched.force].between(start - lead, trial.end) if watched.force in trial else None
-    return StepSeries(
-        position=position,
-        target=Curve(np.array(times), np.array([*values, values[-1]])),
-        output=None if output is None else _from(output, start, 0.0),
-        size=values[1],
-    )
+    output = trial[watched.force].between(begin, end) if watched.force in trial else None
+    times, values = np.array([begin - start, 0.0, window]), np.array([target[0], target[1], target[1]])
+    return StepLeg(position, Curve(times, values), None if output is None else _from(output, start, 0.0))
+
+
+LEAD = 2.0
+"""Seconds shown before a command."""
 
 
 def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
@@ -192,11 +218,9 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
     caption = f"Limit cycles: rate of change against {what}. Strong lines: up to five periods at the end."
     yield "cycle", caption, partial(_draw_cycles, relays, swung)
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
-        caption = (
-            f"Fit against measurement, '{trace.run}', with its 95 % band; below, what the model leaves over and the "
-            "input that drove both."
-        )
         model = story.fit.model if story.fit else None
+        below = " and the input that drove both" if inputs_of(model, flown.get(trace.run)) else ""
+        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, the residual{below}."
         noun = WATCHED.get(trace.signal, swung).noun
         yield f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun)
     if story.fit is not None:
@@ -207,7 +231,8 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
         yield "thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story))
     if proposal is not None and all(proposal.loops):
         margins = [loop_margins(loops) for loops in proposal.loops]
-        yield "bode", _bode_caption(margins), partial(draw_bode, proposal.loops, margins)
+        several = any(len(loops) > 1 for loops in proposal.loops)
+        yield "bode", _bode_caption(margins, several=several), partial(draw_bode, proposal.loops, margins)
     runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
     yield "track", "Track over ground, north up.", partial(draw_track, runs)
 
@@ -218,7 +243,7 @@ def _levels(story: TuneStory) -> list[float]:
     return [float(v) for levels in held for v in levels if math.isfinite(v)]
 
 
-def _bode_caption(margins: Sequence[LoopMargins]) -> str:
+def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
     words = []
     for found, label in zip(margins, ("present", "new"), strict=True):
         if not found.stable:
@@ -226,11 +251,9 @@ def _bode_caption(margins: Sequence[LoopMargins]) -> str:
             continue
         gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
         words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
-    return (
-        "The loop opened at the actuator (Bode), on the model the gains came from; margins: "
-        + "; ".join(words)
-        + ". Thin: the same at other speeds and outputs."
-    )
+    thin_lines = " Thin: the same at other speeds and outputs." if several else ""
+    told = "; ".join(words)
+    return f"The loop opened at the actuator (Bode), on the model the gains came from; margins: {told}.{thin_lines}"
 
 
 def _noun(watched: Watched) -> tuple[str, str, str]:
@@ -244,47 +267,60 @@ def _step_caption(story: TuneStory) -> str:
     if story.step_before is None and story.step_after is None:
         return f"Predicted {what} step with the old and the new gains; nothing of this was measured."
     if story.step_before is None or story.step_after is None:
-        return f"Measured {what} step and step back; below, the actuator."
-    return f"The same {what} step and step back, measured with the old and the new gains; below, the actuator."
+        return f"Measured {what} step (left) and step back (right); below, the actuator."
+    return (
+        f"The same {what} step (left) and step back (right), measured with the old and the new gains, each from its "
+        "command on and as far as the two are compared; below, the actuator."
+    )
 
 
 def _draw_step(story: TuneStory) -> Figure | None:
-    before, after = step_series(story.step_before, story.stepped), step_series(story.step_after, story.stepped)
-    what, unit, _ = _noun(story.stepped)
-    if before is None and after is None and story.proposal is None:
+    one, other = story.step_before, story.step_after
+    windows = common_windows(one, other) if one is not None and other is not None else ()
+    before, after = (step_series(run, story.stepped, windows) for run in (one, other))
+    flown = [series for series in (before, after) if series is not None]
+    if not flown and story.proposal is None:
         return None
-    figure, (top, bottom) = new_axes((2.6, 1.1))
-    _draw_target(top, after or before, story)
-    _draw_predictions(top, bottom, (before, after), story)
-    for series, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
-        if series is not None:
-            _line(top, series.position, story.stepped, colour, label)
-            _draw_output(bottom, series.output, story, colour)
+    what, unit, _ = _noun(story.stepped)
+    count = max((len(series.legs) for series in flown), default=1)
+    figure, columns = new_columns(count, (2.6, 1.1))
+    for k, (top, bottom) in enumerate(columns):
+        legs = [(s.legs[k], colour) for s, colour in ((before, BEFORE), (after, AFTER)) if s and k < len(s.legs)]
+        _draw_targets(top, legs, story)
+        if k == 0:
+            _draw_predictions(top, bottom, flown[0].size if flown else None, story)
+        for leg, colour in legs:
+            _line(top, leg.position, story.stepped, colour, "before" if colour == BEFORE else "after")
+            _draw_output(bottom, leg.output, story, colour)
+        if legs:  # a prediction goes on for longer than what was flown and compared
+            top.set_xlim(-LEAD, max(float(leg.target.t[-1]) for leg, _ in legs))
+        bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
+    top, bottom = columns[0]
     top.set_ylabel(f"{what}, from the start [{unit}]")
+    if story.stepped.position == "z":
+        top.invert_yaxis()  # shared by the row: depth grows downwards
     _label_output(bottom, story)
-    bottom.set_xlabel("time since the step [s]")
     legend(top)
     return figure
 
 
-def _draw_target(axes: Axes, series: StepSeries | None, story: TuneStory) -> None:
-    if series is not None:
-        target = series.target
-    elif story.proposal is not None:
-        target = _predicted(story.proposal.after, "target")
-    else:
-        return
-    axes.step(target.t, _people(story.stepped) * target.y, where="post", color=FAINT, lw=1.0, ls="--", label="target")
+def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneStory) -> None:
+    """Draw the target of each leg; targets that coincide once, in grey."""
+    targets = [(leg.target, colour) for leg, colour in legs]
+    if not targets and story.proposal is not None:
+        targets = [(_predicted(story.proposal.after, "target"), FAINT)]
+    alike = all(np.allclose(target.y, targets[0][0].y, rtol=0.01) for target, _ in targets)
+    for target, colour in targets[:1] if alike else targets:
+        label = "target" if alike else f"target {'before' if colour == BEFORE else 'after'}"
+        shown = FAINT if alike else colour
+        axes.step(target.t, _people(story.stepped) * target.y, where="post", color=shown, lw=1.0, ls="--", label=label)
 
 
-def _draw_predictions(
-    top: Axes, bottom: Axes, measured: tuple[StepSeries | None, StepSeries | None], story: TuneStory
-) -> None:
-    """Draw what the model promises: beside a measured step of the same size, or alone when there is none."""
+def _draw_predictions(top: Axes, bottom: Axes, size: float | None, story: TuneStory) -> None:
+    """Draw what the model promises: beside a measured step of the same *size*, or alone when there is none (None)."""
     if story.proposal is None:
         return
     old, new = story.proposal.before, story.proposal.after
-    size = next((s.size for s in measured if s is not None), None)
     target = _predicted(new, "target").y
     if size is not None and not (len(target) and np.isclose(target[-1], size, rtol=0.01)):
         return
@@ -325,6 +361,8 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
         )
         top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
     top.set_ylabel(f"{what} from reference [{unit}]")
+    if swung.position == "z":
+        top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
     bottom.set_xlabel("time [s]; shaded: up to five periods at the end" if len(relay.switches) else "time [s]")

@@ -22,7 +22,6 @@ from gcs_autotune.report.toolkit.wording import (
     format_moment,
     format_percent,
     format_quantity,
-    format_seconds,
     format_share,
 )
 from gcs_autotune.report.tune.figures import draw_pictures
@@ -41,6 +40,7 @@ from gcs_autotune.report.tune.wording import (
     headline,
     proof_command,
     safety,
+    settling_cell,
     undo_command,
     undo_sentence,
 )
@@ -115,7 +115,7 @@ def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
         before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
     tiles = []
     if before is not None and after is not None:
-        old, new = (format_seconds(m.settling, "never") for m in (before, after))
+        old, new = settling_cell(before), settling_cell(after)
         tiles = [
             (format_change(before.itae, after.itae).replace("-", "\u2212") or "?", "tracking error", source),
             (format_share(after.overshoot), "overshoot", f"{source}, was {format_share(before.overshoot)}"),

@@ -29,6 +29,7 @@ from gcs_autotune.report.tune.wording import (
     PROOF_SENTENCE,
     headline,
     proof_command,
+    settling_cell,
     undo_command,
 )
 
@@ -44,13 +45,13 @@ __all__ = [
 ]
 
 
-_METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
-    ("itae", "tracking error (ITAE per unit step)", lambda v: _with_unit(v, "s²")),
-    ("overshoot", "overshoot", format_share),
-    ("rise", "rise time, 10 to 90 %", lambda v: format_seconds(v, "never")),
-    ("settling", "settling time, to 5 %", lambda v: format_seconds(v, "never")),
-    ("steady_error", "remaining error", format_share),
-    ("travel", "actuator travel, of full per second", format_share),
+_METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
+    ("itae", "tracking error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
+    ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
+    ("rise", "rise time, 10 to 90 %", lambda m: format_seconds(m.rise, "not reached")),
+    ("settling", "settling time, to 5 %", settling_cell),
+    ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
+    ("travel", "actuator travel, of full per second", lambda m: format_share(m.travel)),
 )
 """Field of StepMetrics, what people call it, how it is shown."""
 
@@ -112,8 +113,8 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
         rows.append(
             (
                 label,
-                show(old),
-                show(new),
+                show(before),
+                show(after),
                 format_change(old, new),
             )
         )
@@ -122,7 +123,7 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
     found = () if metrics is None else _METRICS
-    rows = tuple((label, show(float(getattr(metrics, name)))) for name, label, show in found)
+    rows = tuple((label, show(metrics)) for _, label, show in found if metrics is not None)
     return Table(("lower is better", "present gains"), "lr", rows)
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "parameters_sentence",
     "proof_command",
     "safety",
+    "settling_cell",
     "undo_command",
     "undo_sentence",
 ]
@@ -76,19 +77,26 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
     return (
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
-        f"{_settling_words(after.settling)}, before {format_seconds(before.settling, 'never')}."
+        f"{_settling_words(after)} (before: {settling_cell(before)})."
     )
 
 
 def as_it_is(now: StepMetrics) -> str:
     """Return one sentence on the step that was flown with gains that stay."""
-    return (
-        f"Step response with them (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now.settling)}."
-    )
+    return f"Step response with them (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now)}."
 
 
-def _settling_words(settling: float) -> str:
-    return "never settled" if math.isnan(settling) else f"settled after {format_seconds(settling)}"
+def _settling_words(metrics: StepMetrics) -> str:
+    if math.isfinite(metrics.settling):
+        return f"settled after {format_seconds(metrics.settling)}"
+    if metrics.hidden_by_noise:
+        return "settling not readable, the noise is wider than the 5 % band"
+    return "still outside the 5 % band when the record ended"
+
+
+def settling_cell(metrics: StepMetrics) -> str:
+    """Return when a step settled, or why there is no such time, in a table cell."""
+    return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
 
 
 def _change_words(before: float, after: float) -> str:
