@@ -16,7 +16,16 @@ from gcs_autotune.clock import Clock
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.trial import Mark, Trial
 
-__all__ = ["Actuate", "Command", "Craft", "DepthTarget", "HeadingTarget", "Observation", "TurnRateTarget"]
+__all__ = [
+    "Actuate",
+    "Command",
+    "Craft",
+    "DepthTarget",
+    "HeadingTarget",
+    "Intervention",
+    "Observation",
+    "TurnRateTarget",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +106,27 @@ class DepthTarget:
 Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
 
 
+@dataclass(frozen=True, slots=True)
+class Intervention:
+    """A change of mode or armed state, while a craft is ours, that we did not order.
+
+    ``what`` : in words, with its cause as far as that is known. ``mode_stands``, ``armed_stands`` : whether nobody here
+    may undo it. ``is_certain`` : False where a late copy of an order of ours may have done it. ``may_go_on`` : whether
+    the operator may be asked to go on, because a failsafe that waits for our overrides does just this.
+    """
+
+    what: str
+    mode_stands: bool
+    armed_stands: bool
+    is_certain: bool = True
+    may_go_on: bool = False
+
+    @property
+    def stands(self) -> bool:
+        """Whether any of it stands."""
+        return self.mode_stands or self.armed_stands
+
+
 class Craft(Protocol):
     """A vehicle one can watch and command. Implemented by the link room, and by nobody else for real water."""
 
@@ -122,6 +152,22 @@ class Craft(Protocol):
 
     def await_heartbeat(self) -> None:
         """Wait for the next heartbeat, after which ``armed`` and ``mode`` are of now. Raises ``LinkLost``."""
+        ...
+
+    def take_over(self) -> None:
+        """From now on mode and armed state are ours to change; any other change is an intervention."""
+        ...
+
+    def give_back(self) -> None:
+        """End that: the craft is its owner's again."""
+        ...
+
+    def intervention(self) -> Intervention | None:
+        """Ask for mode and armed state, and return the first intervention since :meth:`take_over`; None without any."""
+        ...
+
+    def accept_intervention(self) -> None:
+        """Take mode and armed state as they are now; the next intervention counts as the first."""
         ...
 
     def observe(self) -> Observation:

@@ -90,6 +90,11 @@ class _Console:
         self.question = ""
         self.answer: bool | None = None
 
+    @property
+    def answered_beforehand(self) -> bool:
+        """Whether nobody is asked (``--yes``)."""
+        return self._yes
+
     def stop_requested(self) -> bool:
         """Whether ``autotune stop`` was typed."""
         return self.stop

@@ -35,6 +35,11 @@ class ConsoleOperator:
         self._bell = bell and os.environ.get(BELL_VARIABLE, "").lower() not in ("off", "0", "no")
         self._stop = False
 
+    @property
+    def answered_beforehand(self) -> bool:
+        """Whether nobody is asked (``--yes``)."""
+        return self._yes
+
     def ring(self) -> None:
         """Ring the terminal's bell: somebody is wanted. Silent where standard error is no terminal."""
         if self._bell and sys.stderr and sys.stderr.isatty():

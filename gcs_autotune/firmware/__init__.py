@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.firmware import ardurover, ardusub
 from gcs_autotune.firmware.aliases import ALIASES, Alias
+from gcs_autotune.firmware.failsafe import DISARMS, Failsafe, SetFailsafe
 from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
@@ -16,15 +17,18 @@ from gcs_autotune.firmware.values import checked, checked_all
 
 __all__ = [
     "ALIASES",
+    "DISARMS",
     "FIRMWARE",
     "Alias",
     "Axis",
+    "Failsafe",
     "Firmware",
     "Gain",
     "Names",
     "Output",
     "ParameterSource",
     "ServoMap",
+    "SetFailsafe",
     "Unsuited",
     "checked",
     "checked_all",

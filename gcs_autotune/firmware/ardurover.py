@@ -6,6 +6,9 @@ Channels: RCMAP defaults, steering on 1, throttle on 3.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from gcs_autotune.firmware.failsafe import DISARMS, Failsafe
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited, pid_context
 
 __all__ = ["FIRMWARE"]
@@ -97,6 +100,36 @@ _UNSUITED = (
     ),
 )
 
+_FAILSAFE_ACTIONS: Mapping[int, Sequence[str]] = {
+    1: ("RTL",),
+    2: ("HOLD",),
+    3: ("SMART_RTL", "RTL"),
+    4: ("SMART_RTL", "HOLD"),
+    5: (DISARMS,),
+    6: ("LOITER", "HOLD"),
+}
+"""FS_ACTION -> what it ends in."""
+_FAILSAFES = (
+    Failsafe(
+        "radio failsafe",
+        enable=("FS_THR_ENABLE", 1.0),
+        waits=(("RC_FS_TIMEOUT", 0.5), ("FS_TIMEOUT", 1.5)),
+        action=("FS_ACTION", 2.0),
+        outcomes=_FAILSAFE_ACTIONS,
+        says="radio failsafe",
+        by_overrides=True,
+    ),
+    Failsafe(
+        "ground station failsafe",
+        enable=("FS_GCS_ENABLE", 0.0),
+        waits=(("FS_GCS_TIMEOUT", 5.0), ("FS_TIMEOUT", 1.5)),
+        action=("FS_ACTION", 2.0),
+        outcomes=_FAILSAFE_ACTIONS,
+        says="failsafe",
+    ),
+)
+"""Both are silent in HOLD and RTL. That of the ground station was seen to call itself "Radio Failsafe" as well."""
+
 FIRMWARE = Firmware(
     name="ArduRover",
     autopilot=3,
@@ -131,6 +164,8 @@ FIRMWARE = Firmware(
     manual_dead_zone=True,
     rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
     unsuited=_UNSUITED,
+    failsafes=_FAILSAFES,
+    stops_in=("HOLD",),
     needs_way=True,
     floats=True,
     needs_position=True,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from gcs_autotune.firmware.failsafe import DISARMS, Failsafe
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, pid_context
 
 __all__ = ["FIRMWARE"]
@@ -132,6 +133,26 @@ with thrusters at right angles, 4 to 6 SimpleROV-3 to -5 (-4 and -5 are one to t
 unmodified firmware is SimpleROV-3. Roll and pitch are there because the autopilot levels the craft with the motors that
 lift it."""
 
+_FAILSAFES = (
+    Failsafe(
+        "pilot input failsafe",
+        enable=("FS_PILOT_INPUT", 0.0),
+        waits=(("FS_PILOT_TIMEOUT", 3.0),),
+        action=("FS_PILOT_INPUT", 0.0),
+        outcomes={2: (DISARMS,)},
+        says="lost manual control",
+        by_overrides=True,
+    ),
+    Failsafe(
+        "ground station failsafe",
+        enable=("FS_GCS_ENABLE", 0.0),
+        waits=(("FS_GCS_TIMEOUT", 3.0),),
+        action=("FS_GCS_ENABLE", 0.0),
+        outcomes={2: (DISARMS,), 3: ("ALT_HOLD",), 4: ("SURFACE", "ALT_HOLD")},
+        says="heartbeat lost",
+    ),
+)
+
 FIRMWARE = Firmware(
     name="ArduSub",
     autopilot=3,
@@ -163,6 +184,7 @@ FIRMWARE = Firmware(
     rc_map={"Z": "RCMAP_THROTTLE", "N": "RCMAP_YAW", "X": "RCMAP_FORWARD", "Y": "RCMAP_LATERAL"},
     idle={"RCMAP_PITCH": 1, "RCMAP_ROLL": 2},
     from_one_end=("Z",),
+    failsafes=_FAILSAFES,
     holds_itself=True,
     turns_by_stick=True,
 )

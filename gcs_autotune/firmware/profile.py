@@ -8,6 +8,7 @@ from typing import Self
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.firmware.aliases import ALIASES
+from gcs_autotune.firmware.failsafe import Failsafe
 from gcs_autotune.firmware.names import Names
 
 __all__ = ["Axis", "Firmware", "Gain", "Unsuited", "pid_context"]
@@ -90,6 +91,9 @@ class Firmware:
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
 
+    ``failsafes`` are those that act when nothing is heard of the ground station; ``stops_in`` are the modes in which
+    nothing is driven, whoever ordered them.
+
     What such craft can do: ``needs_way``: they steer under way only, at their cruise, and so need room to turn about;
     ``floats``: they have no depth; ``needs_position``: ``hold_mode`` is refused without a position estimate;
     ``holds_itself``: ``hold_mode`` keeps depth and heading with the sticks at rest; ``turns_by_stick``: a turn rate is
@@ -119,6 +123,8 @@ class Firmware:
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
     unsuited: Sequence[Unsuited] = ()
+    failsafes: Sequence[Failsafe] = ()
+    stops_in: Sequence[str] = ()
     needs_way: bool = False
     floats: bool = False
     needs_position: bool = False

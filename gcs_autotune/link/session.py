@@ -48,6 +48,8 @@ _HEARTBEAT_PERIOD = 1.0
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
 """Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
+_ASKED_AGAIN = 0.5
+"""Seconds after which a heartbeat that did not come is asked for again."""
 _ROUNDING = 1e-6
 """Seconds: what sums of decimal fractions may be off."""
 
@@ -296,6 +298,17 @@ class Session:
         self.liveness.bear(timeout)
         before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
+
+    def ask_state(self, timeout: float) -> bool:
+        """Ask for a HEARTBEAT, so that :attr:`armed` and :attr:`custom_mode` are of now; whether one came in *timeout*.
+
+        Asked again every half second: the question, or the answer, may be lost.
+        """
+        before, deadline = self.heartbeats, Deadline.after(self.clock, timeout)
+        while self.heartbeats == before and not deadline.expired:
+            self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+            self.wait_for(lambda: True if self.heartbeats > before else None, min(_ASKED_AGAIN, deadline.remaining))
+        return self.heartbeats > before
 
     def await_heartbeat(self) -> None:
         """Ask for HEARTBEAT until :attr:`armed` and :attr:`custom_mode` are of now, and nobody contradicts them.

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from gcs_autotune.craft import Craft, Observation
+from gcs_autotune.craft import Craft, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, NotAsFound, PreconditionFailed
 from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
@@ -152,7 +152,8 @@ ROUNDS = 3
 """Times a craft is put back that does not stay so."""
 
 DISARMED_ITSELF = (
-    "although it was found armed, it has disarmed itself (a reboot, a failsafe), and is not armed again without you"
+    "although it was found armed, it was disarmed meanwhile (by a restart, a failsafe or another station), and is not "
+    "armed again without you"
 )
 """What is promised of a craft found armed: we do not disarm it, and nobody but the operator arms anything again."""
 
@@ -161,17 +162,18 @@ DISARMED_ITSELF = (
 def restore_on_exit(
     craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None
 ) -> Iterator[Observation]:
-    """Put everything back as found on every way out: actuators, armed state, mode.
+    """Restore actuators, armed state and mode on every way out, except what another operator has ordered meanwhile.
 
-    Yields the first observation. *settled* is called when the craft was left so, and only then.
+    Yields the first observation. *settled* is called when nothing is left to restore, and only then.
 
     Raises
     ------
     NotAsFound
-        When something could not be put back; if an error was under way it stays the cause.
+        When something could not be restored; if an error was under way it stays the cause.
     """
+    craft.take_over()
     found = craft.observe()
-    watcher.say(f"found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+    watcher.say(f"found: mode {found.mode}, {_armed(found.armed)}")
     trouble: BaseException | None = None
     try:
         yield found
@@ -180,15 +182,25 @@ def restore_on_exit(
         raise
     finally:
         with craft.shielded():
-            differences = _put_back(craft, found)
+            differences, change = _put_back(craft, found)
+            craft.give_back()
         watcher.note(LeftAs(craft.mode, craft.armed, differences))
+        order = change if change is not None and change.stands else None
+        if change is not None and order is None and trouble is not None and change.what not in str(trouble):
+            watcher.say(change.what)
+        if order is not None:
+            watcher.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. That order stands")
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()
-        if found.armed and not craft.armed:
+        if order is None and found.armed and not craft.armed:
             watcher.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
-        else:
-            watcher.say(f"left as found: mode {found.mode}, {'armed' if found.armed else 'disarmed'}")
+        elif order is None:
+            watcher.say(f"left as found: mode {found.mode}, {_armed(found.armed)}")
+
+
+def _armed(armed: bool) -> str:
+    return "armed" if armed else "disarmed"
 
 
 def _not_as_found(differences: dict[str, str], trouble: BaseException | None) -> NotAsFound:
@@ -201,22 +213,40 @@ def _not_as_found(differences: dict[str, str], trouble: BaseException | None) ->
     )
 
 
-def _put_back(craft: Craft, found: Observation) -> dict[str, str]:
-    """Put the craft back, and look again: a late twin of an earlier command, or a restart, may undo it."""
+def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Intervention | None]:
+    """Restore the craft, and look again: a restart may undo it. Return what differs, and the first intervention.
+
+    An order of another station is not undone. Where it may have been a late copy of ours, it counts as a difference.
+    """
+    change: Intervention | None = None
     for _ in range(ROUNDS):
-        differences = _put_back_once(craft, found)
+        differences, change = _put_back_once(craft, found, change)
         if differences:
-            return differences
+            return differences, change
         try:
             craft.await_heartbeat()
         except LinkError as error:
-            return {"mode": str(error)}
+            return {"mode": str(error)}, change
+        change = _look(craft) or change
+        if change is not None and change.stands:
+            left = {} if change.is_certain else {"mode": f"it is in {craft.mode}: {change.what}"}
+            return left, change
         if craft.mode == found.mode and (found.armed or not craft.armed):
-            return {}
-    return {"mode": f"it is in {craft.mode} and {'armed' if craft.armed else 'disarmed'} again and again"}
+            return {}, change
+    return {"mode": f"it is in {craft.mode} and {_armed(craft.armed)} again and again"}, change
 
 
-def _put_back_once(craft: Craft, found: Observation) -> dict[str, str]:
+def _look(craft: Craft) -> Intervention | None:
+    """Return an intervention since the last look; what does not stand is taken as it is, for the steps to undo it."""
+    change = craft.intervention()
+    if change is not None and not change.stands:
+        craft.accept_intervention()
+    return change
+
+
+def _put_back_once(
+    craft: Craft, found: Observation, change: Intervention | None
+) -> tuple[dict[str, str], Intervention | None]:
     differences: dict[str, str] = {}
     steps: list[tuple[str, Callable[[], None]]] = [("actuators", craft.neutral)]
     if not found.armed:
@@ -225,10 +255,28 @@ def _put_back_once(craft: Craft, found: Observation) -> dict[str, str]:
     steps.append(("overrides", craft.release))
     for what, act in steps:
         try:
-            act()
+            if what != "actuators":  # neutral waits for nothing, and looks by itself
+                change = _look(craft) or change
+            if change is None or not _forbids(change, what, craft):
+                act()
         except LinkError as error:
             differences[what] = str(error)
             break
         except AutotuneError as error:
-            differences[what] = str(error)
-    return differences
+            change = _look(craft) or change
+            if change is None or not _forbids(change, what, craft):
+                differences[what] = str(error)
+    return differences, change
+
+
+def _forbids(order: Intervention, what: str, craft: Craft) -> bool:
+    """Whether *order* forbids the step *what*.
+
+    A craft that another station has put into a mode that drives it stays armed: that station needs it so.
+    """
+    if what == "mode":
+        return order.mode_stands
+    if what == "armed state":
+        drives = order.mode_stands and order.is_certain and craft.mode not in craft.firmware.stops_in
+        return order.armed_stands or drives
+    return False

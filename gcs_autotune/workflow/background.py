@@ -17,10 +17,10 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.operator import Operator, can_be_asked
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "await_worker", "beside", "finish", "keep_company", "run_in_background"]
+__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "keep_company", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -116,6 +116,17 @@ def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: 
         watcher.say(f"{question} Simulated vehicle: not asking.")
         return True
     return ask(craft, operator, question)
+
+
+def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+    """Return the operator's answer to a question that cannot be answered beforehand: False where nobody is there.
+
+    The mode stays as it is meanwhile, and so do the sticks: neutral.
+    """
+    if not can_be_asked(operator):
+        watcher.say(f"{question} Nobody can be asked (--yes), so: no.")
+        return False
+    return operator.ask(question, craft.session.pump)
 
 
 def keep_company(craft: MavlinkCraft) -> None:

@@ -14,7 +14,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import render_study
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long, room
-from gcs_autotune.workflow.background import agreed
+from gcs_autotune.workflow.background import asked_now
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
 from gcs_autotune.workflow.experiments import dive_for, speed_for
@@ -86,7 +86,7 @@ def _set_out(
     throttle, speed = speed_for(settings, axis, present)
     settings = replace(settings, speed=speed)
     envelope = replace(settings.envelope, cruise=speed)
-    ask = partial(agreed, craft, operator, log)
+    ask = partial(asked_now, craft, operator, log)
     runner = ManoeuvreRunner(craft, envelope, log, recorder(craft, record, log), settings.patience, ask)
     about = axis, None, present, throttle, speed
     return TuneContext(settings, operator, log, record, craft, runner, worker, Earlier(settings), *about)

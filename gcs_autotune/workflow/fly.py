@@ -26,7 +26,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
-from gcs_autotune.workflow.background import agreed, beside, run_in_background
+from gcs_autotune.workflow.background import agreed, asked_now, beside, run_in_background
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import armed
 from gcs_autotune.workflow.experiments import dive_for
@@ -324,7 +324,7 @@ class _Flight:
         left = [leg for leg in self.legs if leg.run.name not in self.flown]
         if not left:
             return
-        ask = partial(agreed, craft, self._operator, watcher)
+        ask = partial(asked_now, craft, self._operator, watcher)
         runner = ManoeuvreRunner(craft, replace(s.envelope, area=self._area), watcher, keep, s.patience, ask)
         dofs = self._dofs
         with armed(craft, watcher, self._record, s.connection):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Operator", "Unattended"]
+__all__ = ["Operator", "Unattended", "can_be_asked"]
 
 
 class Operator(Protocol):
@@ -23,6 +23,8 @@ class Operator(Protocol):
 class Unattended:
     """Nobody at the keyboard: every question was answered beforehand (``--yes``)."""
 
+    answered_beforehand = True
+
     def __init__(self, answer: bool = True) -> None:
         self.answer = answer
 
@@ -33,3 +35,8 @@ class Unattended:
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
         """Return the answer given beforehand."""
         return self.answer
+
+
+def can_be_asked(operator: Operator) -> bool:
+    """Whether *operator* answers a question now; nobody does where all were answered beforehand (``--yes``)."""
+    return not getattr(operator, "answered_beforehand", False)

@@ -1,8 +1,9 @@
 """Manoeuvres as jobs fly them: what must succeed, the way back between two, and silences that are waited out.
 
-A vehicle's failsafes may have disarmed it and changed its mode during a silence; so may somebody beside it, whom
-nobody heard. What we had armed, as announced, is armed again after asking; what was found armed is not. A vehicle
-that has restarted is another story: its estimator and message rates are gone.
+A vehicle's failsafes may have disarmed it and changed its mode during a silence; so may another station, which nobody
+here hears. Where a failsafe does just this after so long a silence, the operator is asked whether to go on; ``--yes``
+is no answer to that. What was found armed is not armed again. A vehicle that has restarted ends the run: its
+estimator and message rates are gone.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from copy import deepcopy
 from dataclasses import replace
 
 from gcs_autotune.axes import AxisKind
-from gcs_autotune.craft import Observation
-from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved
+from gcs_autotune.craft import Intervention, Observation
+from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved, TelemetryFault
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     NEARLY,
@@ -39,7 +40,7 @@ class ManoeuvreRunner:
     """Flies manoeuvres on *craft* inside *envelope*; ``keep`` gets every record, as the sequencer's does.
 
     What a silence of up to *patience* [s] interrupts is flown again from its beginning, after a dive again where the
-    craft has come up; *ask* whether a vehicle that was disarmed meanwhile may be armed again (never, by default).
+    craft has come up; *ask* whether to go on where mode or armed state changed meanwhile (never, by default).
     """
 
     def __init__(
@@ -136,8 +137,8 @@ FAR_OUT = 0.4
 come."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
-_TELLING = 1.5
-"""Chosen [s]: a silence that a vehicle's failsafes may have acted on."""
+_INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
+"""Guards after which a run may go on, where :class:`Patience` finds that it may."""
 _LATELY = 10.0
 """Chosen [s]: so long ago it may be the cause of what is seen now."""
 _HERE = 1.0
@@ -168,24 +169,28 @@ class Patience:
         ------
         OperatorStopped
             Ctrl-C while waiting.
+        TelemetryFault
+            The autopilot has restarted meanwhile.
         """
         if self._seconds <= 0.0 or self._borne >= MOST or not self._is_interruption(error):
             return False
         self._borne += 1
-        if not self._is_back() or self._craft.telemetry.watchdog.fault is not None:
+        if not self._is_back():
             return False
         try:
             return self._make_ready()
         except LinkLost:
             return False
+        except GuardTripped as order:
+            self._say(str(order))
+            return False
+        finally:
+            watchdog = self._craft.telemetry.watchdog
+            if watchdog.has_restarted and not isinstance(error, TelemetryFault):
+                watchdog.check()
 
     def _is_interruption(self, error: AutotuneError) -> bool:
-        if isinstance(error, LinkLost):
-            return True
-        if not isinstance(error, GuardTripped):
-            return False
-        was_silent = self._craft.session.liveness.longest(_LATELY) > _TELLING
-        return error.guard == "pause" or (error.guard in ("mode", "armed") and was_silent)
+        return isinstance(error, LinkLost) or (isinstance(error, GuardTripped) and error.guard in _INTERRUPTIONS)
 
     def _is_back(self) -> bool:
         """Wait for the vehicle, as long as was stated."""
@@ -206,14 +211,27 @@ class Patience:
     def _make_ready(self) -> bool:
         craft = self._craft
         craft.await_heartbeat()
+        craft.see_restart()
+        change = craft.intervention()
+        if change is not None and not self._may_undo(change):
+            return False
         if not craft.armed:
-            if self._found_armed:
-                return False
-            if not self._ask(
-                "It was disarmed during the silence, by a failsafe or by somebody. Arm it again and go on?"
-            ):
-                return False
             self._say("arming it again, as announced")
             craft.arm()
         craft.neutral()
+        return craft.telemetry.watchdog.fault is None
+
+    def _may_undo(self, change: Intervention) -> bool:
+        """Whether the operator, asked now, says that nobody ordered this, and nothing more has happened meanwhile."""
+        craft = self._craft
+        seen = craft.mode, craft.armed
+        if not change.may_go_on or (self._found_armed and not craft.armed):
+            return False
+        how = "Arm it again and go on" if not craft.armed else f"Leave {craft.mode} again and go on"
+        if not self._ask(f"{change.what[:1].upper()}{change.what[1:]}. {how}?"):
+            return False
+        craft.await_heartbeat()
+        if (craft.mode, craft.armed) != seen:
+            return False
+        craft.accept_intervention()
         return True

@@ -22,7 +22,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.accept_or_revert import accept_or_revert, accept_or_revert_supplied
 from gcs_autotune.workflow.announcement import announce
-from gcs_autotune.workflow.background import agreed
+from gcs_autotune.workflow.background import asked_now
 from gcs_autotune.workflow.connection import axis_of, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
 from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
@@ -127,7 +127,7 @@ def _set_out(
     see_throttle_is_free(craft, axis.dof, throttle)
     see_depth_is_told(craft, axis.dof)
     envelope, keep = replace(settings.envelope, cruise=speed), recorder(craft, record, log)
-    runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, partial(agreed, craft, operator, log))
+    runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, partial(asked_now, craft, operator, log))
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "nothing was flown to its end there"

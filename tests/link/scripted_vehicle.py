@@ -30,6 +30,8 @@ def boat_parameters() -> dict[str, float]:
     }
     parameters |= {"ATC_STR_RAT_I": 0.1, "ATC_STR_RAT_FF": 0.75, "CRUISE_THROTTLE": 30}
     parameters |= {"RCMAP_ROLL": 1, "RCMAP_THROTTLE": 3, "RC_OPTIONS": 32, "SCHED_LOOP_RATE": 50, "INS_GYRO_FILTER": 0}
+    parameters |= {"FS_THR_ENABLE": 1, "RC_FS_TIMEOUT": 0.5, "FS_TIMEOUT": 1.5, "FS_ACTION": 2}
+    parameters |= {"FS_GCS_ENABLE": 0, "FS_GCS_TIMEOUT": 5}
     for n in range(1, 9):
         parameters |= {f"RC{n}_{key}": value for key, value in RC.items()}
         parameters |= {f"SERVO{n}_{key}": value for key, value in SERVO.items()}
@@ -40,6 +42,7 @@ def rov_parameters() -> dict[str, float]:
     parameters: dict[str, float] = {"SYSID_MYGCS": 255, "RC_OVERRIDE_TIME": 3, "FRAME_CONFIG": 4, "PSC_POSZ_P": 3}
     maps = {"PITCH": 1, "ROLL": 2, "THROTTLE": 3, "YAW": 4, "FORWARD": 5, "LATERAL": 6}
     parameters |= {f"RCMAP_{name}": channel for name, channel in maps.items()}
+    parameters |= {"FS_PILOT_INPUT": 2, "FS_PILOT_TIMEOUT": 3, "FS_GCS_ENABLE": 2, "FS_GCS_TIMEOUT": 5}
     parameters |= {"RC_OPTIONS": 0, "SCHED_LOOP_RATE": 400, "INS_GYRO_FILTER": 0}
     for n in range(1, 9):
         parameters |= {f"RC{n}_{key}": value for key, value in SUB_RC.items()}
@@ -265,6 +268,11 @@ class ScriptedVehicle:
             self.send(
                 mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
             )
+        if number == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            self.heartbeat()
+        if number == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+            ms = round((self.time + self.boot_offset) * 1000)
+            self.send(mavlink.MAVLink_system_time_message(0, max(ms, 0)))
         for name, make in self._makers().items():
             if number == getattr(mavlink, f"MAVLINK_MSG_ID_{name}"):
                 self.send(make())

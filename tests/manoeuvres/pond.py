@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, OperatorStopped
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Manoeuvre
@@ -35,6 +35,7 @@ class PondCraft:
         self.fail_at: dict[int, AutotuneError] = {}
         self.fail_neutral: AutotuneError | None = None
         self.log: list[str] = []
+        self.interventions: list[Intervention] = []
         self.stop_wanted = False
         self.battery = 0.9
         self._shielded = 0
@@ -83,6 +84,18 @@ class PondCraft:
 
     def await_heartbeat(self) -> None:
         """It beats all the time."""
+
+    def take_over(self) -> None:
+        self.interventions.clear()
+
+    def give_back(self) -> None:
+        pass
+
+    def intervention(self) -> Intervention | None:
+        return self.interventions[0] if self.interventions else None
+
+    def accept_intervention(self) -> None:
+        self.interventions.clear()
 
     def set_mode(self, mode: str) -> None:
         self.log.append(f"mode {mode}")

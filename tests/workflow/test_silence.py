@@ -49,8 +49,10 @@ class Enough:
 
 def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
     harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
+    operator = Enough(harness, "relay-1: completed")
     with pytest.raises(OperatorStopped):
-        harness.tune(Enough(harness, "relay-1: completed"))
+        harness.tune(operator)
+    assert [q for q in operator.asked if "its radio failsafe does this. Leave HOLD again and go on?" in q]
     again = [text for text in harness.said if text.startswith("going on:")]
     assert again == ["going on: first self-oscillation is flown again from its beginning"]
     kept = sorted(path.name for path in (harness.directory / "trials").glob("*-relay-1.json"))
@@ -88,6 +90,37 @@ def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(t
         log.flown(Trial("step-before", {}, ending=ending))
     shown = log.story().step_before
     assert shown is not None and shown.ending == "completed"
+
+
+def test_what_a_failsafe_did_in_a_silence_is_not_undone_where_nobody_can_be_asked(tmp_path: Any) -> None:
+    """``--yes`` is given beforehand, and in a silence another station may have ordered the same."""
+    harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
+    with pytest.raises(LinkLost):
+        harness.tune()
+    assert any("Nobody can be asked (--yes), so: no." in text for text in harness.said)
+    assert not any(text.startswith("going on:") for text in harness.said)
+    assert harness.mode == "HOLD"
+    harness.assert_as_found()
+
+
+class HeldInSilence(Hushed):
+    """Three seconds into the silence another station orders a mode; the vehicle answers that station alone."""
+
+    mode_ordered = 5
+
+    def hush(self, t: float, message: Any) -> list[Any]:
+        passed = super().hush(t, message)
+        if self.begun + self.after + 3.0 <= t < self.begun + self.after + 4.0:
+            self.vehicle.autopilot.set_mode(self.mode_ordered)
+        return passed
+
+
+def test_an_order_given_in_a_silence_stands(tmp_path: Any) -> None:
+    harness = HeldInSilence(tmp_path, "first self-oscillation", 25.0, 9.0)
+    with pytest.raises(AutotuneError):
+        harness.tune(Enough(harness, "relay-1: completed"))
+    assert harness.mode == "LOITER"
+    assert any("from MANUAL to LOITER, not by us" in text and "That order stands" in text for text in harness.said)
 
 
 @pytest.mark.parametrize(("patience", "silence"), [(0.0, 9.0), (12.0, 20.0)])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from gcs_autotune.clock import Deadline
@@ -23,6 +24,9 @@ _HEARTBEAT_PATIENCE = 3.5
 _TEXT_DELAY = 0.5
 """Chosen: the STATUSTEXT that explains a refusal may come after the COMMAND_ACK."""
 _EXPLAINS = ("Arm:", "PreArm:")
+_KEPT = 20
+_COPIES = 5.0
+"""Chosen [s]: a copy of an order that comes later than this was held back by no link we know."""
 
 
 class Commands:
@@ -37,14 +41,41 @@ class Commands:
     def __init__(self, session: Session, firmware: Firmware) -> None:
         self._session = session
         self._firmware = firmware
+        self._ordered: deque[tuple[float, int]] = deque(maxlen=_KEPT)
+        self._in_progress = -1
+        self._copies: deque[float] = deque(maxlen=_KEPT)
+        session.listen("COMMAND_ACK", self._on_acknowledgement)
+
+    def _on_acknowledgement(self, ack: Message) -> None:
+        """Note an answer to us that nothing here waits for: a copy of a mode order has arrived late."""
+        to_us = int(getattr(ack, "target_system", 0)) == self._session.port.system
+        if to_us and ack.command == mavlink.MAV_CMD_DO_SET_MODE != self._in_progress:
+            self._copies.append(self._session.clock.now())
+
+    def has_ordered_mode(self, number: int, now: float) -> bool:
+        """Whether we ordered the mode of that *number* so lately that a late copy may arrive at link time *now* [s]."""
+        return any(mode == number for t, mode in self._ordered if t >= now - _COPIES)
+
+    def copy_arrived(self, number: int, now: float) -> bool:
+        """Whether the vehicle answered us a second time for an order of mode *number*, lately at link time *now* [s]."""
+        return self.has_ordered_mode(number, now) and any(t >= now - _COPIES for t in self._copies)
 
     @property
     def mode(self) -> str:
         """The vehicle's present mode, by name."""
         return self._firmware.mode_name(self._session.custom_mode)
 
-    def command_long(self, command: int, *values: float, timeout: float = _REPLY, tries: int = _TRIES) -> None:
+    def command_long(
+        self,
+        command: int,
+        *values: float,
+        timeout: float = _REPLY,
+        tries: int = _TRIES,
+        in_vain: Callable[[], bool] = lambda: False,
+    ) -> None:
         """Send COMMAND_LONG until it is answered; ``IN_PROGRESS`` is waited on.
+
+        in_vain : asked before it is sent again: True where it must not be.
 
         Raises
         ------
@@ -55,13 +86,17 @@ class Commands:
         """
         answers: list[Message] = []
         stop = self._session.listen("COMMAND_ACK", lambda m: answers.append(m) if self._ours(m, command) else None)
+        self._in_progress = command
         try:
             for confirmation in range(tries):
+                if confirmation and in_vain():
+                    break
                 self._session.send(self._message(command, confirmation, values))
                 if self._session.wait_for(lambda: True if answers else None, timeout):
                     break
             result = self._final_result(answers, command, timeout * tries)
         finally:
+            self._in_progress = -1
             stop()
         if result != mavlink.MAV_RESULT_ACCEPTED:
             raise CommandDenied(
@@ -107,9 +142,15 @@ class Commands:
             The vehicle said no, or did not take it up; the message has its last words.
         """
         number = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode")
-        begun = self._session.clock.now()
+        begun, before = self._session.clock.now(), self._session.custom_mode
+        self._ordered.append((begun, number))
+        values = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number)
         try:
-            self.command_long(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number))
+            # Not sent again once the mode has changed: it has arrived, or somebody else has ordered another one.
+            self.command_long(mavlink.MAV_CMD_DO_SET_MODE, *values, in_vain=lambda: self._session.custom_mode != before)
+        except NoReply:
+            if self._session.custom_mode != number:
+                raise
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(f"mode {mode} was refused{self._said(begun)}; it stays in {self.mode}") from error
@@ -131,15 +172,20 @@ class Commands:
         """
         begun, count = self._session.clock.now(), self._session.texts.count
         try:
-            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, in_vain=lambda: self._session.armed)
+        except NoReply:
+            if not self._session.armed:
+                raise
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise self._arming_refused(count, begun) from error
         if not self._session.wait_for(lambda: self._session.armed or None, _HEARTBEAT_PATIENCE):
             raise self._arming_refused(count, begun)
 
-    def arm_patiently(self, patience: float, pause: float) -> None:
+    def arm_patiently(self, patience: float, pause: float, check: Callable[[], None] = lambda: None) -> None:
         """Arm, trying for *patience* [s] and waiting *pause* [s] between, while the pre-arm checks settle.
+
+        check : called before every attempt; what it raises ends them.
 
         Raises
         ------
@@ -148,6 +194,7 @@ class Commands:
         """
         deadline = Deadline.after(self._session.liveness, patience)
         while True:
+            check()
             try:
                 self.arm()
                 return
@@ -164,7 +211,11 @@ class Commands:
         CommandDenied
             The vehicle will not disarm (it may be moving).
         """
-        self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        try:
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, in_vain=lambda: not self._session.armed)
+        except NoReply:
+            if self._session.armed:
+                raise
         if not self._session.wait_for(lambda: None if self._session.armed else True, _HEARTBEAT_PATIENCE):
             raise CommandDenied(
                 "the vehicle accepted the command to disarm but is still armed; disarm it by hand",

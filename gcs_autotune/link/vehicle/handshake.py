@@ -149,6 +149,7 @@ def open_craft(
         rates.fit(needed_rates, config.loop_period, craft.latency)
         rates.quicken(spare_rates or {}, config.loop_period, craft.latency)
         craft.keep_rates()
+        craft.learn_failsafes()  # not before the rates fit the link: until then it may be full
         _note_late_rates(session, config.rate_lag)
         if craft.other_stations.radio:
             session.notes.append(f"telemetry radio: {craft.other_stations.radio}")

@@ -1,23 +1,33 @@
-"""Others at work on the vehicle while we command it: whose doing it is, and that we let go at once.
+"""Others at work on the vehicle while it is ours: whose doing it is, and that we let go at once.
+
+A change of mode or armed state that we did not order ends what is flown, and nothing here undoes it. An
+acknowledgement goes only to the station that ordered, so that no other station is heard proves nothing. What did not
+come from another operator must be shown: a restart by the vehicle's clock; a late copy of our own order by a second
+answer to it; a failsafe by its text, by the time without overrides that its parameters demand, and by what it does.
 
 Another ground station that asks for its own stream rates changes ours: that is noticed, asked for again, and said.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
+from gcs_autotune.craft import Intervention
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.firmware import Firmware
+from gcs_autotune.firmware import DISARMS, Firmware, SetFailsafe
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.commands import Commands
 from gcs_autotune.link.vehicle.other_stations import OtherStations
 from gcs_autotune.link.vehicle.rates import Rates
 from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
+from gcs_autotune.link.vehicle.watchdog import Watchdog
 from gcs_autotune.mavlink import Message, mavlink, message_number
 
 __all__ = ["InterferenceMonitor", "RateKeeper"]
@@ -28,20 +38,41 @@ _OWN_DOING = "failsafe"
 """ArduPilot names every one of its own accord so: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
 _AHEAD = 1.5
 """A simulation whose time goes faster than the clock by this is said to run ahead."""
-_FELT = 0.4
-"""Chosen [s of the vehicle's time]: ArduRover without a receiver takes its pilot for lost after half a second."""
+_SLACK = 0.3
+"""Chosen [s]: what a pause of ours may seem longer to the vehicle: the way takes different times, one may be lost."""
+_WORTH_A_WORD = 0.4
+"""Chosen [s of the vehicle's time]: a pause of ours that is told although it is not the cause."""
 _MODE_ORDERS = frozenset({"SET_MODE", "MAV_CMD_DO_SET_MODE", "MAV_CMD_NAV_RETURN_TO_LAUNCH", "MAV_CMD_MISSION_START"})
 _ARM_ORDERS = frozenset({"MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION"})
 _STICK_ORDERS = frozenset({"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"})
+_MANY = 20
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    """A change that we did not order: in words, what orders would do it, and what a failsafe would have ended in."""
+
+    what: str
+    kinds: frozenset[str]
+    guard: str
+    outcome: str
+    mode: int
 
 
 class InterferenceMonitor:
     """What is expected of the vehicle while it is ours, and a check of it at every tick.
 
+    Parameters
+    ----------
+    let_go : makes the sticks neutral, if they are in our hands; called before anything is waited for.
+
     Attributes
     ----------
-    mode : custom mode number that is expected, None while it is just being changed by us.
+    failsafes : those that act when nothing is heard of us, as this vehicle's parameters set them.
+    modes : custom mode numbers that may be seen: of what we ordered last, and of before while that is not confirmed.
     armed : whether it is expected to be armed, None while that is just being changed by us.
+    is_ours : whether the vehicle is in our hands.
+    found : the first change that we did not order, None while there is none.
     """
 
     def __init__(
@@ -52,6 +83,10 @@ class InterferenceMonitor:
         other_stations: OtherStations,
         rc_monitor: RcMonitor,
         send_rate: SendRate,
+        commands: Commands,
+        watchdog: Watchdog,
+        *,
+        let_go: Callable[[], None] = lambda: None,
     ) -> None:
         self._session = session
         self._firmware = firmware
@@ -59,22 +94,79 @@ class InterferenceMonitor:
         self._other_stations = other_stations
         self._rc_monitor = rc_monitor
         self._send_rate = send_rate
-        self.mode: int | None = None
+        self._commands = commands
+        self._watchdog = watchdog
+        self.failsafes: Sequence[SetFailsafe] = ()
+        self._let_go = let_go
+        self._guard = ""
+        self.modes: frozenset[int] = frozenset()
         self.armed: bool | None = None
+        self.is_ours = False
+        self.found: Intervention | None = None
 
     def take_over(self) -> None:
-        """From now on it is ours, as it is."""
-        self.mode, self.armed = self._session.custom_mode, self._session.armed
+        """From now on it is ours, as it is; nothing changes where it is so already."""
+        if not self.is_ours:
+            self.is_ours = True
+            self.accept()
 
-    def change(self) -> None:
-        """Mode and arming are about to be changed by us."""
-        self.mode = self.armed = None
+    def accept(self) -> None:
+        """Take it as it is now, whatever was done to it."""
+        self.modes, self.armed, self.found = frozenset({self._session.custom_mode}), self._session.armed, None
+
+    def give_back(self) -> None:
+        """It is its owner's again."""
+        self.is_ours, self.modes, self.armed, self.found = False, frozenset(), None, None
+
+    def order_mode(self, number: int) -> None:
+        """The mode of that *number* is about to be ordered by us: until it is confirmed both may be seen."""
+        self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
+
+    def confirm_mode(self) -> None:
+        """What we ordered is in force."""
+        self.modes = frozenset({self._session.custom_mode}) if self.is_ours else frozenset()
+
+    def look(self) -> Intervention | None:
+        """Return the first change of mode or armed state that we did not order, by the last heartbeat.
+
+        The first time it is seen the sticks are made neutral, and two heartbeats more, the vehicle's clock and its
+        texts are waited for, a second or so: they tell the cause.
+
+        Raises
+        ------
+        TelemetryFault
+            Its heartbeats contradict each other. LinkLost: there are none.
+        """
+        if self.is_ours and self.found is None and self._change() is not None:
+            self._let_go()
+            seen = self._session.clock.now()
+            self._session.request_message(message_number("SYSTEM_TIME"))
+            self._session.await_heartbeat()
+            change = self._change()
+            if change is not None:
+                self._guard, self.found = self._judge(change, seen)
+        return self.found
+
+    def check_state(self) -> None:
+        """Raise what there is to be said of :meth:`look`.
+
+        Raises
+        ------
+        TelemetryFault
+            The autopilot has restarted.
+        GuardTripped
+            Another station, a failsafe or a late copy changed mode or armed state; the message says which.
+        """
+        found = self.look()
+        if found is not None:
+            if self._watchdog.has_restarted:
+                self._watchdog.check()
+            raise GuardTripped(found.what, guard=self._guard)
 
     def check(self) -> None:
-        """Raise ``GuardTripped`` when somebody else has taken a hand, saying who as far as that can be known."""
+        """The same, and the sticks and parameters that we have in our hands."""
         self._check_parameters()
-        self._check_mode()
-        self._check_armed()
+        self.check_state()
         self._check_sticks()
 
     def _check_parameters(self) -> None:
@@ -88,69 +180,134 @@ class InterferenceMonitor:
                 limit=old,
             )
 
-    def _check_mode(self) -> None:
-        if self.mode is not None and self._session.custom_mode != self.mode:
-            expected, now = self._firmware.mode_name(self.mode), self._firmware.mode_name(self._session.custom_mode)
-            self._see_our_pause(f"the vehicle went from {expected} to {now}", _MODE_ORDERS)
-            raise GuardTripped(
-                f"the vehicle went from {expected} to {now}, not by us{self._last_words()}: {self._who(_MODE_ORDERS)}",
-                guard="mode",
-            )
+    def _change(self) -> _Change | None:
+        now, armed = self._session.custom_mode, self._session.armed
+        if self.armed is not None and armed != self.armed:
+            what = f"the vehicle was {'armed' if armed else 'disarmed'}"
+            return _Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now)
+        if self.modes and now not in self.modes:
+            expected = " or ".join(sorted(self._firmware.mode_name(mode) for mode in self.modes))
+            name = self._firmware.mode_name(now)
+            return _Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now)
+        return None
 
-    def _check_armed(self) -> None:
-        if self.armed and not self._session.armed:
-            self._see_our_pause("the vehicle was disarmed", _ARM_ORDERS)
-            raise GuardTripped(
-                f"the vehicle was disarmed, not by us{self._last_words()}: {self._who(_ARM_ORDERS)}", guard="armed"
+    def _judge(self, change: _Change, seen: float) -> tuple[str, Intervention]:
+        """Return the guard and the intervention of a *change* first *seen* at that link time [s]."""
+        if self._watchdog.has_restarted:
+            return "restart", Intervention(str(self._watchdog.fault), mode_stands=False, armed_stands=False)
+        if change.guard == "mode" and self._commands.copy_arrived(change.mode, seen):
+            what = f"{change.what}: a copy of our own order arrived late (the vehicle answered it twice)"
+            return "mode", Intervention(what, mode_stands=False, armed_stands=False)
+        named = self._named(change)
+        want = self._want_of_overrides(change)
+        if want is not None:
+            failsafe, gap, cause, cure = want
+            acts = f"after {failsafe.needs:g} s without overrides its {failsafe.name} does this"
+            what = f"{change.what}{self._last_words()}: {cause}, and {acts}"
+            if named is not None:
+                what += f". {cure}" if cure else ""
+                return "pause" if cure else "failsafe", Intervention(
+                    what, mode_stands=False, armed_stands=False, may_go_on=True
+                )
+            what += ". The vehicle was not heard to say so: another station may have ordered it meanwhile"
+            return change.guard, Intervention(
+                what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
+        certain = not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
+        copy = "" if certain else ", unless a copy of our own order came late"
+        pause = self._longest_pause()
+        short = (
+            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe acts so soon)"
+            if pause > _WORTH_A_WORD and not self._is_own_doing()
+            else ""
+        )
+        what = f"{change.what}, not by us{self._last_words()}: {self._who(change.kinds)}{copy}{short}"
+        by_mode = change.guard == "mode"
+        return change.guard, Intervention(
+            what, mode_stands=by_mode, armed_stands=not by_mode and self._session.armed, is_certain=certain
+        )
+
+    def _named(self, change: _Change) -> SetFailsafe | None:
+        """Return the failsafe for want of overrides that has named itself and ends in this *change*."""
+        said = [text.casefold() for text in self._recent_texts()]
+        return next((f for f in self._fitting(change) if any(f.says in text for text in said)), None)
+
+    def _fitting(self, change: _Change) -> list[SetFailsafe]:
+        has_receiver = bool(self._rc_monitor.has_receiver)
+        return [f for f in self.failsafes if change.outcome in f.outcomes and not (f.by_overrides and has_receiver)]
+
+    def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
+        """Return (failsafe, seconds without overrides, why, cure) where that time was long enough for it."""
+        pause, pace = self._longest_pause(), max(self._send_rate.pace, 1.0)
+        silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.unheard) * pace
+        gap = max(pause, silence)
+        for failsafe in self._fitting(change):
+            if gap + _SLACK < failsafe.needs:
+                continue
+            if pause + _SLACK < failsafe.needs:
+                return failsafe, gap, f"the link was silent for {silence:.1f} s", ""
+            ran = f", {pause:.1f} s of the vehicle's time," if pace > _AHEAD else ""
+            cure = "Let the simulation run slower" if pace > _AHEAD else "Close other programs"
+            cause = f"this computer paused for {pause / pace:.2g} s{ran} and sent no overrides meanwhile"
+            return failsafe, gap, cause, f"{cure}, and try again"
+        return None
+
+    def _longest_pause(self) -> float:
+        """The longest pause between two overrides lately [s of the vehicle's time]."""
+        since = self._session.clock.now() - _LOOK_BACK
+        return self._send_rate.pause_since(since) * max(self._send_rate.pace, 1.0)
 
     def _check_sticks(self) -> None:
-        moved = self._rc_monitor.moved_by_hand
-        if moved is not None:
-            raise GuardTripped(
-                f"a pilot's hand: RC channel {moved[0]} of the vehicle's own receiver went from {moved[1]} to "
-                f"{moved[2]} us. Leave the transmitter alone, or switched off, while this tool steers",
-                guard="sticks",
-                value=float(moved[2]),
-                limit=float(moved[1]),
-            )
         departed = self._rc_monitor.departed
         if departed is not None:
             channel, sent, shown = departed
             raise GuardTripped(
-                f"somebody else is steering: RC channel {channel} shows {shown} us where {sent} us were sent"
-                f"{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks; if there is none, our "
+                f"overrides other than ours are in force: RC channel {channel} shows {shown} us where {sent} us were "
+                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks; if there is none, our "
                 "overrides do not get through",
                 guard="sticks",
                 value=float(shown),
                 limit=float(sent),
             )
+        moved = self._rc_monitor.moved_by_hand
+        if moved is not None:
+            raise GuardTripped(
+                f"somebody moves the sticks: RC channel {moved[0]}, which we do not drive, went from {moved[1]} to "
+                f"{moved[2]} us: {self._whose_stick()}. Leave transmitter and joysticks alone while this tool steers",
+                guard="sticks",
+                value=float(moved[2]),
+                limit=float(moved[1]),
+            )
 
-    def _see_our_pause(self, what: str, kinds: frozenset[str]) -> None:
-        """Raise ``GuardTripped`` (guard ``pause``) when it was this computer that kept the vehicle waiting."""
+    def _whose_stick(self) -> str:
+        """Return in words whose stick a channel is that we do not drive and that has moved."""
+        steering = self._other_stations.steering
+        if steering is not None and steering.is_receiver:
+            return "a pilot's hand, for the vehicle says that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
         since = self._session.clock.now() - _LOOK_BACK
-        pause, pace = self._send_rate.pause_since(since), max(self._send_rate.pace, 1.0)
-        if pause * pace < _FELT or self._other_stations.has_ordered(kinds, since):
-            return
-        ran = f", {pause * pace:.1f} s of the vehicle's time," if pace > _AHEAD else ""
-        cure = "let the simulation run slower" if pace > _AHEAD else "close other programs"
-        raise GuardTripped(
-            f"{what}{self._last_words()}: this computer paused for {pause:.2g} s{ran} and sent no overrides meanwhile. "
-            f"It was not the radio, nor another station: {cure}, and try again",
-            guard="pause",
-            value=pause * pace,
-            limit=_FELT,
-        )
+        if self._other_stations.has_ordered(_STICK_ORDERS, since) or not self._rc_monitor.has_receiver:
+            return f"overrides other than ours ({self._other_stations.culprit(_STICK_ORDERS, since)})"
+        own = self._session.port.system
+        return f"its RC transmitter, or overrides other than ours from a station that also is system {own}"
 
     def _who(self, kinds: frozenset[str], name: str = "") -> str:
-        moved = self._rc_monitor.moved_by_hand
-        if moved is not None and not name:
-            return f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us just now, a switch on the transmitter"
         since = self._session.clock.now() - _LOOK_BACK
-        own_doing = any(_OWN_DOING in text.casefold() for text in self._session.texts.recent(since))
-        if own_doing and not name and not self._other_stations.has_ordered(kinds, since):
+        ordered = self._other_stations.has_ordered(kinds, since)
+        moved = self._rc_monitor.moved_by_hand
+        if moved is not None and not name and not ordered:
+            return (
+                f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us just now, which is a switch of the "
+                "transmitter, or overrides other than ours"
+            )
+        if self._is_own_doing() and not name and not ordered:
             return "it was a failsafe of its own. Look after what it names, and start again"
         return self._other_stations.culprit(kinds, since, name)
+
+    def _is_own_doing(self) -> bool:
+        return any(_OWN_DOING in text.casefold() for text in self._recent_texts())
+
+    def _recent_texts(self) -> list[str]:
+        return self._session.texts.recent(self._session.clock.now() - _LOOK_BACK, at_most=_MANY)
 
     def _last_words(self) -> str:
         texts = self._session.texts.recent(self._session.clock.now() - _LOOK_BACK)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from gcs_autotune.clock import Clock
-from gcs_autotune.craft import Actuate, Command, Observation
+from gcs_autotune.craft import Actuate, Command, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, LinkLost, NotAsFound
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.parameters.client import Parameters
@@ -24,10 +24,16 @@ from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SetpointStreamer
 from gcs_autotune.link.vehicle.telemetry import Recorder, Telemetry, await_tick, observation
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
+from gcs_autotune.mavlink import message_number
+from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Mark, Trial
 
 __all__ = ["MavlinkCraft", "VehicleConfig"]
 
+_FRESH = 3.5
+"""Chosen [s]: three heartbeats; a vehicle that sends none in that time is not given another mode."""
+_GLANCE = 0.5
+"""Chosen [s]: the same before an order to rest, which is not kept waiting."""
 _PATIENCE = 30.0
 """Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
 _WARM_UP = 1.0
@@ -80,9 +86,17 @@ class MavlinkCraft:
             rate_stick=config.rate_stick,
         )
         self._interference = InterferenceMonitor(
-            session, firmware, parameters, self.other_stations, self._rc_monitor, self._streamer.send_rate
+            session,
+            firmware,
+            parameters,
+            self.other_stations,
+            self._rc_monitor,
+            self._streamer.send_rate,
+            commands,
+            self.telemetry.watchdog,
+            let_go=self._rest_sticks,
         )
-        self._resting = True
+        self._is_taken_over = False
         self._mode_is_changing = False
 
     def keep_rates(self) -> None:
@@ -90,6 +104,13 @@ class MavlinkCraft:
         RateKeeper(self.session, self.rates, self.other_stations).start()
         if math.isfinite(self.rates.capacity):
             self._streamer.spare_the_link()
+
+    def learn_failsafes(self) -> None:
+        """Read which failsafes act when nothing is heard of us, after how long, and what they do."""
+        failsafes = self._firmware.failsafes
+        values = self.parameters.read_existing(dict.fromkeys(name for f in failsafes for name in f.parameters))
+        found = (failsafe.set_by(values) for failsafe in failsafes)
+        self._interference.failsafes = tuple(failsafe for failsafe in found if failsafe is not None)
 
     @property
     def firmware(self) -> Firmware:
@@ -120,6 +141,34 @@ class MavlinkCraft:
         """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`mode` are of now; ``LinkLost`` if none."""
         self.session.await_heartbeat()
 
+    def take_over(self) -> None:
+        """From now on, until :meth:`give_back`, a change of mode or armed state that we do not order is noticed."""
+        self._is_taken_over = True
+        self._interference.take_over()
+
+    def give_back(self) -> None:
+        """End that."""
+        self._is_taken_over = False
+        self._interference.give_back()
+
+    def intervention(self) -> Intervention | None:
+        """Ask for mode and armed state, and return the first change that we did not order since :meth:`take_over`."""
+        if self._interference.is_ours and self._interference.found is None:
+            with suppress(LinkLost):
+                self.session.ask_state(_FRESH)
+        return self._interference.look()
+
+    def see_restart(self) -> None:
+        """Ask for the vehicle's time since boot, for a second; the watchdog then has what there is to be said of it."""
+        watchdog = self.telemetry.watchdog
+        seen = watchdog.stamps
+        self.session.request_message(message_number("SYSTEM_TIME"))
+        self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
+
+    def accept_intervention(self) -> None:
+        """Go on from mode and armed state as they are now: the operator has been asked."""
+        self._interference.accept()
+
     @property
     def skid(self) -> bool:
         """Whether it steers by the difference of two thrusters."""
@@ -137,11 +186,13 @@ class MavlinkCraft:
         TelemetryFault
             NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
         GuardTripped
-            While a command is in force: mode, arming or a borrowed parameter was changed, not by us.
+            Mode or arming was changed, not by us; while a command is in force: a borrowed parameter, or the sticks.
         """
         await_tick(self.session, self.telemetry)
         if self._streamer.active is not None:
             self._interference.check()
+        else:
+            self._interference.check_state()
         return observation(self.session, self.telemetry, self.mode)
 
     @property
@@ -157,19 +208,41 @@ class MavlinkCraft:
     # --- commanding ---------------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force until another one, :meth:`neutral` or :meth:`release`."""
-        if self._resting:
-            self._interference.take_over()
-            self._resting = False
+        """Put *command* on the wire and keep it in force until another one, :meth:`neutral` or :meth:`release`.
+
+        Raises
+        ------
+        GuardTripped, TelemetryFault
+            Mode or armed state was changed, not by us, as far as the last heartbeat tells.
+        """
+        self._interference.take_over()
+        self._interference.check_state()
         self._streamer.command(command)
 
     def set_mode(self, mode: str) -> None:
-        """Change the flight mode and wait until the heartbeat confirms it."""
-        self._interference.mode = None
-        self._mode_is_changing = True
+        """Change the flight mode and wait until the heartbeat confirms it.
+
+        Mode and armed state are asked for first: what another station has ordered since the last heartbeat stands.
+
+        Raises
+        ------
+        GuardTripped, TelemetryFault
+            They were changed, not by us; nothing was ordered.
+        LinkLost
+            No heartbeat came.
+        """
+        self._check_fresh()
+        self._interference.order_mode(lookup(self._firmware.modes, mode, f"{self._firmware.name} mode"))
         self.commands.set_mode(mode)
-        self._mode_is_changing = False
-        self._interference.mode = self.session.custom_mode
+        self._interference.confirm_mode()
+
+    def _check_fresh(self) -> None:
+        """See that mode and armed state are now as we left them."""
+        if not self._interference.is_ours:
+            return
+        if not self.session.ask_state(_FRESH):
+            raise LinkLost(f"{self.session.vehicle} sent no HEARTBEAT for {_FRESH:g} s: its mode is not known")
+        self._interference.check_state()
 
     def arm(self) -> None:
         """Arm, with neutral overrides flowing, and make sure that the outputs do what we say.
@@ -184,6 +257,8 @@ class MavlinkCraft:
             Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
         PreconditionFailed
             It is deaf to our overrides, or its outputs are; with the likely cause.
+        GuardTripped
+            Another station changed mode or armed state meanwhile.
         TelemetryFault
             The link does not carry what would have to be sent; it was not armed.
         """
@@ -191,18 +266,29 @@ class MavlinkCraft:
             self.send(Actuate())
             check_overrides_taken(self.session, self._streamer, self._rc_monitor, self.parameters, self._firmware)
             check_uplink(self.session, self._streamer, self.latency)
-            self.commands.arm_patiently(self.arm_patience, _WARM_UP)
-            self._interference.armed = True
+            self._arm()
             self.set_mode(self._firmware.manual_mode)
             check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode)
         except AutotuneError:
             self._let_go()
             raise
 
+    def _arm(self) -> None:
+        """Arm; between two attempts another station may take the vehicle, and then it is not armed."""
+
+        def check() -> None:
+            self._interference.armed = self._interference.armed if self._interference.armed is not None else False
+            self._check_fresh()
+            self._interference.armed = None
+
+        self.commands.arm_patiently(self.arm_patience, _WARM_UP, check)
+        self._interference.armed = True
+
     def disarm(self) -> None:
         """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
         self._interference.armed = None
         self.commands.disarm()
+        self._interference.armed = False if self._interference.is_ours else None
         self.release()
 
     def neutral(self) -> None:
@@ -211,7 +297,7 @@ class MavlinkCraft:
         When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
         overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
         until :meth:`disarm` or :meth:`release`. The operator has to wait. A vehicle that has fallen
-        silent is waited for, once.
+        silent is waited for, once. One that another station has put into a mode is let go of, with neutral sticks.
 
         Raises
         ------
@@ -221,8 +307,6 @@ class MavlinkCraft:
             The vehicle cannot be heard; the neutral command was sent all the same.
         """
         with self.session.operator.shielded():
-            self._interference.change()
-            self._resting = True
             try:
                 try:
                     self._make_neutral()
@@ -237,12 +321,31 @@ class MavlinkCraft:
                 self.release()
 
     def _make_neutral(self) -> None:
+        if self._is_taken():
+            return
         self._streamer.rest()
-        steers_itself = self.mode not in (self._firmware.manual_mode, self._firmware.rest_mode)
-        if steers_itself or self._mode_is_changing:  # cut off in its midst: no heartbeat has told yet
+        at_rest = {self._firmware.modes[m] for m in (self._firmware.manual_mode, self._firmware.rest_mode)}
+        if not {self.session.custom_mode, *self._interference.modes} <= at_rest:  # a mode order may be on its way
+            self.session.ask_state(_GLANCE)
+            if self._is_taken():
+                return
+            self._interference.order_mode(self._firmware.modes[self._firmware.rest_mode])
             self.commands.set_mode(self._firmware.rest_mode)
-            self._mode_is_changing = False
+            self._interference.confirm_mode()
         await_neutral(self.session, self.telemetry)
+
+    def _is_taken(self) -> bool:
+        """Let go of the sticks, neutral, where another station has ordered a mode; return whether one has."""
+        found = self._interference.look()
+        if found is None or not found.mode_stands:
+            return False
+        self._rest_sticks()
+        self._let_go()
+        return True
+
+    def _rest_sticks(self) -> None:
+        if self._streamer.active is not None:
+            self._streamer.rest()
 
     def release(self) -> None:
         """Hand the sticks back to the RC receiver, and see by RC_CHANNELS that they are its own again.
@@ -258,8 +361,7 @@ class MavlinkCraft:
         if self._streamer.active is None:
             return
         with self.session.operator.shielded():
-            self._interference.change()
-            self._resting = True
+            self._end_of_hold()
             if not self._streamer.let_go_visibly():
                 raise NotAsFound(
                     "the overrides were released, but the vehicle still shows them; they end by themselves after "
@@ -268,9 +370,13 @@ class MavlinkCraft:
                 )
 
     def _let_go(self) -> None:
-        self._resting = True
-        self._interference.change()
+        self._end_of_hold()
         self._streamer.let_go()
+
+    def _end_of_hold(self) -> None:
+        """The sticks are not ours any more; the vehicle is, where it was taken over for longer."""
+        if not self._is_taken_over:
+            self._interference.give_back()
 
     def shielded(self) -> AbstractContextManager[None]:
         """While inside, the operator's stop is remembered but not raised."""

@@ -18,7 +18,7 @@ from gcs_autotune.firmware import ServoMap
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
-from gcs_autotune.mavlink import Message
+from gcs_autotune.mavlink import Message, message_number
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -151,6 +151,7 @@ class Telemetry:
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
             "DISTANCE_SENSOR": self._distance,
+            "SYSTEM_TIME": lambda m: self.watchdog.see_boot_time(m.time_boot_ms * 1e-3),
         }
 
     def value(self, name: str) -> float:
@@ -312,6 +313,9 @@ def _prearm_ok(m: Message) -> float:
 _OLD = 3.0
 """Chosen [s]: a distance that has not come for so long is none."""
 _TICK_TIMEOUT = 3.0
+_MISSED = 1.0
+"""Chosen [s]: so long after the last attitude the vehicle is asked for its time since boot."""
+_SYSTEM_TIME = message_number("SYSTEM_TIME")
 _UNHEARD = 2.0
 """Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
 
@@ -327,8 +331,12 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
     """
     seen, begun = telemetry.ticks, session.liveness.listened
+    asked = False
     while telemetry.ticks == seen:
         telemetry.watchdog.check()
+        if session.liveness.listened - begun > _MISSED and not asked:  # a restart ends what was asked to be sent
+            asked = True
+            session.request_message(_SYSTEM_TIME)
         if session.liveness.listened - begun > _TICK_TIMEOUT:
             session.check_heard(_UNHEARD)
             raise TelemetryFault(

@@ -87,7 +87,8 @@ _SLACK = 1.5
 """Chosen: after a silence the clock may have gone on by so much more than our own says; beyond that it has jumped."""
 _LATE = 1.0
 """Chosen: a stamp this much older is a datagram out of order; older still, the clock ran back."""
-_REBOOT = 60.0
+_BOOT_SLACK = 2.0
+"""Chosen [s]: what the way of two stamps may differ by."""
 
 
 class Watchdog:
@@ -96,6 +97,7 @@ class Watchdog:
     Attributes
     ----------
     fault : the first thing found wrong, None while all is well.
+    has_restarted : whether that is a restart of the autopilot. stamps : how many of its clock were judged.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -108,6 +110,8 @@ class Watchdog:
         self._stamp_heard = clock.now()
         self._first = (math.nan, math.nan)
         self._pace = 1.0
+        self.stamps = 0
+        self.has_restarted = False
         self.fault: TelemetryFault | None = None
 
     def _keep_pace(self, t: float, now: float) -> None:
@@ -124,6 +128,7 @@ class Watchdog:
     def see_stamp(self, t: float) -> bool:
         """Judge the stamp [s] of an ATTITUDE; return whether the message is to be used."""
         before, now = self._stamp, self._clock.now()
+        self.stamps += 1
         if math.isnan(before):
             self._stamp, self._stamp_heard = t, now
             self._first = (t, now)
@@ -135,13 +140,31 @@ class Watchdog:
             self._stamp, self._stamp_heard = t, now
             return True
         if before - t > _LATE:
-            what = "it has rebooted" if t < _REBOOT else "its clock ran back"
-            self._report(f"{what}: time stamps went from {before:.1f} s to {t:.1f} s")
+            self._report_back(before, t)
             self._stamp, self._stamp_heard = t, now
             return True
         if now - self._stamp_heard > _STANDING:
             self._report(f"its clock stands at {t:.2f} s while messages arrive")
         return False
+
+    def see_boot_time(self, t: float) -> None:
+        """Judge the time [s] since boot of a message that comes seldom: only whether the autopilot has restarted."""
+        self.stamps += 1
+        if self._stamp - t > _LATE and self._may_have_booted(t):
+            self._report_back(self._stamp, t)
+
+    def _may_have_booted(self, t: float) -> bool:
+        """Whether a boot *t* [s] ago would be later than the last stamp that was heard: else one came late."""
+        return t <= self._pace * (self._clock.now() - self._stamp_heard) + _BOOT_SLACK
+
+    def _report_back(self, before: float, t: float) -> None:
+        if self.fault is None and self._may_have_booted(t):
+            self.has_restarted = True
+            self.fault = TelemetryFault(
+                f"the autopilot has restarted: its time since boot went from {before:.1f} s to {t:.1f} s. A restart "
+                "disarms it and ends what it was asked to send. Check its power and its log, and start again"
+            )
+        self._report(f"its clock ran back: time stamps went from {before:.1f} s to {t:.1f} s")
 
     def see_attitude(self, t: float, attitude: Sequence[float]) -> None:
         """Judge one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
