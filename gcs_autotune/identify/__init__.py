@@ -85,7 +85,7 @@ from gcs_autotune.identify.open_loop.readings import (
     mean_reading,
     rate_of,
 )
-from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log
+from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log, steered
 from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
 from gcs_autotune.identify.pictures import draw_trace
@@ -280,6 +280,7 @@ __all__ = [
     "solve_zigzag",
     "spread_between",
     "square_of",
+    "steered",
     "thinned_to",
     "thrust_curve_told",
     "unexplained",

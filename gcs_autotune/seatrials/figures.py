@@ -18,6 +18,7 @@ from gcs_autotune.seatrials.criteria import (
     in_lengths,
     judged,
     known,
+    per_helm,
 )
 from gcs_autotune.seatrials.free_decay import free_decay_sheet
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
@@ -138,7 +139,7 @@ def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
         judged("residual-rate", "yaw rate left with the helm amidships", s.residual_rate),
         judged("loop-width", "width of the loop", s.width),
-        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, "1/s")),
+        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))),
         *(
             judged(
                 f"point-{i}",
