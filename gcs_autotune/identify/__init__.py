@@ -39,7 +39,7 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
-from gcs_autotune.identify.cleaning import clean, quantum
+from gcs_autotune.identify.cleaning import clean, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
@@ -74,6 +74,7 @@ from gcs_autotune.identify.model_file import (
     save_model,
     whole_model,
 )
+from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
 from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
 from gcs_autotune.identify.open_loop.readings import (
@@ -147,6 +148,7 @@ __all__ = [
     "METHODS",
     "MIN_SAMPLES",
     "MOST_DAMPING",
+    "MOVED_TOO",
     "NU",
     "QUADRATIC",
     "SIGNS",
@@ -254,6 +256,9 @@ __all__ = [
     "model_document",
     "model_file_of",
     "motion_of",
+    "moved_besides",
+    "moved_too",
+    "noise_of",
     "nomoto_of",
     "overlooked",
     "parts_of",
