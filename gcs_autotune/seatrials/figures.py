@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify import Reading, ShipLog, ship_log
-from gcs_autotune.registry import lookup
+from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (
     ADVANCE,
@@ -53,7 +53,7 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     """
     particulars = ship or Particulars()
     told = run.meta.get("manoeuvre")
-    asked = manoeuvre or (told if isinstance(told, str) and told in MANOEUVRES else None)
+    asked = manoeuvre or next((name for name in MANOEUVRES if same_name(name, told)), None)
     if asked is not None:
         sheet = lookup(MANOEUVRES, asked, "ship manoeuvre")(run, particulars)
         return (sheet, *(() if manoeuvre or asked not in ENDS_IN else _all_of(ENDS_IN[asked], run, particulars)[0]))
