@@ -4,7 +4,9 @@ Run: ``python3 -m benchmarks.zig_zag_accuracy [--craft charlie] [--seeds 20] [--
 one zig-zag of equal angles (a craft without rudder: ``--steering`` of full) with heading, gyro, speed and position
 noise as in its file, attitude at 10 Hz and servo outputs at 40 Hz. Printed: the largest and the RMS error of Nomoto's K
 and T of the fitted model against the truth's reduction (K = G(0), T = T_1 + T_2 - T_3 of sway and yaw at the steady
-speed ahead; goal 3 %), and of every figure against the same figure of the run without noise (goal 1 degree or 2 %).
+speed ahead; goal 3 %), of the K that ``figures`` prints (per radian of rudder where the craft has one) against the same
+truth over the rudder angle of the vehicle file, and of every other figure against that of the run without noise (goal
+1 degree or 2 %).
 """
 
 from __future__ import annotations
@@ -23,7 +25,6 @@ from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSet
 from sitl import load_vehicle, open_vehicle
 from sitl.hull import Loads
 
-FULL_RUDDER = math.radians(30.0)
 FIGURES = ("first-overshoot", "second-overshoot", "initial-turning-time", "reach", "period")
 ONE_DEGREE = math.radians(1.0)
 NUDGE = 1e-5
@@ -88,14 +89,15 @@ def main() -> None:
     parser.add_argument("--steering", type=float, default=0.3)
     args = parser.parse_args()
     helm = math.radians(args.helm)
-    rudder = "full_rudder" in load_vehicle(args.craft).tables["yaw"]
-    share = helm / FULL_RUDDER if rudder else args.steering
-    options = {"heading": helm, **({"rudder": helm, "full-rudder": FULL_RUDDER} if rudder else {"steering": share})}
+    rudder = load_vehicle(args.craft).tables["yaw"].get("full_rudder")
+    full = float(rudder["value"]) if rudder else math.nan
+    share = helm / full if rudder else args.steering
+    options = {"heading": helm, **({"rudder": helm, "full-rudder": full} if rudder else {"steering": share})}
     K, T = truth(args.craft, share)
     if math.isnan(K):
         parser.exit(1, f"{args.craft} is not stable on its course: it has no Nomoto reduction, and flies no zig-zag\n")
     true = figures(flown(args.craft, args.first, options, noise=False))
-    errors: dict[str, list[float]] = {name: [] for name in ("K", "T", *true)}
+    errors: dict[str, list[float]] = {name: [] for name in ("K", "T", "K of the sheet", *true)}
     shares: dict[str, list[float]] = {name: [] for name in true}
     for seed in range(args.first, args.first + args.seeds):
         result = flown(args.craft, seed, options)
@@ -103,6 +105,8 @@ def main() -> None:
             model = result.fit.model
             errors["K"].append(1.0 / model.beta / K - 1.0 if model.beta else math.nan)
             errors["T"].append(model.alpha / model.beta / T - 1.0 if model.beta else math.nan)
+        (sheet,) = result.sheets
+        errors["K of the sheet"].append(sheet["K"].reading.value / (K / full if rudder else K) - 1.0)
         for name, value in figures(result).items():
             errors[name].append(value / true[name] - 1.0)
             goal = max(ONE_DEGREE, 0.02 * true[name]) if "overshoot" in name else 0.02 * true[name]

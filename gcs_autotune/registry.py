@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from gcs_autotune.errors import UnknownName, UsageError
 
-__all__ = ["lookup", "nearest_of"]
+__all__ = ["lookup", "nearest_of", "same_name"]
 
 T = TypeVar("T")
 
@@ -38,6 +38,15 @@ def lookup(table: Mapping[str, T], name: str, kind: str, *, group: str = "") -> 
     known = [*table, *offered]
     nearest, hint = nearest_of(name, known)
     raise UnknownName(f"unknown {kind} '{name}'.{hint} Known: {', '.join(known)}.", name=name, nearest=nearest)
+
+
+def same_name(one: object, other: object) -> bool:
+    """Whether two names differ at most in capitals, hyphens, underscores and spaces: ``zig-zag``, ``Zig_Zag``."""
+    return _letters(one) == _letters(other)
+
+
+def _letters(name: object) -> str:
+    return "".join(c for c in str(name).casefold() if c not in "-_ ")
 
 
 def nearest_of(name: str, known: Sequence[str]) -> tuple[list[str], str]:

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
+__all__ = ["EXACT", "UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
 """Shown where a number is NaN: it is not known."""
+
+
+EXACT, EXACT_DIGITS = 1e-12, 9
+"""Chosen: share of a number from which on its standard error is no measurement's but rounding, and digits shown then.
+"""
 
 
 def format_value(value: float, std: float) -> str:
     """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
 
     The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
-    sixth). An error of 0 means the number was fixed: four digits and no ``±``. An error that is not known is
-    shown as ``± ?``.
+    sixth). An error of 0 means the number was fixed: four digits and no ``±``. Nor has a number from exact data one,
+    whose error is that of the arithmetic. An error that is not known is shown as ``± ?``.
     """
     if not math.isfinite(value):
         return UNKNOWN
     if 0.0 <= std < 1e-300:
         return format_number(value)
+    if 0.0 <= std < EXACT * abs(value):
+        return format_number(value, EXACT_DIGITS)
     if not math.isfinite(std) or std < 0.0:
         return f"{format_number(value)} ± {UNKNOWN}"
     last = _last_digit(std)
@@ -39,6 +46,8 @@ def _in_powers_of_ten(value: float, std: float) -> str:
     power = math.floor(math.log10(max(abs(value), std)))
     scale = 10.0**power
     last = _last_digit(std / scale)
+    if power == 0:
+        return f"{rounded(value, last)} ± {rounded(std, last)}"
     return f"({rounded(value / scale, last)} ± {rounded(std / scale, last)})e{power}"
 
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
 
-__all__ = ["DOFS", "OVERFULL", "SIGNALS", "Dof", "column_unit", "parse_header", "to_si", "wrap"]
+__all__ = ["DOFS", "OVERFULL", "SIGNALS", "Dof", "column_unit", "parse_header", "signal_meaning", "to_si", "wrap"]
 
 SIGNALS: dict[str, tuple[str, str]] = {
     "x": ("m", "north position"),
@@ -58,6 +58,15 @@ SIGNALS: dict[str, tuple[str, str]] = {
     "u_ref": ("m/s", "commanded speed ahead"),
 }
 """Signal name -> (SI unit, meaning)."""
+
+_ALONG: dict[tuple[str, str], str] = {("surge", "x"): "distance ahead", ("sway", "y"): "distance to starboard"}
+"""(Degree of freedom identified alone, signal) -> meaning: its position is not one on the map."""
+
+
+def signal_meaning(signal: str, dof: str = "") -> str:
+    """Return what a signal means in a model of *dof*; its name where it is none of :data:`SIGNALS`."""
+    return _ALONG.get((dof, signal)) or SIGNALS.get(signal, ("", signal))[1]
+
 
 _TO_SI: dict[str, tuple[str, float]] = {
     "": ("1", 1.0),

@@ -20,7 +20,15 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Doubt, ModelFile, overlooked, plain_form, prepare_as_recorded, within_horizon
+from gcs_autotune.identify import (
+    Doubt,
+    ModelFile,
+    moved_too,
+    overlooked,
+    plain_form,
+    prepare_as_recorded,
+    within_horizon,
+)
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -103,6 +111,8 @@ def diagnose(
     segments, notes = prepare_as_recorded(together, base, use)
     held = prepare_as_recorded(others, base, use)[0] if others else []
     doubts = [*early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
+    if dof is None and use is None and given is None:
+        doubts += moved_too(together, base.dofs)
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)

@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs_autotune.experiments.cross_validation import cross_validated, folds_of, swings_of
 from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, validate
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
 
 __all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
@@ -103,7 +103,7 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
-    what = f"data left out ({SIGNALS[signal][1].split(',')[0]})"
+    what = f"data left out ({signal_meaning(signal, fit.dof).split(',')[0]})"
     if best.left_out < (1.0 - ALIKE) * own.left_out:
         said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
     else:

@@ -39,7 +39,7 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
-from gcs_autotune.identify.cleaning import clean, quantum
+from gcs_autotune.identify.cleaning import clean, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
@@ -74,6 +74,7 @@ from gcs_autotune.identify.model_file import (
     save_model,
     whole_model,
 )
+from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
 from gcs_autotune.identify.open_loop.by_zigzag import nomoto_of, solve_zigzag
 from gcs_autotune.identify.open_loop.readings import (
@@ -85,7 +86,7 @@ from gcs_autotune.identify.open_loop.readings import (
     mean_reading,
     rate_of,
 )
-from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log
+from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log, steered
 from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
 from gcs_autotune.identify.pictures import as_people_read, draw_trace
@@ -147,6 +148,7 @@ __all__ = [
     "METHODS",
     "MIN_SAMPLES",
     "MOST_DAMPING",
+    "MOVED_TOO",
     "NU",
     "QUADRATIC",
     "SCATTER",
@@ -256,6 +258,9 @@ __all__ = [
     "model_document",
     "model_file_of",
     "motion_of",
+    "moved_besides",
+    "moved_too",
+    "noise_of",
     "nomoto_of",
     "overlooked",
     "parts_of",
@@ -282,6 +287,7 @@ __all__ = [
     "solve_zigzag",
     "spread_between",
     "square_of",
+    "steered",
     "thinned_to",
     "thrust_curve_told",
     "unexplained",

@@ -12,10 +12,11 @@ import numpy as np
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.cleaning import clean, unwrap
 from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["DISTANCE", "ahead_doubt", "projected_track", "with_distance_ahead"]
+__all__ = ["DISTANCE", "ahead_doubt", "distance_in", "projected_track", "with_distance_ahead"]
 
 DISTANCE = "d"
 
@@ -27,12 +28,47 @@ def with_distance_ahead(trial: Trial) -> Trial:
     """Return *trial* with ``x = -d`` where it has the distance ``d``, for ``d_dot = -u cos(phi)`` (2.43), phi = 0.
 
     The way made good ahead takes the place of a north position, which says nothing about surge unless the craft
-    heads north.
+    heads north. Of a rangefinder slower than its messages only what it measured anew is taken.
     """
     if DISTANCE not in trial or not len(trial[DISTANCE]):
         return trial
-    distance = trial[DISTANCE]
+    distance = _measured_anew(trial[DISTANCE])
     return replace(trial, channels={**trial.channels, "x": replace(distance, name="x", values=-distance.values)})
+
+
+REPEATS, STEADY = 5, 0.9
+"""Chosen: a sensor is slower than its messages when so many in a row repeat one value, and its changes come at whole
+multiples of that in so large a share."""
+
+
+def _measured_anew(channel: Channel) -> Channel:
+    """Return *channel* without the messages that repeat the last measurement of a slower sensor.
+
+    A repeated value is no measurement at its own stamp: it is late by up to a period of the sensor.
+    """
+    changes = np.flatnonzero(np.diff(channel.values) != 0.0) + 1
+    if len(changes) < REPEATS:
+        return channel
+    gaps = np.diff(changes)
+    period = int(np.median(gaps))
+    steady = np.abs(gaps - period * np.maximum(np.round(gaps / max(period, 1)), 1)) <= 1
+    if period < REPEATS or float(np.mean(steady)) < STEADY:
+        return channel
+    since = (
+        np.arange(len(channel)) - changes[np.maximum(np.searchsorted(changes, np.arange(len(channel)), "right") - 1, 0)]
+    )
+    anew = since % period == 0
+    return replace(channel, t=channel.t[anew], values=channel.values[anew])
+
+
+def distance_in(segment: Segment) -> Channel | None:
+    """Return the distance ahead as it was measured during a *segment* of surge; None where it was not."""
+    recorded = segment.measured.get(DISTANCE) if segment.dof.name == "surge" else None
+    if recorded is None:
+        return None
+    inside = recorded.between(segment.start, float(segment.stamps[-1]))
+    finite = np.isfinite(inside.values)
+    return replace(inside, t=inside.t[finite], values=inside.values[finite]) if int(finite.sum()) > 1 else None
 
 
 def ahead_doubt(trial: Trial) -> Doubt | None:
@@ -56,11 +92,15 @@ STRAIGHT, CROOKED = 0.15, 0.6
 Chosen: at 0.15 the projection is 1 % short."""
 
 
-def projected_track(trial: Trial, axis: Dof, position: Channel, notes: list[Doubt]) -> Channel:
+def projected_track(
+    trial: Trial, axis: Dof, position: Channel, notes: list[Doubt], *, needed: bool = True
+) -> Channel | None:
     """Return the distance run ahead (surge) or to starboard (sway) of the mean heading.
 
     *position* itself when it is not surge or sway, or when heading or the other coordinate was not recorded: then
     ``x`` and ``y`` are taken as ahead and starboard, as in a towing tank.
+
+    needed : nothing else shows the motion. Where something does, a track that is no line is left out: None.
 
     Raises
     ------
@@ -73,6 +113,8 @@ def projected_track(trial: Trial, axis: Dof, position: Channel, notes: list[Doub
     second, psi = clean(trial[other], trial.name, notes), clean(trial["psi"], trial.name, notes)
     heading = unwrap(psi.t, psi.values, None)
     mean, spread = float(np.mean(heading)), float(np.std(heading))
+    if spread > STRAIGHT and not needed:
+        return None
     if spread > CROOKED:
         raise NotInformative(
             f"run '{trial.name}' has no {axis.velocity}, and its heading varies by {np.degrees(spread):.0f} deg: north "

@@ -23,7 +23,7 @@ from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, p
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models import FORMS, LEVER_ARM, Form, load_form
+from gcs_autotune.models import FORMS, LEVER_ARM, RIGID_BODY, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -177,11 +177,13 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
     """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known.
 
     Where none is, each equation is per full output of its own force, which is said as a doubt. Only the sum of mass and
-    added mass stands in the equations: a mass alone tells no force.
+    added mass stands in the equations: a mass alone tells no force, and where it is known that is said as well.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
-    if not form.coriolis or form.normalised or form.per_inertia or units != {"1"} or len(form.dofs) < 2:
+    if form.normalised or form.per_inertia or units != {"1"}:
         return form, []
+    if not form.coriolis or len(form.dofs) < 2:
+        return form, [] if form.tells_newtons else _masses_beside_shares(form, form)
     if form.tells_newtons:
         return form.scaling_inputs(), []
     inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
@@ -195,7 +197,25 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
         f"say what full output is (--full-scale X=85,N=23), or an inertia with its added mass (--known {inertia}=-20), "
         "which tells it",
     )
-    return form if own is None else own, [doubt]
+    return form if own is None else own, [doubt, *_masses_beside_shares(form, own or form)]
+
+
+def _masses_beside_shares(form: Form, own: Form) -> list[Doubt]:
+    """Return a doubt for masses and moments of inertia that *form* knows where no force is known: *own* is fitted."""
+    masses = [n for n, value in form.known.items() if n in RIGID_BODY and value != 0.0]
+    if not masses:
+        return []
+    given = ", ".join(f"{n} = {form.known[n]:g}" for n in masses)
+    kept = any(n in own.known for n in masses)
+    effect = "nothing else is in kg" if kept else "nothing was used"
+    letters = [DOFS[d].force for d in form.dofs if any(DOFS[d].force in (c, *dict(g)) for c, g in form.inputs.items())]
+    return [
+        Doubt(
+            "mass-without-newtons",
+            f"of the known {given}, {effect}: the inputs are normalised outputs (-1 to 1) and no force is in newtons",
+            f"give the force at full output (--full-scale {','.join(f'{f}=...' for f in letters)})",
+        )
+    ]
 
 
 def fit_axis(

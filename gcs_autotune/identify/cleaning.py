@@ -8,6 +8,7 @@ where the input still acts.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = [
     "continuous",
     "holes_of",
     "jumps_back",
+    "noise_of",
     "noted",
     "outside",
     "quantum",
@@ -165,6 +167,12 @@ def _turn_expected(t: Array, angle: Array, rate: Channel | None, i: int) -> floa
         return 0.0
     recent = np.unwrap(angle[first : i + 1])
     return float((recent[-1] - recent[0]) / (t[i] - t[first]) * (t[i + 1] - t[i]))
+
+
+def noise_of(values: Array) -> float:
+    """Return the standard deviation of the noise of *values* (n,), from second differences: slow motion drops out."""
+    second = np.diff(values, n=2)
+    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
 
 
 def quantum(values: Array) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter, Structure
 from gcs_autotune.identify.segment import Segment
@@ -84,7 +85,10 @@ def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What the checks look at; ``noise`` is that of the main signal."""
+    """What the checks look at; ``noise`` is that of the main signal.
+
+    ``white``: the residuals are white noise, so that nothing is left to explain.
+    """
 
     case: Case
     model: SingleDof
@@ -93,6 +97,7 @@ class Findings:
     decision: Decision | None
     noise: float
     fit_percent: float
+    white: bool = False
 
     @property
     def relays(self) -> Sequence[LimitCycle]:
@@ -268,7 +273,7 @@ def _negative_drag(f: Findings) -> Doubt | None:
 
 
 def _poor(f: Findings) -> Doubt | None:
-    return poor_fit({f.case.records[0].main.name: f.fit_percent})
+    return None if f.white else poor_fit({first_names(f.case.records)[0]: f.fit_percent})
 
 
 def _disagreement(f: Findings) -> Doubt | None:

@@ -141,6 +141,9 @@ def _varies(channel: Channel) -> bool:
 def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     """Return the usable segments of *trial* for one degree of freedom.
 
+    Of surge and sway the position is the way made good ahead or to starboard: of the distance to a wall ahead where
+    that was measured, else of the track.
+
     Raises
     ------
     MissingChannel
@@ -166,8 +169,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     drive = clean(trial[source], trial.name, notes)
     rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
     position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
-    if position is not None and rate is None and trial is measured:
-        position = projected_track(trial, axis, position, notes)
+    if position is not None and trial is measured:
+        position = projected_track(trial, axis, position, notes, needed=rate is None)
     hidden = holes_of(drive, trial.name, notes)
     rate = None if rate is None else outside(rate, hidden)
     position = None if position is None else outside(position, hidden)

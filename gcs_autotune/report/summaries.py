@@ -20,6 +20,7 @@ from gcs_autotune.report.toolkit.wording import (
     pretty_unit,
     to_people,
 )
+from gcs_autotune.rounding import EXACT
 from gcs_autotune.seatrials import Figure, Sheet
 from gcs_autotune.thrusters import PropellerFit, ThrusterFit
 
@@ -216,14 +217,15 @@ def thruster_summary(fit: ThrusterFit) -> Group:
     low, high = m.dead_zone
     way = "A higher command pulls ahead." if m.direction > 0 else "A higher command pulls astern."
     zone = (
-        f"No dead zone; neutral at {format_number(m.neutral)} {m.unit}."
+        f"No dead zone; neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
         if low == high
         else f"Dead zone from {format_number(low)} to {format_number(high)} {pretty_unit(m.unit)}."
     )
+    scatter = _force_left(fit, fit.noise)
     parts: list[RenderableType] = [
         title(f"Thruster map of {fit.pulls.name}: {fit.structure.name}"),
         grid(_thruster_parameters(fit)),
-        paragraph(f"{way} {zone} One pull scatters by {format_number(fit.noise)} N; fit {fit.fit_percent:.1f} %."),
+        paragraph(f"{way} {zone} One pull scatters by {scatter} N; fit {fit.fit_percent:.1f} %."),
         title("Which structure"),
         grid(_candidates(fit)),
         title("Command for a wanted force"),
@@ -255,10 +257,15 @@ def _thruster_parameters(fit: ThrusterFit) -> Table:
     return Table(("parameter", "value ± std", "unit", "meaning"), "lrll", rows)
 
 
+def _force_left(fit: ThrusterFit, rms: float) -> str:
+    """Return what a map leaves of the forces [N]; of exact data nothing but rounding is left."""
+    return format_number(rms if rms > EXACT * max(abs(float(f)) for f in fit.pulls.force) else 0.0)
+
+
 def _candidates(fit: ThrusterFit) -> Table:
     best = fit.candidates[0].bic
     rows = tuple(
-        (c.structure, str(c.free_parameters), format_number(c.rms), f"{c.bic - best:.1f}")
+        (c.structure, str(c.free_parameters), _force_left(fit, c.rms), f"{c.bic - best:.1f}")
         for c in fit.candidates[:SHOWN]
     )
     return Table(("structure", "free", "rms, N", "BIC more"), "lrrr", rows)

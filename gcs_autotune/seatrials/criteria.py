@@ -23,6 +23,7 @@ __all__ = [
     "in_lengths",
     "judged",
     "known",
+    "per_helm",
     "second_overshoot_limit",
 ]
 
@@ -161,6 +162,13 @@ def in_lengths(reading: Reading, ship: Particulars) -> Reading:
 def known(*figures: Figure) -> tuple[Figure, ...]:
     """Return the figures whose value is known."""
     return tuple(f for f in figures if math.isfinite(f.reading.value))
+
+
+def per_helm(unit: str, helm: str) -> str:
+    """Return the unit of a quantity [*unit*] per *helm*: ``rad`` of a rudder, ``1`` of a normalised output."""
+    if helm == "rad":
+        return {"rad/s": "1/s", "rad": "1"}.get(unit, f"{unit}/rad")
+    return unit if helm == "1" else f"{unit}/({helm})"
 
 
 def helm_text(helm: float, unit: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify import Reading, ShipLog, ship_log
-from gcs_autotune.registry import lookup
+from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (
     ADVANCE,
@@ -18,6 +18,7 @@ from gcs_autotune.seatrials.criteria import (
     in_lengths,
     judged,
     known,
+    per_helm,
 )
 from gcs_autotune.seatrials.free_decay import free_decay_sheet
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
@@ -52,7 +53,7 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     """
     particulars = ship or Particulars()
     told = run.meta.get("manoeuvre")
-    asked = manoeuvre or (told if isinstance(told, str) and told in MANOEUVRES else None)
+    asked = manoeuvre or next((name for name in MANOEUVRES if same_name(name, told)), None)
     if asked is not None:
         sheet = lookup(MANOEUVRES, asked, "ship manoeuvre")(run, particulars)
         return (sheet, *(() if manoeuvre or asked not in ENDS_IN else _all_of(ENDS_IN[asked], run, particulars)[0]))
@@ -138,7 +139,7 @@ def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
         judged("residual-rate", "yaw rate left with the helm amidships", s.residual_rate),
         judged("loop-width", "width of the loop", s.width),
-        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, "1/s")),
+        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))),
         *(
             judged(
                 f"point-{i}",

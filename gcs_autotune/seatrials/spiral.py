@@ -30,6 +30,7 @@ from gcs_autotune.identify import (
     prepare,
     rate_of,
     read_steps,
+    steered,
 )
 from gcs_autotune.trial import Trial
 
@@ -81,12 +82,12 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         Fewer than three steady helms on each way.
     """
     orders = [m.t for m in trial.marks if m.kind == "execute"]
+    trial = steered(trial)
     readings = read_steps(prepare(trial.between(orders[0], trial.end) if orders else trial, "yaw"))
     steady = [r for r in readings if r.settled]
     ways = _ways([r.tau for r in steady])
     points = tuple(
-        SpiralPoint(Reading(r.tau * log.scale, 0.0, log.steering.unit), r.k_ss, way)
-        for r, way in zip(steady, ways, strict=True)
+        SpiralPoint(Reading(r.tau, 0.0, log.steering.unit), r.k_ss, way) for r, way in zip(steady, ways, strict=True)
     )
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
@@ -267,7 +268,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
     largest = float(np.max(np.abs(log.steering.values)))
     pulls = [
         s
-        for s in read_steps(prepare(trial, "yaw"))
+        for s in read_steps(prepare(steered(trial), "yaw"))
         if abs(s.before) > 0.3 * largest and abs(s.tau) < AMIDSHIPS * abs(s.before) and not s.steady_only
     ]
     if not pulls:

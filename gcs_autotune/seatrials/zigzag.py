@@ -28,6 +28,7 @@ from gcs_autotune.identify import (
     prepare,
     rows_of,
     solve_zigzag,
+    steered,
 )
 from gcs_autotune.seatrials.criteria import (
     FIRST_OVERSHOOT_20,
@@ -40,6 +41,7 @@ from gcs_autotune.seatrials.criteria import (
     in_lengths,
     judged,
     known,
+    per_helm,
     second_overshoot_limit,
 )
 from gcs_autotune.trial import Trial
@@ -341,7 +343,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
             "5.3.2",
         ),
         judged("approach", "approach speed", Reading(z.approach, NAN, "m/s")),
-        *_nomoto_figures(run, ship, z),
+        *_nomoto_figures(run, ship, z, unit),
     )
     label = f"{nominal} " if nominal else f"{helm_text(helm, unit)}/{math.degrees(heading):.0f} "
     side = "" if not z.from_approach else f", first to {'starboard' if z.sense * z.executes[0].level > 0 else 'port'}"
@@ -357,8 +359,9 @@ def _nominal(z: ZigZagFigures) -> str:
     return ""
 
 
-def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures) -> tuple[Figure, ...]:
-    every = [rows for record in prepare(run, "yaw") if (rows := rows_of(record)) is not None]
+def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures, unit: str) -> tuple[Figure, ...]:
+    """Return Nomoto's indices per *unit* of the helm, the same helm that the other figures state."""
+    every = [rows for record in prepare(steered(run), "yaw") if (rows := rows_of(record)) is not None]
     if not every:
         return ()
     try:
@@ -368,8 +371,8 @@ def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures) -> tuple[Fi
     speed = z.approach if z.approach > 0.0 else ship.speed
     made = nomoto_of(theta, covariance, ship.length, speed)
     return (
-        judged("K", "Nomoto K", made.K.scaled(z.sense, "1/s")),
+        judged("K", "Nomoto K", made.K.scaled(z.sense, per_helm("rad/s", unit))),
         judged("T", "Nomoto T", made.T),
-        judged("K-prime", "Nomoto K' = K L/U", made.K_prime.scaled(z.sense, "1")),
+        judged("K-prime", "Nomoto K' = K L/U", made.K_prime.scaled(z.sense, per_helm("rad", unit))),
         judged("T-prime", "Nomoto T' = T U/L", made.T_prime),
     )

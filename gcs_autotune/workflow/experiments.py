@@ -13,7 +13,7 @@ from gcs_autotune.axes import AXES, SIGNAL_FORCES, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics, throttle_of
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.identify import quantum
+from gcs_autotune.identify import noise_of, quantum
 from gcs_autotune.manoeuvres import (
     LEVELS,
     Dive,
@@ -167,8 +167,7 @@ def resolution(trial: Trial) -> float:
 
 def noise_in(trial: Trial, signal: str) -> float:
     """Return the standard deviation of a signal's noise, from second differences, which slow motion leaves alone."""
-    second = np.diff(trial[signal].values, n=2)
-    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
+    return noise_of(trial[signal].values)
 
 
 def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:

@@ -7,18 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import Fit, Validation, fit_axis, save_model, validate, with_doubt_of_thrust
+from gcs_autotune.identify import Fit, Validation, fit_axis, moved_besides, save_model, validate, with_doubt_of_thrust
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
-from gcs_autotune.sname import DOFS
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
@@ -162,22 +158,10 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
     return FlightModel(fit, tuple(t.name for t in held), unseen)
 
 
-_USED = 0.1
-"""Share of full beyond which a force was used that way."""
-_MOVED = 3.0
-"""Chosen: a velocity whose standard deviation is so many times its noise's has moved."""
-
-
 def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Path) -> list[str]:
     """Return a remark on what the runs moved besides *dof*, which a model of one degree of freedom leaves out."""
-    moved: dict[str, list[str]] = {}
-    for planned, trial in flown:
-        for other in planned.settings.kind.excites - {dof} if trial.meta.get("dof") == dof else ():
-            signal = DOFS[other].velocity
-            if signal in trial and float(np.nanstd(trial[signal].values)) > _MOVED * noise_in(trial, signal):
-                moved.setdefault(other, []).append(planned.name)
-    if "sway" not in moved:  # what slides drags the others along; else only what was driven tells anything
-        moved = {other: runs for other, runs in moved.items() if any(_is_driven(t, other) for _, t in flown)}
+    swung = [trial for planned, trial in flown if planned.settings.kind.identifies and trial.meta.get("dof") == dof]
+    moved = moved_besides(swung, {dof})
     if not moved:
         return []
     names = dict.fromkeys(name for runs in moved.values() for name in runs)
@@ -187,12 +171,6 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
         f"`gcs-autotune identify {shlex.quote(str(directory))} --dof {asked}` fits "
         f"{'them together' if asked == 'horizontal' else 'that'}"
     ]
-
-
-def _is_driven(trial: Trial, dof: str) -> bool:
-    """Whether the force of *dof* took more than one level."""
-    force = DOFS[dof].force
-    return force in trial and float(np.ptp(np.quantile(trial[force].values, (0.1, 0.9)))) > _USED
 
 
 def _limited(trial: Trial) -> list[str]:

@@ -24,6 +24,7 @@ from gcs_autotune.identify import (
     form_of,
     join,
     model_file_of,
+    moved_too,
     validate,
     whole_model,
 )
@@ -117,6 +118,8 @@ def study(
     if not fitted:
         raise UsageError(f"no method could identify these runs; output-error says: {outcomes[0].refusal}")
     outcomes.sort(key=lambda o: o.fit is None)
+    if settings.dof is None:
+        outcomes[0] = _naming_what_moved_too(outcomes[0], runs)
     answer = outcomes[0]
     assert answer.fit is not None
     drags = Weighed()
@@ -149,6 +152,14 @@ def study(
         figures=(*response_pictures(fitted), *stated.pictures, *flown.pictures),
         trials=(*runs, *unseen),
     )
+
+
+def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> MethodOutcome:
+    """Return *answer* with a doubt for the degrees of freedom that moved and that its model leaves out."""
+    if not isinstance(answer.fit, AxisFit):
+        return answer
+    doubts = (*answer.fit.doubts, *moved_too(runs, (answer.fit.dof,)))
+    return replace(answer, fit=replace(answer.fit, doubts=doubts))
 
 
 def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Study:

@@ -75,6 +75,30 @@ def test_a_nonlinear_ship_is_noticed_and_fitted_when_asked():
         assert abs(fit.parameters[name].value - truth) < 4.0 * fit.parameters[name].std + 0.02 * truth, name
 
 
+def test_the_gain_of_a_rudder_recorded_as_normalised_output_is_per_radian():
+    run, full = zigzag(noise=0.05 * DEG), 30.0 * DEG
+    delta = run["delta"]
+    share = Channel("N", "1", delta.t, delta.values / full)
+    channels = {n: c for n, c in run.channels.items() if n != "delta"}
+    flown = replace(run, channels={**channels, "N": share}, meta={"full_rudder": full})
+    both = replace(run, channels={**run.channels, "N": share})
+    for record in (flown, both):
+        (sheet,) = ship_figures(record, Particulars(length=7.0, speed=1.0))
+        assert sheet["helm"].reading.value == pytest.approx(20.0 * DEG, rel=1e-3)
+        assert sheet["K"].reading.value == pytest.approx(K, rel=0.01)
+        assert sheet["K"].reading.unit == "1/s"
+        assert sheet["K-prime"].reading.value == pytest.approx(7.0 * K, rel=0.02)  # at 1 m/s
+        assert sheet["T"].reading.value == pytest.approx(T, rel=0.02)
+
+
+def test_the_gain_of_thrusters_is_per_full_output():
+    run = zigzag()
+    share = Channel("N", "1", run["delta"].t, run["delta"].values)
+    (sheet,) = ship_figures(replace(run, channels={**{n: run[n] for n in ("psi", "x", "y")}, "N": share}))
+    assert sheet["K"].reading.value == pytest.approx(K, rel=0.01)
+    assert sheet["K"].reading.unit == "rad/s"
+
+
 def test_a_slow_rudder_does_not_bias_them():
     fit = fit_axis(zigzag(rudder_rate=5.0 * DEG), method="zig-zag")
     assert fit.extra["K"] == pytest.approx(K, rel=0.01)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.zig_zag_accuracy import truth
 from gcs_autotune.errors import NotAchieved, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.identify.model_file import ModelFile, load_model
@@ -72,6 +73,16 @@ def without_pictures() -> None:
 def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
     harness = SitlHarness(tmp_path_factory.mktemp("charlie"))
     return harness, flown(harness)
+
+
+@pytest.mark.slow
+def test_nomotos_gain_of_a_flown_zig_zag_is_that_of_the_vehicles_own_equations(
+    charlie: tuple[SitlHarness, Any],
+) -> None:
+    (sheet,) = charlie[1].sheets
+    per_output, T = truth("charlie", 20.0 / 30.0)
+    assert sheet["K"].reading.value == pytest.approx(per_output / (30.0 * DEG), rel=0.03)
+    assert sheet["T"].reading.value == pytest.approx(T, rel=0.05)
 
 
 @pytest.mark.slow

@@ -153,7 +153,9 @@ def _assembled(
     _check_that_something_is_known(records, parameters)
     main = solution.residuals[0].signal
     rms, fit_percent = solution.rms(main), fit_percents(solution).get(main, 0.0)
-    findings = Findings(case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent)
+    findings = Findings(
+        case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent, solution.white
+    )
     doubts = (*collect(findings), *fit_doubts(chosen, case, bounds))
     extra: dict[str, Any] = {
         "signals": list(names),

@@ -14,7 +14,7 @@ from gcs_autotune.identify.cleaning import clean, quantum, unwrap
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["Execute", "ShipLog", "find_executes", "ship_log"]
+__all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]
 
 Array = NDArray[np.float64]
 
@@ -33,8 +33,7 @@ class ShipLog:
     """One run as a ship's officer sees it.
 
     ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,) stamps of ``psi`` (n,) [rad], continuous.
-    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none. ``scale``:
-    steering per unit of the input as it was recorded (a rudder angle per share of full output).
+    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none.
     """
 
     name: str
@@ -44,7 +43,6 @@ class ShipLog:
     step: float
     others: Mapping[str, Channel]
     doubts: tuple[Doubt, ...]
-    scale: float = 1.0
 
     @property
     def floor(self) -> float:
@@ -108,8 +106,23 @@ def ship_log(trial: Trial) -> ShipLog:
     psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
     unique = {(d.slug, d.cause): d for d in notes}
     doubts = tuple(unique.values())
-    scale = 1.0 if steering.name in trial else float(trial.meta["full_rudder"])
-    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, doubts, scale)
+    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, doubts)
+
+
+def steered(trial: Trial) -> Trial:
+    """Return *trial* with the input of its ship's log, in the unit of the log, as its only yaw input.
+
+    A model identified from it has the same unit of helm as the figures read from the log: a rudder angle [rad] where
+    ``meta["full_rudder"]`` gives one, also for a rudder recorded as a normalised output.
+
+    Raises
+    ------
+    MissingChannel
+        Neither rudder nor yaw moment.
+    """
+    steering = _steering(trial)
+    others = {n: c for n, c in trial.channels.items() if n not in INPUTS}
+    return replace(trial, channels={**others, steering.name: steering})
 
 
 def _steering(trial: Trial) -> Channel:

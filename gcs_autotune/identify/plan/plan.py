@@ -8,7 +8,7 @@ A plan is a TOML file::
     m = 11.0
     [[step]]
     name = "roll decay"
-    manoeuvre = "roll_decay"      # runs whose side file says so; or runs = ["roll_*"], by name
+    manoeuvre = "roll_decay"      # runs whose side file says so, or one of a list; or runs = ["roll_*"], by name
     dofs = ["sway", "roll", "yaw"]
     isolated = ["K_p", "K_pp"]    # act in this motion only: final after this step
     shared = ["I_x", "I_xz"]      # act in others too: passed on, and combined at the end
@@ -35,7 +35,8 @@ from typing import Any
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import Form, form_from
-from gcs_autotune.registry import lookup
+from gcs_autotune.registry import lookup, same_name
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
 __all__ = ["PLANS", "Final", "Plan", "PlanStep", "load_plan", "plan_from"]
@@ -50,10 +51,15 @@ _PLAN = {"name", "title", "known", "start", "step", "final"}
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Which runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern."""
+    """Which runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern.
 
-    manoeuvre: str = ""
+    Manoeuvres are called as ``fly`` calls them, or by any name of one's own; capitals, hyphens and underscores do not
+    count. A run whose ``meta["dof"]`` is none of ``dofs`` is not meant.
+    """
+
+    manoeuvres: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
+    dofs: tuple[str, ...] = ()
 
     def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         """Return the trials meant, in the order given."""
@@ -62,10 +68,14 @@ class Chosen:
     def _means(self, trial: Trial) -> bool:
         if self.runs:
             return any(fnmatch.fnmatchcase(trial.name, pattern) for pattern in self.runs)
-        return trial.meta.get("manoeuvre") == self.manoeuvre
+        told, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
+        if dof in DOFS and dof not in self.dofs:
+            return False
+        return told is not None and any(same_name(told, name) for name in self.manoeuvres)
 
     def __str__(self) -> str:
-        return f"named {' or '.join(self.runs)}" if self.runs else f"of manoeuvre '{self.manoeuvre}'"
+        of = " or ".join(f"'{name}'" for name in self.manoeuvres)
+        return f"named {' or '.join(self.runs)}" if self.runs else f"of manoeuvre {of}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +177,10 @@ def _only(data: Mapping[str, Any], known: set[str], where: str) -> None:
 
 
 def _chosen(data: Mapping[str, Any], where: str) -> Chosen:
-    chosen = Chosen(str(data.get("manoeuvre", "")), _names(data, "runs"))
-    if not chosen.manoeuvre and not chosen.runs:
+    named = data.get("manoeuvre", ())
+    manoeuvres = (named,) if isinstance(named, str) else _names(data, "manoeuvre")
+    chosen = Chosen(manoeuvres, _names(data, "runs"), _names(data, "dofs"))
+    if not any(chosen.manoeuvres) and not chosen.runs:
         raise BadFile(f'{where}: say which runs, with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 

@@ -117,9 +117,21 @@ def plan_doubts(
     covariance: Array,
     skipped: Sequence[str],
     final: Validation | None,
+    unused: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
-    """Return the doubts about the whole; those about a step stand in its fit."""
+    """Return the doubts about the whole; those about a step stand in its fit. *unused*: runs of no step."""
     found: list[Doubt] = []
+    if unused:
+        chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
+        manoeuvres = ", ".join(dict.fromkeys(name for c in chosen for name in c.manoeuvres))
+        found.append(
+            Doubt(
+                "runs-of-no-step",
+                f"{', '.join(unused)} belong{'s' if len(unused) == 1 else ''} to no step of plan '{plan.name}' and "
+                "were not used",
+                f'give the side file a "manoeuvre" of the plan ({manoeuvres}), or name the runs in the plan',
+            )
+        )
     if skipped:
         missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
         lost = [n for n in missed if n not in parameters]
@@ -238,6 +250,9 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
     model, final = _finally(plan.final, parameters, trials)
     rows = agreements(estimates)
+    ends = () if plan.final is None else plan.final.chosen.of(trials)
+    meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
+    unused = [run.name for run in trials if not any(run is other for other in meant)]
     return PlanResult(
         plan=plan,
         steps=tuple(done),
@@ -248,7 +263,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
         model=model,
         final=final,
         skipped=tuple(skipped),
-        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final),
+        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final, unused),
     )
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.along_axis import distance_in
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.iso import is_valid
 from gcs_autotune.identify.result import LimitCycle
@@ -268,8 +269,11 @@ def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
 
     Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
     velocity integrated about its mean, Miskovic2010, eq. (6.48). The mean is taken over whole periods, later ones only:
-    over anything else the integral would drift.
+    over anything else the integral would drift. A distance to a wall ahead is what a relay on it switched by (6.6.2).
     """
+    wall = distance_in(record)
+    if wall is not None:
+        return wall.t, -wall.values, 0.0
     ashore = record.dof.along_ground and record.velocity is not None
     if record.position is not None and not ashore:
         return record.position.t, record.position.values, 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 
 import numpy as np
@@ -19,6 +20,7 @@ from gcs_autotune.diagnose import (
     Signature,
     Value,
 )
+from gcs_autotune.identify import MOVED_TOO
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
     UNKNOWN,
@@ -32,6 +34,7 @@ from gcs_autotune.report.toolkit.wording import (
     listed,
     pretty_unit,
     rounded_to,
+    sentence,
     to_people,
 )
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -128,6 +131,12 @@ _TONES: Mapping[str, Tone] = {
 
 def verdict_headline(diagnosis: Diagnosis) -> Headline:
     """Return the verdict: one sentence with its number, its tone, and what follows from it."""
+    headline = _headline(diagnosis)
+    unseen = [sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO]
+    return replace(headline, sentences=(*headline.sentences, *unseen))
+
+
+def _headline(diagnosis: Diagnosis) -> Headline:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
         follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]

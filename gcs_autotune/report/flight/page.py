@@ -129,8 +129,9 @@ def _page(
             "story": _story(story) if story else None,
             "sheets": [(f"{s.run}: {s.title}" if runs else s.title, sheet_table(s), s.verdict) for s in sheets],
             "models": [
-                (structure_title(m.fit), parameter_table(m.fit), unseen_table(m.unseen) if m.unseen else None)
+                (structure_title(fit), parameter_table(fit), unseen_table(m.unseen, fit.dof) if m.unseen else None)
                 for m in models
+                for fit in [m.fit]
             ],
             "pictures": pictures,
             "pictured": pictured,

@@ -63,7 +63,7 @@ def _context(study: Study) -> dict[str, Any]:
         "model_title": structure_title(fit),
         "parameters": parameter_table(fit),
         "runs": run_table(study),
-        "unseen": unseen_table(answer.unseen),
+        "unseen": unseen_table(answer.unseen, fit.dof),
         "unseen_remarks": unseen_remarks(answer),
         "decision": "" if axis is None or axis.decision is None else decision_sentence(axis),
         "candidates": candidate_table(axis) if axis is not None and axis.candidates else None,

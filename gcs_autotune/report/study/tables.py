@@ -38,7 +38,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_seconds,
     pretty_unit,
 )
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.sname import signal_meaning
 
 __all__ = [
     "choice_table",
@@ -195,13 +195,13 @@ def run_table(study: Study) -> Table:
     return Table(("run", "length", "samples", "channels", "used for"), "lrrll", rows)
 
 
-def unseen_table(found: Validation | None) -> Table:
-    """Free-run prediction of data the fit had not seen."""
+def unseen_table(found: Validation | None, dof: str) -> Table:
+    """Free-run prediction of data the fit, of degree of freedom or form *dof*, had not seen."""
     pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
     rows = tuple(
         (
             t.run,
-            f"{t.signal}, {SIGNALS.get(t.signal, ('', t.signal))[1]}",
+            f"{t.signal}, {signal_meaning(t.signal, dof)}",
             format_percent(s.fit_percent) if math.isfinite(s.fit_percent) else UNKNOWN,
             format_error(s.rms, t.unit, 3),
             format_error(s.worst, t.unit, 3),
@@ -228,7 +228,7 @@ def study_summary(study: Study) -> Group:
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if study.how_unseen:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
-        parts.append(grid(unseen_table(answer.unseen)))
+        parts.append(grid(unseen_table(answer.unseen, fit.dof)))
         parts.extend(paragraph(s) for s in unseen_remarks(answer))
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
         parts.append(title("Which kind of damping"))

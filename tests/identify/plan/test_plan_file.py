@@ -10,6 +10,7 @@ import pytest
 from gcs_autotune.errors import BadFile, NotInformative, UnknownName
 from gcs_autotune.identify.plan import PLANS, load_plan, plan_from, run_plan
 from gcs_autotune.identify.plan.combine import StepEstimate, agreements, combined
+from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.trial import Channel, Trial
 
 TWO = """
@@ -92,6 +93,46 @@ def test_runs_that_belong_to_no_step_are_named():
     run = Trial("circle", {"u": Channel("u", "m/s", t, t)})
     with pytest.raises(NotInformative, match="straight"):
         run_plan(plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p"), [run])
+
+
+def flown(name: str, **meta: str) -> Trial:
+    """A craft of 2 kg X_udot -1 and drag 0.8, pushed both ways."""
+    t = np.arange(0.0, 40.0, 0.1)
+    X, u = np.where(t % 16.0 < 8.0, 1.0, -0.5), np.zeros(len(t))
+    for i in range(len(t) - 1):
+        u[i + 1] = u[i] + 0.1 * (X[i] - 0.8 * u[i]) / 2.0
+    noise = np.random.default_rng(1).normal(0.0, 0.005, len(t))
+    return Trial(name, {"X": Channel("X", "N", t, X), "u": Channel("u", "m/s", t, u + noise)}, meta=meta)
+
+
+@pytest.mark.parametrize("told", ["speed_steps", "speed-steps", "Speed Steps"])
+def test_a_manoeuvre_is_the_same_with_hyphens_and_underscores(told: str) -> None:
+    plan = plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p")
+    assert [s.step.name for s in run_plan(plan, [flown("a", manoeuvre=told)]).steps] == ["straight"]
+
+
+def test_the_shipped_plan_takes_manoeuvres_under_the_names_that_fly_writes() -> None:
+    plan = PLANS["usv_6dof"]
+    for name, dof, step in (
+        ("zig-zag", "yaw", "zig-zag"),
+        ("spiral", "yaw", "spiral"),
+        ("throttle-steps", "surge", "straight line"),
+    ):
+        run = flown("a", manoeuvre=name, dof=dof)
+        assert [s.name for s in plan.steps if s.chosen.of([run])] == [step]
+        assert name in MANOEUVRES
+    assert not [s for s in plan.steps if s.chosen.of([flown("a", manoeuvre="throttle-steps", dof="yaw")])]
+    old = flown("a", manoeuvre="zigzag")
+    assert [s.name for s in plan.steps if s.chosen.of([old])] == ["zig-zag"]
+
+
+def test_runs_that_no_step_used_are_named() -> None:
+    plan = plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p")
+    runs = [flown("a", manoeuvre="speed_steps"), flown("b", manoeuvre="chirp")]
+    (doubt,) = [d for d in run_plan(plan, runs).doubts if d.slug == "runs-of-no-step"]
+    assert doubt.cause.startswith("b belongs to no step")
+    assert "speed_steps" in doubt.cure
+    assert not [d for d in run_plan(plan, runs[:1]).doubts if d.slug == "runs-of-no-step"]
 
 
 STRAIGHT = {

@@ -1,0 +1,140 @@
+"""Which degrees of freedom a run moved besides those a model describes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import MissingChannel
+from gcs_autotune.identify.base_model import plain_form
+from gcs_autotune.identify.cleaning import noise_of, quantum
+from gcs_autotune.identify.preparation import INPUTS
+from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.segment import MIN_SAMPLES
+from gcs_autotune.models import FORMS
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["MOVED_TOO", "dof_option", "moved_besides", "moved_too"]
+
+Array = NDArray[np.float64]
+
+MOVED_TOO = "moved-too"
+"""Slug of the doubt that names what moved and was not looked at."""
+
+CLEAR = 3.0
+"""Chosen: a velocity has moved when its standard deviation is so many times that of its noise."""
+
+DRIVEN = 0.1
+"""Chosen: range of a normalised output (10th to 90th percentile) from which on it drives something."""
+
+WINDOW, TURN = 2.0, 0.4
+"""Chosen [s], [rad]: a track without velocities is differenced over so long, or over so much change of heading: the
+chord is then 0.7 % shorter than the track."""
+
+
+def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, list[str]]:
+    """Return the degrees of freedom that moved and are not in *dofs*, each with the names of its runs.
+
+    Sway counts wherever it moved, and surge with it: both are coupled with yaw. Any other counts where its own input
+    varied as well; without an input nothing can be identified of it.
+    """
+    found: dict[str, list[str]] = {}
+    for run in runs:
+        moved = {name for name in DOFS if name not in dofs and _moved(run, name)}
+        if "sway" not in moved:
+            moved = {name for name in moved if _driven(run, name)}
+        for name in sorted(moved):
+            if name in ("surge", "sway") or _driven(run, name):
+                found.setdefault(name, []).append(run.name)
+    return found
+
+
+def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection[str]) -> str:
+    """Return what ``--dof`` must be to look at *besides* together with *dofs*; empty where the records forbid it."""
+    wanted = {*dofs, *besides}
+    horizontal = wanted <= set(FORMS["horizontal"].dofs) and "sway" in wanted
+    option = "horizontal" if horizontal else ",".join(name for name in DOFS if name in wanted)
+    try:
+        return option if set(besides) <= set(plain_form(runs, option).dofs) else ""
+    except MissingChannel:
+        return ""
+
+
+def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
+    """Return a doubt that names what moved in *runs* and is not in *dofs*, with the option that would look at it."""
+    besides = moved_besides(runs, dofs)
+    if not besides:
+        return []
+    names = " and ".join(besides)
+    option = dof_option(runs, dofs, besides)
+    inputs = ", ".join(INPUTS[name][0] for name in besides if name != "sway")
+    return [
+        Doubt(
+            MOVED_TOO,
+            f"only {' and '.join(dofs)} was looked at; {names} moved too",
+            f"give the same command with --dof {option}" if option else f"record what drives them ({inputs})",
+        )
+    ]
+
+
+def _moved(run: Trial, dof: str) -> bool:
+    velocity = _velocity(run, dof)
+    if velocity is None:
+        return False
+    values, noise = velocity
+    return len(values) >= MIN_SAMPLES and float(np.std(values)) > CLEAR * noise
+
+
+def _velocity(run: Trial, dof: str) -> tuple[Array, float] | None:
+    """Return a velocity (n,) and the standard deviation of its noise, from the track where none was recorded."""
+    measured = _finite(run, DOFS[dof].velocity)
+    if measured is not None:
+        return measured.values, _floor(measured.values)
+    x, y, psi = (_finite(run, name) for name in ("x", "y", "psi"))
+    if not DOFS[dof].along_ground or x is None or y is None or psi is None:
+        return None
+    turned = np.unwrap(psi.values)
+    rate = float(np.quantile(np.abs(np.gradient(turned, psi.t)), 0.95))
+    window = min(WINDOW, TURN / max(rate, 1e-9))
+    steps = max(round(window / max(float(np.median(np.diff(x.t))), 1e-9)), 1)
+    if len(x) <= 2 * steps:
+        return None
+    seconds = x.t[steps:] - x.t[:-steps]
+    north, east = x.values, np.interp(x.t, y.t, y.values)
+    north, east = (north[steps:] - north[:-steps]) / seconds, (east[steps:] - east[:-steps]) / seconds
+    heading = np.interp(0.5 * (x.t[steps:] + x.t[:-steps]), psi.t, turned)
+    ahead = north * np.cos(heading) + east * np.sin(heading)
+    starboard = east * np.cos(heading) - north * np.sin(heading)
+    noise = math.sqrt(2.0) * max(_floor(x.values), _floor(y.values)) / float(np.median(seconds))
+    return (ahead if dof == "surge" else starboard), noise
+
+
+def _floor(values: Array) -> float:
+    """Return the standard deviation of the noise, at least what rounding makes."""
+    return max(noise_of(values), quantum(values) / math.sqrt(12.0))
+
+
+def _driven(run: Trial, dof: str) -> bool:
+    """Whether an input of *dof* took more than one level."""
+    for name in INPUTS[dof]:
+        drive = _finite(run, name)
+        if drive is not None:
+            span = float(np.ptp(np.quantile(drive.values, (0.1, 0.9))))
+            if span > (DRIVEN if drive.unit == "1" else 0.0):
+                return True
+    return False
+
+
+def _finite(run: Trial, name: str) -> Channel | None:
+    """Return the samples of a channel that are numbers; None where there are too few."""
+    if name not in run:
+        return None
+    channel = run[name]
+    good = np.isfinite(channel.values) & np.isfinite(channel.t)
+    if int(good.sum()) < MIN_SAMPLES:
+        return None
+    return Channel(name, channel.unit, channel.t[good], channel.values[good])
