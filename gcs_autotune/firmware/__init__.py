@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.firmware import ardurover, ardusub
 from gcs_autotune.firmware.aliases import ALIASES, Alias
+from gcs_autotune.firmware.fixed_outputs import Outputs, with_outputs
 from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
@@ -23,6 +24,7 @@ __all__ = [
     "Gain",
     "Names",
     "Output",
+    "Outputs",
     "ParameterSource",
     "ServoMap",
     "Unsuited",
@@ -31,6 +33,7 @@ __all__ = [
     "firmware_for",
     "read_named",
     "read_servo_map",
+    "with_outputs",
 ]
 
 FIRMWARE: Mapping[str, Firmware] = {

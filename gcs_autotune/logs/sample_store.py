@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Firmware, checked_all
 
-__all__ = ["Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
+__all__ = ["UNKNOWN", "Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
 
 Array = NDArray[np.float64]
 Note = tuple[str, str, str]
@@ -39,6 +39,10 @@ LIMITS: Mapping[str, float] = {
 """Chosen: largest believable size of a source's values, by what comes after the dot (rad, rad/s, m/s, m, deg)."""
 LARGEST = 1e5
 """Chosen: the same for every other source (pulses in us, stick fractions)."""
+
+
+UNKNOWN = "unknown vehicle"
+"""What a vehicle is called that its log does not name."""
 
 
 class RecordedParameters:
@@ -138,7 +142,7 @@ class SampleStore:
 
     name: str
     clock: str
-    vehicle: str = "unknown vehicle"
+    vehicle: str = UNKNOWN
     firmware: Firmware | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     modes: list[tuple[float, int]] = field(default_factory=list)
