@@ -16,8 +16,8 @@ from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
 from gcs_autotune.logs.sample_store import LogReader, Recording
 from gcs_autotune.logs.segmentation import runs_of
 from gcs_autotune.logs.tlog import record_tlog
-from gcs_autotune.sname import DOFS, Dof, column_unit, parse_header
-from gcs_autotune.trial import Channel, Purpose, Trial, load_trial
+from gcs_autotune.sname import DOFS, INPUTS, Dof, column_unit, parse_header
+from gcs_autotune.trial import Channel, Purpose, Trial, as_share, load_trial
 
 __all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "parse_columns", "record", "renamed"]
 
@@ -57,16 +57,21 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
     if missing:
         raise UsageError(f"run '{trial.name}' has no column {', '.join(missing)}; it has {', '.join(trial.channels)}")
     channels: dict[str, Channel] = {}
+    notes = list(trial.meta.get("notes", ()))
     for name, channel in trial.channels.items():
         new, unit = parse_header(mapping.get(name, f"{name}[{channel.unit}]"))
         si, factor = column_unit(new, unit)
+        if channel.unit == "pwm" and new in INPUTS and unit in ("", "us", "pwm"):
+            channels[new], more = as_share(replace(channel, name=new), trial.name)
+            notes += more
+            continue
         if channel.unit not in ("1", si):
             raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: not {new}[{unit}]")
         if new in channels:
             raise UsageError(f"run '{trial.name}' would have two channels called {new}")
         scale = factor if channel.unit == "1" else 1.0
         channels[new] = replace(channel, name=new, unit=si, values=channel.values * scale)
-    return replace(trial, channels=channels)
+    return replace(trial, channels=channels, meta={**trial.meta, "notes": notes} if notes else trial.meta)
 
 
 TRIALS_FOLDER = "trials"
@@ -74,9 +79,6 @@ TRIALS_FOLDER = "trials"
 
 LEAD_IN = "-with-lead-in"
 """What a recording that begins earlier adds to the file name of its manoeuvre."""
-
-INPUTS = frozenset("XYZKMN") | {"delta"}
-"""Channels that drive a craft."""
 
 LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
 """Purposes (:attr:`Trial.purpose`) of what lasts long enough to identify from, when no whole experiment was flown."""

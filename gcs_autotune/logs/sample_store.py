@@ -21,13 +21,11 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Firmware, checked_all
+from gcs_autotune.trial import Note
 
 __all__ = ["UNKNOWN", "Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
 
 Array = NDArray[np.float64]
-Note = tuple[str, str, str]
-"""Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
-
 LIMITS: Mapping[str, float] = {
     **dict.fromkeys(("phi", "theta", "psi"), 10.0),
     **dict.fromkeys("pqr", 200.0),
