@@ -27,7 +27,7 @@ from gcs_autotune.sname import SIGNALS, parse_header, to_si
 __all__ = [
     "Cells",
     "Note",
-    "Numbers",
+    "TableNumbers",
     "cells_of",
     "clock_notes",
     "is_pulses",
@@ -35,6 +35,7 @@ __all__ = [
     "shares_of_pulses",
     "since_1970",
     "text_of",
+    "wide_encoding",
 ]
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
+class TableNumbers:
     """The numbers of a table.
 
     Attributes
@@ -97,7 +98,7 @@ def text_of(path: Path) -> str:
         raise BadFile(f"{path} cannot be read as a CSV run: {error.strerror or error}") from error
     if not data.strip():
         raise BadFile(f"{path} is empty: it holds no samples")
-    wide = _wide_encoding(data[:SAMPLE])
+    wide = wide_encoding(data[:SAMPLE])
     if wide:
         raise BadFile(
             f"{path} is written in {wide}: save it as UTF-8, as in: "
@@ -111,7 +112,7 @@ def text_of(path: Path) -> str:
         return data.decode("cp1252", errors="replace")  # of Windows: a degree sign in a head
 
 
-def _wide_encoding(data: bytes) -> str:
+def wide_encoding(data: bytes) -> str:
     """Return ``UTF-16`` or ``UTF-32`` when *data* is text in one of them, by its mark or by its zeros."""
     if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
         return "UTF-32"
@@ -213,7 +214,7 @@ def _short(cell: str) -> str:
     return f"'{text if len(text) <= SHOWN else text[:SHOWN] + '...'}'"
 
 
-def numbers_of(cells: Cells) -> Numbers:
+def numbers_of(cells: Cells) -> TableNumbers:
     """Return the numbers in the cells of a table.
 
     Raises
@@ -244,7 +245,7 @@ def numbers_of(cells: Cells) -> Numbers:
             _refuse(cells, cells.first, cells.rows[-1], kept)
         raise BadFile(f"{path} holds no complete row of samples")
     heads = [cells.head[i] for i in texts]
-    return Numbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
+    return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
 
 
 def _number(cell: str) -> float | None:

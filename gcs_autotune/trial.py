@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.csv_table import (
     Note,
-    Numbers,
+    TableNumbers,
     cells_of,
     clock_notes,
     is_pulses,
@@ -34,7 +34,18 @@ from gcs_autotune.notebook import pandas_module
 from gcs_autotune.plain_json import plain_data
 from gcs_autotune.sname import INPUTS, column_unit, parse_header
 
-__all__ = ["Channel", "Mark", "Note", "Purpose", "Trial", "as_share", "load_trial", "save_trial", "trial_of_columns"]
+__all__ = [
+    "TIMES",
+    "Channel",
+    "Mark",
+    "Note",
+    "Purpose",
+    "Trial",
+    "as_share",
+    "load_trial",
+    "save_trial",
+    "trial_of_columns",
+]
 
 SCHEMA = 1
 
@@ -301,7 +312,7 @@ def _noted(trial: Trial, notes: Sequence[Note]) -> Trial:
     return replace(trial, meta={**trial.meta, "notes": [*trial.meta.get("notes", ()), *notes]}) if notes else trial
 
 
-def _table_notes(run: str, names: Sequence[str], table: Numbers) -> list[Note]:
+def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[Note]:
     """Return what the cells of a table hold besides numbers."""
     notes: list[Note] = []
     bad = [

@@ -178,8 +178,12 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
             return {**pwm, **forces}, "servo outputs", _assumed(outputs)
         why, cure = NO_OUTPUTS
     except AutotuneError as error:
-        why, cure = (str(error), _cure(store)) if store.numbered("servo") else NO_OUTPUTS
-    sources = [("the pilot's sticks", _from_sticks(store))]
+        is_told = store.firmware is None or store.numbered("servo")
+        why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
+    sources = [
+        ("the pilot's sticks", _named(store, "stick")),
+        ("the controllers' set-points", _named(store, "setpoint")),
+    ]
     if store.firmware is not None:
         sources.append(("RC input", _from_rc(store, store.firmware)))
     for source, found in sources:
@@ -261,10 +265,11 @@ def _dated(t: Array, values: Array) -> tuple[Array, Array]:
     return t - np.where(changed & (gap < LONGEST_GAP), 0.5 * gap, 0.0), values
 
 
-def _from_sticks(store: SampleStore) -> dict[str, Channel]:
+def _named(store: SampleStore, source: str) -> dict[str, Channel]:
+    """Return the forces that a source tells as shares of full output."""
     found = {}
-    for name in "XYZN":
-        t, values = store.series(f"stick.{name}")
+    for name in "XYZKMN":
+        t, values = store.series(f"{source}.{name}")
         if len(t):
             found[name] = Channel(name, "1", t, values)
     return found
