@@ -164,6 +164,15 @@ class PreconditionFailed(ManoeuvreError):
     """Something that must hold before moving does not hold."""
 
 
+class OutputsUnassigned(PreconditionFailed):
+    """No output is known to be assigned to a force that is needed; ``told`` SERVOn_FUNCTION of ``of`` are known."""
+
+    def __init__(self, message: str, *, told: int = 0, of: int = 0) -> None:
+        super().__init__(message)
+        self.told = told
+        self.of = of
+
+
 class NotAchieved(ManoeuvreError):
     """The manoeuvre ran, but what it was for did not come about."""
 

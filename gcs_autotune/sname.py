@@ -28,7 +28,18 @@ from dataclasses import dataclass
 
 from gcs_autotune.errors import BadFile
 
-__all__ = ["DOFS", "OVERFULL", "SIGNALS", "Dof", "column_unit", "parse_header", "signal_meaning", "to_si", "wrap"]
+__all__ = [
+    "DOFS",
+    "INPUTS",
+    "OVERFULL",
+    "SIGNALS",
+    "Dof",
+    "column_unit",
+    "parse_header",
+    "signal_meaning",
+    "to_si",
+    "wrap",
+]
 
 SIGNALS: dict[str, tuple[str, str]] = {
     "x": ("m", "north position"),
@@ -76,19 +87,26 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
     "us": ("s", 1e-6),
+    "ns": ("s", 1e-9),
+    "min": ("s", 60.0),
     "m": ("m", 1.0),
     "cm": ("m", 1e-2),
     "mm": ("m", 1e-3),
+    "km": ("m", 1e3),
     "rad": ("rad", 1.0),
     "deg": ("rad", math.pi / 180.0),
     "m/s": ("m/s", 1.0),
     "cm/s": ("m/s", 1e-2),
+    "mm/s": ("m/s", 1e-3),
     "kn": ("m/s", 1852.0 / 3600.0),
     "km/h": ("m/s", 1.0 / 3.6),
     "rad/s": ("rad/s", 1.0),
     "deg/s": ("rad/s", math.pi / 180.0),
+    "deg/min": ("rad/s", math.pi / 10800.0),
     "rev/s": ("rad/s", 2.0 * math.pi),
     "rpm": ("rad/s", math.pi / 30.0),
+    "1/s": ("rad/s", 2.0 * math.pi),
+    "1/min": ("rad/s", math.pi / 30.0),
     "m/s^2": ("m/s^2", 1.0),
     "rad/s^2": ("rad/s^2", 1.0),
     "deg/s^2": ("rad/s^2", math.pi / 180.0),
@@ -98,6 +116,7 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "N m": ("N m", 1.0),
     "Nm": ("N m", 1.0),
     "kN m": ("N m", 1e3),
+    "mN m": ("N m", 1e-3),
     "V": ("V", 1.0),
     "A": ("A", 1.0),
     "Pa": ("Pa", 1.0),
@@ -106,6 +125,40 @@ _TO_SI: dict[str, tuple[str, float]] = {
     "count": ("count", 1.0),
 }
 
+
+_SPELLINGS: tuple[tuple[str, str], ...] = (
+    (r"°|\bdegrees?\b|\bdegs\b", "deg"),
+    (r"[µμ]", "u"),
+    (r"²", "^2"),
+    (r"⁻¹", "^-1"),
+    (r"⁻²", "^-2"),
+    (r"\*\*", "^"),
+    (r"\s*[*·⋅×]\s*|(?<=[A-Za-z])[.-](?=[A-Za-z])", " "),
+    (r"\bradians?\b", "rad"),
+    (r"\bmet(er|re)s?\b", "m"),
+    (r"\bmilli(?=sec)", "m"),
+    (r"\bmicro(?=sec)", "u"),
+    (r"\bnano(?=sec)", "n"),
+    (r"\b([mun]?)sec(ond)?s?\b", r"\1s"),
+    (r"\bminutes?\b", "min"),
+    (r"\bknots?\b|\bkts?\b", "kn"),
+    (r"\bmps\b", "m/s"),
+    (r"\bRPM\b|\b[rU]/min\b|\brev/min\b", "rpm"),
+    (r"\brps\b|\br/s\b", "rev/s"),
+    (r"\bHz\b", "1/s"),
+    (r"\bNm\b", "N m"),
+    (r"\bkNm\b", "kN m"),
+    (r"\bPWM\b", "pwm"),
+    (r"^([a-z]+) ?/ ?s ?/ ?s$|^([a-z]+)/s(?:\^)?2$", r"\1\2/s^2"),
+    (r"^([A-Za-z]+) s\^?-1$", r"\1/s"),
+    (r"^([A-Za-z]+) s\^?-2$", r"\1/s^2"),
+    (r"^s\^?-1$", "1/s"),
+    (r"\s*/\s*", "/"),
+    (r"\s+", " "),
+)
+"""Pattern -> how :data:`_TO_SI` spells it, applied in this order: ``N*m``, ``rad s^-1`` (ROS), ``m/s²``, ``RPM``."""
+_REVOLUTIONS = ("1/s", "1/min")
+"""Of a propeller (ITTC writes n in 1/s) these are revolutions; of an angular velocity they are radians."""
 
 OVERFULL = 1.5
 """Chosen: a larger number is no share of full output; shares mixed from several actuators go somewhat beyond 1."""
@@ -160,7 +213,14 @@ DOFS: dict[str, Dof] = {
 }
 """Name -> degree of freedom."""
 
+_FORCES = frozenset(d.force for d in DOFS.values())
+_READ_BY_PREFIX = frozenset({*SIGNALS, "force"})
+"""First words of further columns that are read: ``force_left``, ``delta_2``, ``u_ref``."""
+INPUTS = _FORCES | {"delta"}
+"""Names of what drives a craft."""
+
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_BOXED = re.compile(r"^\s*\[[^\[\]]+\[[^\[\]]*\]\s*\]\s*$")
 _ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
 
 
@@ -174,6 +234,8 @@ def parse_header(header: str) -> tuple[str, str]:
     BadFile
         When the text is not of that form.
     """
+    if _BOXED.match(header):
+        header = header.strip()[1:-1]
     match = _ROUND.match(header)
     if match is None or _plain(match["unit"]) not in _TO_SI:
         match = _HEADER.match(header)
@@ -198,7 +260,12 @@ def to_si(unit: str) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    return unit.replace("°", "deg").strip()
+    unit = unit.strip()
+    if unit in _TO_SI:
+        return unit
+    for pattern, spelling in _SPELLINGS:
+        unit = re.sub(pattern, spelling, unit)
+    return unit.strip()
 
 
 def wrap(angle: float) -> float:
@@ -207,16 +274,28 @@ def wrap(angle: float) -> float:
 
 
 def column_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return :func:`to_si` of a column's unit; ``us`` of a pulse (``pwm...``, ``servo...``, ``rc...``) is no time.
+    """Return :func:`to_si` of a column's unit; ``us`` of a pulse is no time.
 
-    A column without a unit that is a signal by its name has that signal's, but of a force a share of full output.
+    A pulse is what is called ``pwm...``, ``servo...`` or ``rc...``, and an input: no force is a time. A column without
+    a unit that is a signal by its name has that signal's, but of a force a share of full output. ``1/s`` are radians of
+    an angular velocity, revolutions of a propeller. A column that is no signal keeps a unit that is not known.
 
     Raises
     ------
     BadFile
-        When the unit is not known.
+        The unit of a signal is not known.
     """
-    if not unit.strip() and name in SIGNALS and name not in {d.force for d in DOFS.values()}:
+    plain = _plain(unit)
+    if not plain and name in SIGNALS and name not in _FORCES:
         return SIGNALS[name][0], 1.0
-    is_pulse = name.lower().startswith(("pwm", "servo", "rc"))
-    return to_si("pwm" if is_pulse and unit.strip() in ("us", "µs") else unit)
+    if plain in ("us", "pwm") and (name.lower().startswith(("pwm", "servo", "rc")) or name in INPUTS):
+        return "pwm", 1.0
+    if plain in _REVOLUTIONS and not re.match(r"(n|rpm|rps|prop)(?![a-z])", name, re.IGNORECASE):
+        si = "rad/s" if SIGNALS.get(name, ("", ""))[0] == "rad/s" else "1/s"
+        return si, 1.0 if plain == "1/s" else 1.0 / 60.0
+    try:
+        return to_si(unit)
+    except BadFile:
+        if name in SIGNALS or name.partition("_")[0] in _READ_BY_PREFIX:
+            raise
+        return unit.strip(), 1.0

@@ -18,13 +18,34 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gcs_autotune.csv_table import (
+    Note,
+    TableNumbers,
+    cells_of,
+    clock_notes,
+    is_pulses,
+    numbers_of,
+    shares_of_pulses,
+    since_1970,
+)
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.notebook import pandas_module
 from gcs_autotune.plain_json import plain_data
-from gcs_autotune.sname import column_unit, parse_header
+from gcs_autotune.sname import INPUTS, column_unit, parse_header
 
-__all__ = ["Channel", "Mark", "Purpose", "Trial", "load_trial", "save_trial", "trial_of_columns"]
+__all__ = [
+    "TIMES",
+    "Channel",
+    "Mark",
+    "Note",
+    "Purpose",
+    "Trial",
+    "as_share",
+    "load_trial",
+    "save_trial",
+    "trial_of_columns",
+]
 
 SCHEMA = 1
 
@@ -265,32 +286,58 @@ def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     columns : head (or its name) in the file -> the head it should have, for files with names of their own.
 
     The time column is ``t`` (or the first column whose unit is a time). Empty cells and ``nan`` are missing
-    samples. Units are converted to SI. Columns of unknown name are kept; non-numeric ones are an error.
+    samples. Units are converted to SI, inputs in pulses to shares of full output. Columns of unknown name are kept when
+    they hold numbers. What was left out or assumed is in ``meta["notes"]``.
 
     Raises
     ------
     BadFile
         Not readable, no time column, unknown unit, a damaged row (a truncated *last* row is dropped and
-        noted in ``meta["dropped_rows"]``), no rows, two columns of one name.
+        noted in ``meta["dropped_rows"]``), no rows, two columns of one name, or no such table at all (semicolons,
+        decimal commas, dates, UTF-16).
     UsageError
         A name in *columns* that the file does not have.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadFile(f"{path} cannot be read as a CSV run: {error}") from error
-    if len(rows) < 2:
-        raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
-    heads = _heads(path, rows[0], columns or {})
-    units = [column_unit(name, unit) for name, unit in heads]
-    time_column = _time_column(path, heads, units)
-    table, dropped = _table(path, rows, len(heads))
-    channels = _channels([name for name, _ in heads], units, table, time_column)
-    meta: dict[str, Any] = {"source": path.name, "empty_cells": int(np.isnan(table).sum())}
-    if dropped:
-        meta["dropped_rows"] = dropped
-    return _with_side_file(Trial(visible(path.stem), channels, meta=meta), path.with_suffix(".json"))
+    cells = cells_of(path)
+    heads = _heads(path, cells.head, columns or {})
+    table = numbers_of(cells)
+    heads = [heads[i] for i in table.columns]
+    notes = _table_notes(path.stem, [name for name, _ in heads], table)
+    channels, more = _channels(path, heads, table.values)
+    meta: dict[str, Any] = {"source": path.name, "empty_cells": int(np.isnan(table.values).sum())}
+    if table.dropped:
+        meta["dropped_rows"] = table.dropped
+    trial = _with_side_file(Trial(visible(path.stem), channels, meta=meta), path.with_suffix(".json"))
+    there = {tuple(note) for note in trial.meta.get("notes", ()) if isinstance(note, (list, tuple))}
+    return _noted(trial, [note for note in (*notes, *more) if note not in there])
+
+
+def _noted(trial: Trial, notes: Sequence[Note]) -> Trial:
+    """Return *trial* with further *notes* in its ``meta``."""
+    return replace(trial, meta={**trial.meta, "notes": [*trial.meta.get("notes", ()), *notes]}) if notes else trial
+
+
+def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[Note]:
+    """Return what the cells of a table hold besides numbers."""
+    notes: list[Note] = []
+    bad = [
+        f"{count} of {name} {'is' if count == 1 else 'are'} {what}"
+        for what, counts in (("nan", table.nans), ("inf", table.infinite))
+        for name, count in zip(names, counts, strict=True)
+        if count
+    ]
+    if bad:
+        cure = "check the sensor and the logger; those samples were left out"
+        notes.append(("no-numbers", f"of {len(table.values)} samples in run '{visible(run)}' {', '.join(bad)}", cure))
+    if table.texts:
+        notes.append(
+            (
+                "text-columns",
+                f"columns of run '{visible(run)}' that hold words were left out: {', '.join(table.texts[:5])}",
+                "none is needed, if they are no signals",
+            )
+        )
+    return notes
 
 
 def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping[str, str] | None = None) -> Trial:
@@ -305,41 +352,71 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
     """
     source = Path(name)
     heads = _heads(source, list(table), columns or {})
-    units = [column_unit(called, unit) for called, unit in heads]
-    time_column = _time_column(source, heads, units)
     try:
         values = np.column_stack([np.asarray(column, dtype=np.float64) for column in table.values()])
     except (TypeError, ValueError) as error:
         raise BadFile(f"{name}: columns must be numbers, all of one length: {error}") from error
     if len(values) == 0:
         raise BadFile(f"{name} holds no samples")
-    channels = _channels([called for called, _ in heads], units, values, time_column)
-    return Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())})
+    channels, notes = _channels(source, heads, values)
+    return _noted(
+        Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())}), notes
+    )
 
 
 def _channels(
-    names: Sequence[str], units: Sequence[tuple[str, float]], table: NDArray[np.float64], time_column: int
-) -> dict[str, Channel]:
-    """Return the columns of *table* (n, k) but the time as channels in SI units."""
+    path: Path, heads: Sequence[tuple[str, str]], table: NDArray[np.float64]
+) -> tuple[dict[str, Channel], list[Note]]:
+    """Return the columns of *table* (n, k) but the time as channels in SI units, and what was assumed or left out."""
+    try:
+        units = [column_unit(name, unit) for name, unit in heads]
+    except BadFile as error:
+        raise BadFile(f"{path}: {error}") from None
+    time_column = _time_column(path, heads, units)
     t = table[:, time_column] * units[time_column][1]
     known_t = np.isfinite(t)
+    if not heads[time_column][1]:
+        t, notes = since_1970(path.name, t)
+    else:
+        notes = []
+    notes += clock_notes(path.name, t)
     channels: dict[str, Channel] = {}
-    for i, name in enumerate(names):
+    for i, (name, _) in enumerate(heads):
         if i != time_column:
             unit, factor = units[i]
             keep = known_t & np.isfinite(table[:, i])
-            channels[name] = Channel(name, unit, t[keep], table[keep, i] * factor)
-    return channels
+            channel, note = as_share(Channel(name, unit, t[keep], table[keep, i] * factor), path.stem)
+            channels[name] = channel
+            notes += note
+    return channels, notes
+
+
+def as_share(channel: Channel, run: str) -> tuple[Channel, list[Note]]:
+    """Return an input in pulses [us] as share of full output about their neutral, with a note; else it as it is.
+
+    Raises
+    ------
+    BadFile
+        It is said to be in pulses, and holds what none can be.
+    """
+    if channel.name not in INPUTS or not is_pulses(channel.unit, channel.values):
+        return channel, []
+    values, note = shares_of_pulses(channel.name, channel.values, run)
+    return replace(channel, unit="1", values=values), [note]
 
 
 def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple[str, str]]:
-    plain = [parse_header(visible(h)) for h in row]
-    wanted = {parse_header(old): parse_header(new) for old, new in columns.items()}
+    try:
+        plain = [parse_header(visible(h)) for h in row]
+        wanted = {parse_header(old): parse_header(new) for old, new in columns.items()}
+    except BadFile as error:
+        raise BadFile(f"{path}: {error}") from None
     known = {*plain, *((name, "") for name, _ in plain)}
     missing = [name for name, unit in wanted if (name, unit) not in known]
     if missing:
         raise UsageError(f"{path} has no column {', '.join(missing)}; it has {', '.join(name for name, _ in plain)}")
     heads = [wanted.get(head, wanted.get((head[0], ""), head)) for head in plain]
+    heads = [(new, unit or old_unit) for (new, unit), (_, old_unit) in zip(heads, plain, strict=True)]
     names = [name for name, _ in heads]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -347,38 +424,19 @@ def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple
     return heads
 
 
-def _time_column(path: Path, heads: list[tuple[str, str]], units: list[tuple[str, float]]) -> int:
+TIMES = ("t", "time", "%time", "timestamp", "stamp")
+"""Names of a time column, in small letters; ``%time`` is of ``rostopic echo -p``."""
+
+
+def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[tuple[str, float]]) -> int:
     for i, (name, _) in enumerate(heads):
-        if name in ("t", "time"):
+        if name.lower() in TIMES and units[i][0] in ("s", "1"):
             return i
     for i, (unit, _) in enumerate(units):
         if unit == "s":
             return i
     found = ", ".join(name for name, _ in heads)
     raise BadFile(f"{path} has no time column t[s]; it has {found}. Say what the columns mean: --columns OLD=t[s],...")
-
-
-def _table(path: Path, rows: list[list[str]], width: int) -> tuple[NDArray[np.float64], int]:
-    values: list[list[float]] = []
-    dropped = 0
-    for number, row in enumerate(rows[1:], start=2):
-        try:
-            if len(row) != width:
-                raise ValueError(f"{len(row)} cells instead of {width}")
-            values.append([_cell(c) for c in row])
-        except ValueError as error:
-            if number == len(rows):
-                dropped = 1
-                break
-            raise BadFile(f"{path}, row {number}: {error}") from error
-    if not values:
-        raise BadFile(f"{path} holds no complete row of samples")
-    return np.array(values, dtype=np.float64), dropped
-
-
-def _cell(text: str) -> float:
-    text = text.strip()
-    return math.nan if text == "" else float(text)
 
 
 def _with_side_file(trial: Trial, path: Path) -> Trial:

@@ -18,6 +18,14 @@ CASES = {
     "s": ("s", 1.0),
     "ms": ("s", 0.001),
     "us": ("s", 0.000001),
+    "ns": ("s", 0.000000001),
+    "min": ("s", 60.0),
+    "km": ("m", 1000.0),
+    "mm/s": ("m/s", 0.001),
+    "deg/min": ("rad/s", 0.0002908882086657216),
+    "1/s": ("rad/s", 6.283185307179586),
+    "1/min": ("rad/s", 0.10471975511965977),
+    "mN m": ("N m", 0.001),
     "m": ("m", 1.0),
     "cm": ("m", 0.01),
     "mm": ("m", 0.001),
@@ -66,6 +74,41 @@ def test_degrees_may_be_written_with_their_sign_and_an_unknown_unit_is_refused_w
 
 
 @pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("N*m", "N m"), ("N.m", "N m"), ("N·m", "N m"), ("kNm", "kN m"), ("rev/min", "rpm"), ("RPM", "rpm"),
+        ("r/min", "rpm"), ("rps", "rev/s"), ("s^-1", "1/s"), ("Hz", "1/s"), ("rad*s^-1", "rad/s"), ("rad s-1", "rad/s"),
+        ("m s^-2", "m/s^2"), ("m/s²", "m/s^2"), ("m/s/s", "m/s^2"), ("m/s**2", "m/s^2"), ("deg/sec", "deg/s"),
+        ("degrees", "deg"), ("radians", "rad"), ("seconds", "s"), ("nsec", "ns"), ("nanoseconds", "ns"), ("µs", "us"),
+        ("knots", "kn"), ("metres", "m"),
+    ],
+)  # fmt: skip
+def test_units_are_understood_as_ros_and_others_spell_them(written: str, meant: str) -> None:
+    assert to_si(written) == to_si(meant)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "si"),
+    [
+        ("n", "1/s", ("rad/s", 2.0 * math.pi)),
+        ("n_left", "1/min", ("rad/s", math.pi / 30.0)),
+        ("r", "1/s", ("rad/s", 1.0)),
+        ("nav_rate", "1/s", ("1/s", 1.0)),
+        ("temperature", "degC", ("degC", 1.0)),
+        ("N", "us", ("pwm", 1.0)),
+    ],
+)
+def test_what_a_unit_means_depends_on_the_column(name: str, unit: str, si: tuple[str, float]) -> None:
+    assert column_unit(name, unit) == (si[0], pytest.approx(si[1]))
+
+
+@pytest.mark.parametrize("name", ["psi", "N", "force_left", "delta_2"])
+def test_a_signal_in_a_unit_that_is_not_known_is_refused(name: str) -> None:
+    with pytest.raises(BadFile, match=r"unit \[furlong\] is not known"):
+        column_unit(name, "furlong")
+
+
+@pytest.mark.parametrize(
     ("name", "unit", "si"),
     [("pwm1", "us", "pwm"), ("SERVO3", "µs", "pwm"), ("rc4", " us ", "pwm"), ("t", "us", "s"), ("rc4", "ms", "s")],
 )
@@ -94,6 +137,9 @@ def test_a_column_without_a_unit_is_in_that_of_its_signal_and_a_force_a_share_of
         ("Speed(m/s)", ("Speed", "m/s")),
         ("heading (°)", ("heading", "°")),
         ("heading (raw)", ("heading (raw)", "")),
+        ("n[1/s]", ("n", "1/s")),
+        ("[n[1/s]]", ("n", "1/s")),
+        ("tau_z [N*m]", ("tau_z", "N*m")),
     ],
 )
 def test_a_head_is_a_name_and_a_unit(head: str, parts: tuple[str, str]) -> None:

@@ -196,7 +196,8 @@ COLUMNS = {"t[ms]": [0.0, 500.0, math.nan], "psi[deg]": [0.0, math.nan, 90.0], "
 
 def test_arrays_by_heads_are_a_run_too() -> None:
     run = trial_of_columns(COLUMNS, "mine")
-    assert (run.name, run.meta) == ("mine", {"source": "mine", "empty_cells": 2})
+    assert (run.name, run.meta["source"], run.meta["empty_cells"]) == ("mine", "mine", 2)
+    assert run.meta["notes"][0][1] == "1 of 3 rows of mine have no time"
     assert (run["psi"].t.tolist(), run["psi"].values.tolist(), run["psi"].unit) == ([0.0], [0.0], "rad")
     assert (run["N"].t.tolist(), run["N"].values.tolist()) == ([0.0, 0.5], [1.0, 2.0])
     renamed = trial_of_columns(COLUMNS, "mine", {"N": "Z[N]"})
@@ -223,8 +224,8 @@ def test_remarks_blank_lines_and_a_byte_order_mark_are_no_samples(path: Path) ->
     assert load_trial(path).meta["empty_cells"] == 0
     with pytest.raises(BadFile, match="cannot be read as a CSV run"):
         load_trial(path.with_name("none.csv"))
-    path.write_bytes(b"t[s],N\n0,\xff\xff\n")
-    with pytest.raises(BadFile, match="cannot be read as a CSV run"):
+    path.write_bytes(b"t[s],N\n0,\x00\xff\n")
+    with pytest.raises(BadFile, match="cannot be read as a CSV run: it is no text"):
         load_trial(path)
 
 

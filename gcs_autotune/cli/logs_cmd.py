@@ -33,7 +33,7 @@ __all__ = ["COMMAND"]
 
 FORMATS = (
     "telemetry logs (.tlog), logs on board (.bin, or .log as text), Mission Planner's and mavlogdump's CSV of one, "
-    "QGroundControl's CSV"
+    "QGroundControl's CSV, PX4's ULog (.ulg)"
 )
 
 
@@ -114,11 +114,20 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _read(path: Path, args: argparse.Namespace) -> tuple[Recording, Cut]:
-    from gcs_autotune.logs import cut_runs, record
+    from gcs_autotune.logs import cut_runs, format_of, record
+    from gcs_autotune.trial import load_trial
 
     log = record(path, args.system_id, read_parameters(args))
     if log is None:
-        raise BadFile(f"{path} is none of: {FORMATS}. A table of runs (name[unit] heads) needs no import")
+        form = format_of(path)
+        if form is None and path.is_dir():
+            raise BadFile(f"{path} is a folder: name the logs in it")
+        if form is None:
+            load_trial(path)  # whatever is no table says so itself
+        what = form.name if form else "a table of runs (name[unit] heads)"
+        raise BadFile(
+            f"{path} is {what}: it needs no import, gcs-autotune identify and diagnose read it. Logs: {FORMATS}"
+        )
     return log, cut_runs(log)
 
 

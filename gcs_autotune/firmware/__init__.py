@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from gcs_autotune.firmware import ardurover, ardusub
 from gcs_autotune.firmware.aliases import ALIASES, Alias
 from gcs_autotune.firmware.failsafe import DISARMS, Failsafe, SetFailsafe
+from gcs_autotune.firmware.fixed_outputs import Outputs, with_outputs
 from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited
 from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
@@ -26,6 +27,7 @@ __all__ = [
     "Gain",
     "Names",
     "Output",
+    "Outputs",
     "ParameterSource",
     "ServoMap",
     "SetFailsafe",
@@ -35,6 +37,7 @@ __all__ = [
     "firmware_for",
     "read_named",
     "read_servo_map",
+    "with_outputs",
 ]
 
 FIRMWARE: Mapping[str, Firmware] = {

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["ALIASES", "Alias"]
+__all__ = ["ALIASES", "FIXED_OUTPUTS", "Alias"]
 
 _ALL_CHECKS = 1
 _CHECK_BITS = (1 << 21) - 2
@@ -33,6 +33,7 @@ class Alias:
     scale : value under that name per value under the canonical one.
     low, high : range documented under that name, in its own unit; None when it is the canonical one's, scaled.
     inverted_bits : the value is a mask of arming checks to skip, where the canonical one is of checks to run.
+    is_sign : the value is 1, or -1 for reversed, where the canonical one is 0, or 1 for reversed.
     """
 
     name: str
@@ -40,13 +41,18 @@ class Alias:
     low: float | None = None
     high: float | None = None
     inverted_bits: bool = False
+    is_sign: bool = False
 
     def to_own(self, value: float) -> float:
         """Return the number under this name for the canonical *value*."""
+        if self.is_sign:
+            return -1.0 if value else 1.0
         return _skipped(int(value)) if self.inverted_bits else value * self.scale
 
     def to_canonical(self, value: float) -> float:
         """Return the canonical number for *value* under this name."""
+        if self.is_sign:
+            return float(value < 0.0)
         return _run(int(value)) if self.inverted_bits else value / self.scale
 
 
@@ -99,3 +105,13 @@ ALIASES: Mapping[str, tuple[Alias, ...]] = {
     "ARMING_CHECK": (Alias("ARMING_SKIPCHK", inverted_bits=True),),
 }
 """Canonical name -> its other names; adding one is one line."""
+
+FIXED_OUTPUTS: Mapping[str, tuple[Alias, float]] = {
+    "SERVO{n}_FUNCTION": (Alias("RC{n}_FUNCTION"), 0.0),
+    "SERVO{n}_MIN": (Alias("RC{n}_MIN"), 1100.0),
+    "SERVO{n}_TRIM": (Alias("RC{n}_TRIM"), 1500.0),
+    "SERVO{n}_MAX": (Alias("RC{n}_MAX"), 1900.0),
+    "SERVO{n}_REVERSED": (Alias("RC{n}_REV", is_sign=True), 1.0),
+}
+"""Canonical name of output n -> its name before SERVOn_FUNCTION, when output n obeyed the limits of RC channel n, and
+the default of that time under the old name (RC_Channel of ArduRover 2.4 to 3.1)."""

@@ -1,7 +1,9 @@
 """ArduRover 4.x: boats (MAV_TYPE 11) and ground rovers (10).
 
 Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there).
-Channels: RCMAP defaults, steering on 1, throttle on 3.
+Channels: RCMAP defaults, steering on 1, throttle on 3. Outputs up to 3.1 ("APM:Rover", "ArduRover v2.46"): those of
+these channels, which RCMAP moves too; with SKID_STEER_OUT the left thruster is on the channel of steering and the
+right one on that of throttle (ArduRover 2.46 to 3.1, ``mix_skid_steering``).
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gcs_autotune.firmware.failsafe import DISARMS, Failsafe
-from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited, pid_context
+from gcs_autotune.firmware.profile import Axis, Firmware, FixedOutputs, Gain, Unsuited, pid_context
 
 __all__ = ["FIRMWARE"]
 
@@ -163,6 +165,12 @@ FIRMWARE = Firmware(
     motor_span=500.0,
     manual_dead_zone=True,
     rc_map={"N": "RCMAP_ROLL", "X": "RCMAP_THROTTLE"},
+    fixed_outputs=FixedOutputs(
+        last=(3, 2),
+        skid_parameter="SKID_STEER_OUT",
+        skid={"N": 73, "X": 74},
+        marks=r"RC\d+_REV|SKID_STEER_(IN|OUT)",
+    ),
     unsuited=_UNSUITED,
     failsafes=_FAILSAFES,
     stops_in=("HOLD",),

@@ -11,7 +11,7 @@ from gcs_autotune.firmware.aliases import ALIASES
 from gcs_autotune.firmware.failsafe import Failsafe
 from gcs_autotune.firmware.names import Names
 
-__all__ = ["Axis", "Firmware", "Gain", "Unsuited", "pid_context"]
+__all__ = ["Axis", "Firmware", "FixedOutputs", "Gain", "Unsuited", "pid_context"]
 
 
 def pid_context(prefix: str) -> tuple[str, ...]:
@@ -37,6 +37,24 @@ class Unsuited:
     parameter: str
     values: Sequence[int]
     why: str
+
+
+@dataclass(frozen=True, slots=True)
+class FixedOutputs:
+    """How a firmware drove its outputs before SERVOn_FUNCTION: a force on the output of its RC channel's number.
+
+    Attributes
+    ----------
+    last : (major, minor) of the last version that still had parameters of this time.
+    skid_parameter : not zero where two side thrusters steer.
+    skid : force -> SERVOn_FUNCTION of the thruster on that force's channel.
+    marks : pattern of whole names of parameters that only such versions have.
+    """
+
+    last: tuple[int, int]
+    skid_parameter: str
+    skid: Mapping[str, int]
+    marks: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +107,7 @@ class Firmware:
     such parameter: they are kept at neutral. ``from_one_end`` are the forces whose stick counts from RCn_TRIM, at
     RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
+    ``fixed_outputs`` says how versions before SERVOn_FUNCTION were wired, None where none of ours ever was.
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
 
     ``failsafes`` are those that act when nothing is heard of the ground station; ``stops_in`` are the modes in which
@@ -122,6 +141,7 @@ class Firmware:
     rc_map: Mapping[str, str] = field(default_factory=dict)
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
+    fixed_outputs: FixedOutputs | None = None
     unsuited: Sequence[Unsuited] = ()
     failsafes: Sequence[Failsafe] = ()
     stops_in: Sequence[str] = ()

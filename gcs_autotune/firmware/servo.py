@@ -12,7 +12,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.errors import OutputsUnassigned, PreconditionFailed
 from gcs_autotune.firmware.profile import Firmware
 
 __all__ = ["Output", "ParameterSource", "ServoMap", "read_servo_map"]
@@ -116,7 +116,7 @@ def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
     Raises
     ------
     PreconditionFailed
-        The frame is not one we know, or an output we must measure is assigned to nothing.
+        The frame is not one we know, or an output we must measure is assigned to nothing (``OutputsUnassigned``).
     """
     functions = parameters.read_existing(f"SERVO{n}_FUNCTION" for n in range(1, _OUTPUTS + 1))
     by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
@@ -139,12 +139,11 @@ def _by_function(
                 f"and none to {', '.join(missing)}: only a rudder, a vectored thruster, or two thrusters side by side "
                 "(73 and 74) can be tuned. If it has those, set SERVOn_FUNCTION"
             )
-        thin = (
-            f" Only {told} of {_OUTPUTS} answered: or is the link too thin for the answers?" if told < _OUTPUTS else ""
-        )
-        raise PreconditionFailed(
+        raise OutputsUnassigned(
             f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
-            f"(A boat that steers by two thrusters has functions 73 and 74 instead.){thin}"
+            "(A boat that steers by two thrusters has functions 73 and 74 instead.)",
+            told=told,
+            of=_OUTPUTS,
         )
     return _wired(parameters, {n: {force: 1.0} for n, force in firmware.servo_functions.items()}, by_function)
 

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import AutotuneError
-from gcs_autotune.firmware import Firmware, Output, ServoMap, read_servo_map
+from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed
+from gcs_autotune.firmware import Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
 from gcs_autotune.frames import flat, to_body
-from gcs_autotune.logs.sample_store import Note, RecordedParameters, SampleStore
+from gcs_autotune.logs.sample_store import UNKNOWN, Note, RecordedParameters, SampleStore
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel
 
-__all__ = ["drive_channels", "filters_of", "motion_channels"]
+__all__ = ["drive_channels", "filters_of", "motion_channels", "servo_map_of"]
 
 Array = NDArray[np.float64]
 
@@ -149,6 +149,13 @@ def _put(pick: _Pick, name: str, source: str, t: Array, values: Array) -> None:
         pick.sources[name] = source
 
 
+NO_OUTPUTS = (
+    "it holds no servo outputs",
+    "log SERVO_OUTPUT_RAW (on board: RCOU) and the vehicle's parameters (load all of them once while the ground "
+    "station records), or give a parameter file with --parameters",
+)
+"""Cause and cure of a log that lacks an output it would need."""
+_OTHER = "neither ArduRover nor ArduSub, so what its outputs do is not known"
 LONGEST_GAP = 0.5
 """Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
 
@@ -164,29 +171,73 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
     """
     every = [Channel(f"servo{n}", "pwm", *store.series(f"servo.{n}")) for n in store.numbered("servo")]
     pwm = {c.name: c for c in every if np.any(c.values)}
-    if store.firmware is None:
-        note = ("no-inputs", "the log does not tell what autopilot it is of", "identify from a CSV with force columns")
-        return pwm, "", [note]
     try:
-        servos = read_servo_map(RecordedParameters(store.parameters), store.firmware)
+        servos, outputs = servo_map_of(store)
         forces = _from_servos(store, servos)
         if forces:
-            return {**pwm, **forces}, "servo outputs", []
-        why = "it holds no servo outputs"
+            return {**pwm, **forces}, "servo outputs", _assumed(outputs)
+        why, cure = NO_OUTPUTS
     except AutotuneError as error:
-        why = str(error)
-    for source, found in (("the pilot's sticks", _from_sticks(store)), ("RC input", _from_rc(store, store.firmware))):
+        is_told = store.firmware is None or store.numbered("servo")
+        why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
+    sources = [
+        ("the pilot's sticks", _named(store, "stick")),
+        ("the controllers' set-points", _named(store, "setpoint")),
+    ]
+    if store.firmware is not None:
+        sources.append(("RC input", _from_rc(store, store.firmware)))
+    for source, found in sources:
         if found:
-            note = (
-                "input-is-command",
-                f"the inputs are {source}, not what the actuators did ({why})",
-                "log SERVO_OUTPUT_RAW and the parameters (load all of them once while the ground station records), or "
-                "give a parameter file with --parameters",
-            )
+            note = ("input-is-command", f"the inputs are {source}, not what the actuators did ({why})", cure)
             return {**pwm, **found}, source, [note]
-    cure = "log SERVO_OUTPUT_RAW and the vehicle's parameters, or give a parameter file with --parameters"
-    note = ("no-inputs", f"no input could be read ({why})", cure)
-    return pwm, "", [note]
+    return pwm, "", [("no-inputs", f"no input could be read: {why}", cure)]
+
+
+def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
+    """Return how the outputs of a log are wired, and its parameters under the names that was read by.
+
+    Raises
+    ------
+    PreconditionFailed
+        The log does not tell; the message says what is missing.
+    """
+    if store.firmware is None:
+        other = "the log does not tell what autopilot it is of"
+        raise PreconditionFailed(other if store.vehicle == UNKNOWN else f"the log is of {store.vehicle}: {_OTHER}")
+    if not store.parameters:
+        raise PreconditionFailed("the log holds no parameters (0), so its outputs have no meaning")
+    outputs = with_outputs(store.parameters, store.firmware, store.vehicle)
+    try:
+        return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
+    except OutputsUnassigned as error:
+        if error.told == error.of:
+            raise
+        raise PreconditionFailed(
+            f"the log holds {len(store.parameters)} parameters, but only {error.told} of {error.of} SERVOn_FUNCTION, "
+            "so its outputs have no meaning"
+        ) from error
+    except PreconditionFailed as error:
+        raise PreconditionFailed(outputs.names.worded(str(error))) from error
+
+
+def _cure(store: SampleStore) -> str:
+    """Return what to do about a log whose outputs are not understood."""
+    if store.firmware is None:
+        return "identify from a CSV with force columns"
+    return "give the vehicle's parameters with --parameters FILE (NAME,VALUE lines, as ground stations save them)"
+
+
+def _assumed(outputs: Outputs) -> list[Note]:
+    if not outputs.assumed:
+        return []
+    taken = ", ".join(f"{name} {value:g}" for name, value in outputs.assumed.items())
+    return [
+        (
+            "assumed-limits",
+            f"the log does not hold all limits of its outputs: the defaults of that firmware were taken ({taken})",
+            "give the vehicle's parameters with --parameters FILE",
+        )
+    ]
 
 
 def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
@@ -214,10 +265,11 @@ def _dated(t: Array, values: Array) -> tuple[Array, Array]:
     return t - np.where(changed & (gap < LONGEST_GAP), 0.5 * gap, 0.0), values
 
 
-def _from_sticks(store: SampleStore) -> dict[str, Channel]:
+def _named(store: SampleStore, source: str) -> dict[str, Channel]:
+    """Return the forces that a source tells as shares of full output."""
     found = {}
-    for name in "XYZN":
-        t, values = store.series(f"stick.{name}")
+    for name in "XYZKMN":
+        t, values = store.series(f"{source}.{name}")
         if len(t):
             found[name] = Channel(name, "1", t, values)
     return found
@@ -225,20 +277,24 @@ def _from_sticks(store: SampleStore) -> dict[str, Channel]:
 
 def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
     found = {}
+    try:
+        parameters = with_outputs(store.parameters, firmware, store.vehicle).values
+    except PreconditionFailed:
+        parameters = store.parameters
     for name, n in firmware.channels.items():
         t, pwm = store.series(f"rc.{n}")
         usable = (pwm > 500.0) & (pwm < 2500.0)
         if not np.any(usable):
             continue
-        trim = store.parameters.get(f"RC{n}_TRIM", 1500.0)
-        low = store.parameters.get(f"RC{n}_MIN", trim - STICKS)
-        high = store.parameters.get(f"RC{n}_MAX", trim + STICKS)
+        trim = parameters.get(f"RC{n}_TRIM", 1500.0)
+        low = parameters.get(f"RC{n}_MIN", trim - STICKS)
+        high = parameters.get(f"RC{n}_MAX", trim + STICKS)
         if low == trim < high:  # ArduSub's throttle before 4.7
             trim = 0.5 * (low + high)
         if not low < trim < high:
             trim, low, high = 1500.0, 1500.0 - STICKS, 1500.0 + STICKS
         span = np.where(pwm >= trim, high - trim, trim - low)
-        sign = firmware.channel_signs[name] * (-1.0 if store.parameters.get(f"RC{n}_REVERSED") else 1.0)
+        sign = firmware.channel_signs[name] * (-1.0 if parameters.get(f"RC{n}_REVERSED") else 1.0)
         found[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
     return found
 

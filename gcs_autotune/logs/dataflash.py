@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, DataflashTextLog, TextBlock
-from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
+from gcs_autotune.logs.sample_store import UNKNOWN, Census, Note, Recording, SampleStore
 
 __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]
 
@@ -58,9 +59,13 @@ def _gps(c: Columns) -> dict[str, Array]:
     }
 
 
+CHANNEL = ("C", "Ch", "Chan")
+"""What comes before the number of an output or RC channel; the last two until 2015."""
+
+
 def _numbered(source: str) -> Callable[[Columns], dict[str, Array]]:
     def read(c: Columns) -> dict[str, Array]:
-        return {f"{source}.{n}": c[f"C{n}"] * 1.0 for n in range(1, 15) if f"C{n}" in c}
+        return {f"{source}.{n}": c[f"{w}{n}"] * 1.0 for n in range(1, 15) for w in CHANNEL if f"{w}{n}" in c}
 
     return read
 
@@ -78,6 +83,7 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "STER": _picked(steering__r=("TurnRt", RAD)),
     "XKF1": _EKF,
     "NKF1": _EKF,
+    "EKF1": _EKF,
     "POS": _picked(global__lat=("Lat", 1.0), global__lon=("Lng", 1.0), global__z=("RelHomeAlt", -1.0)),
     "GPS": _gps,
     "CTUN": _picked(control__z=("Alt", -1.0)),
@@ -135,6 +141,7 @@ def strays_of(t: Array) -> NDArray[np.bool_]:
 
 AnyBlock: TypeAlias = Block | TextBlock
 
+FMT_LINE = re.compile(rb"^[\xef\xbb\xbf \t]*FMT\s*,", re.MULTILINE)
 EV_ARMED, EV_DISARMED = 10, 11
 """Event numbers of ArduPilot, for logs older than the ARM message."""
 REBOOT = 5.0
@@ -153,7 +160,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         with path.open("rb") as stream:
             start = stream.read(4096)
         is_binary = HEAD in start
-        if not is_binary and not start.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"FMT"):
+        if not is_binary and not FMT_LINE.search(start):
             raise BadFile(f"{path} is no ArduPilot log: it begins with neither a binary message nor a FMT line")
         log: BinaryLog | DataflashTextLog = (
             BinaryLog(path.open("rb"))
@@ -163,10 +170,14 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         decoder = _Decoder(path.stem)
         for blocks in log:
             decoder.write(blocks)
+        for line in log.preamble:
+            decoder.name_by(line)
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not decoder.blocks:
         raise BadFile(f"{path} holds no dataflash message: it is no ArduPilot log, or damaged from its start")
+    if not decoder.is_dated:
+        raise BadFile(_undated(path, decoder))
     notes: list[Note] = []
     if log.damaged or decoder.strays:
         what = f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes)" if log.damaged else ""
@@ -190,6 +201,42 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
     return Recording(form, decoder.stores(), meta, notes, decoder.census)
 
 
+def _undated(path: Path, decoder: _Decoder) -> str:
+    """Return what a log is whose messages carry no stamp of the boot clock, and what to do."""
+    if "TIME" in decoder.census.seen:
+        return (
+            f"{path} is a log of PX4's old logger (sdlog2), which is not read: convert it with sdlog2_dump.py, and "
+            "name its columns with --columns"
+        )
+    store = decoder.stores()[-1]
+    whose = f"of {store.vehicle}" if store.vehicle != UNKNOWN else "of an early ArduPilot"
+    return (
+        f"{path} is a log {whose} whose messages carry no time stamp (TimeUS, or TimeMS until 2015), so nothing can be "
+        "identified from it: use the telemetry log (.tlog), or log with a newer firmware"
+    )
+
+
+STAMPS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
+"""Columns that date a message by the boot clock -> seconds per unit; TimeMS until 2015."""
+WEEK = frozenset({"Week", "GWk"})
+"""Beside one of these TimeMS is the time of the GPS week, and the boot clock [ms] is in ``T``."""
+
+
+def _stamps(block: AnyBlock) -> Array | None:
+    """Return when the messages of *block* were written [s since boot], None where nothing dates them.
+
+    Zeros stand for messages as old as the one before them: events without a stamp, and GPS by its week alone.
+    """
+    column, factor = next(((n, f) for n, f in STAMPS.items() if n in block.names), ("", 0.0))
+    is_gps_time = column == "TimeMS" and not WEEK.isdisjoint(block.names)
+    if is_gps_time:
+        column = "T" if "T" in block.names else ""
+    if not column:
+        return np.zeros(len(block.order)) if is_gps_time or block.kind in EVENTS else None
+    told = block.column(column)
+    return told * factor if told.dtype == np.float64 and told.ndim == 1 else None
+
+
 class _Decoder:
     """Writes blocks of messages into sample stores, a new one where the boot clock starts again."""
 
@@ -198,6 +245,7 @@ class _Decoder:
         self.census = Census()
         self.blocks = 0
         self.strays = 0
+        self.is_dated = False
         self.unstamped: set[str] = set()
         self._stores = [SampleStore(name, "vehicle (TimeUS)")]
 
@@ -206,6 +254,9 @@ class _Decoder:
         here = list(blocks)
         self.blocks += len(here)
         stamps = self._believable(here)
+        self.is_dated |= any(np.any(t > 0.0) for t in stamps.values())
+        if any("TimeMS" in b.names and WEEK.isdisjoint(b.names) for b in here):
+            self._stores[-1].clock = "vehicle (TimeMS)"
         for block in here:
             if block.kind not in stamps:
                 self.census.count(block.kind, self._now(), len(block.order))
@@ -239,6 +290,11 @@ class _Decoder:
             except Missing:
                 continue
 
+    def name_by(self, text: str) -> None:
+        """Take the firmware's name from a line above the log, where the log itself does not name it."""
+        for store in self._stores:
+            _name(store, text)
+
     def stores(self) -> list[SampleStore]:
         """Return the stores; where only the armed time is logged (LOG_DISARMED 0) the beginning counts as armed."""
         for store in self._stores:
@@ -255,15 +311,17 @@ class _Decoder:
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
         """Return stamps [s] by kind, NaN where one does not fit between its neighbours in the file."""
-        told = {b.kind: b.column("TimeUS") for b in blocks if "TimeUS" in b.names}
-        kinds = {k: t * 1e-6 for k, t in told.items() if t.dtype == np.float64 and t.ndim == 1}
+        told = {b.kind: _stamps(b) for b in blocks}
+        kinds = {kind: t for kind, t in told.items() if t is not None}
         if not kinds:
             return {}
         order = np.concatenate([b.order for b in blocks if b.kind in kinds])
         t = np.concatenate(list(kinds.values()))
         place = np.argsort(order, kind="stable")
         unstamped = {kind for kind, stamps in kinds.items() if not np.any(stamps)}
-        if 0 < len(unstamped) < len(kinds):  # ArduSub 4.7's RATE: as old as the message before it in the file
+        if len(unstamped) == len(kinds):
+            t[:] = self._now()
+        elif unstamped:  # PARM and MSG until 2015, ArduSub 4.7's RATE: as old as the message before it in the file
             self.unstamped |= unstamped
             blank = np.concatenate([np.full(len(s), k in unstamped) for k, s in kinds.items()])[place]
             last = np.maximum.accumulate(np.where(blank, -1, np.arange(len(place))))
@@ -332,10 +390,16 @@ def _event(store: SampleStore, kind: str, t: float, m: Mapping[str, Any]) -> Non
         store.arming.append((t, bool(m["Id"] == EV_ARMED)))
 
 
+_PRODUCT = re.compile(
+    r"(?:APM:|Ardu|APM)\s?(Rover|Sub|Copter|Plane|Blimp)\w*|(?:Antenna)?Tracker|Rover|Sub", re.IGNORECASE
+)
+"""What a firmware calls itself: ``ArduRover V4.6.0``, until 2018 ``APM:Rover v3.1``."""
+
+
 def _name(store: SampleStore, text: str) -> None:
     """Take the firmware's name and version from what it says of itself."""
-    if store.firmware is None:
-        for name, firmware in FIRMWARE.items():
-            if text.lower().startswith((name, name.removeprefix("ardu"))):
-                store.firmware = firmware
-                store.vehicle = text
+    product = _PRODUCT.match(text.strip())
+    if product is None or store.firmware is not None or store.vehicle != UNKNOWN:
+        return
+    store.firmware = FIRMWARE.get(f"ardu{(product[1] or product[0]).lower()}")
+    store.vehicle = text.strip()

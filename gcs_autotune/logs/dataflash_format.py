@@ -103,7 +103,8 @@ class BinaryLog:
     Attributes (complete once the iteration has ended)
     --------------------------------------------------
     messages : whole messages of known kind. damaged : stretches that were none. damaged_bytes : bytes in them.
-    truncated : whether the file ends within a message. counts : messages of each kind.
+    truncated : whether the file ends within a message. counts : messages of each kind. preamble : lines above the log,
+    of which a binary one has none.
     """
 
     stream: BinaryIO
@@ -112,6 +113,7 @@ class BinaryLog:
     damaged_bytes: int = 0
     truncated: bool = False
     counts: dict[str, int] = field(default_factory=dict)
+    preamble: tuple[str, ...] = ()
     _layouts: dict[int, Layout] = field(default_factory=dict)
     _is_bad: bool = False
 
@@ -197,6 +199,8 @@ class BinaryLog:
 
 LINES_AT_ONCE = 20_000
 """Chosen: lines looked at together."""
+MOST_ABOVE = 50
+"""Chosen: lines above the first FMT line that are no damage."""
 TEXT = frozenset(letter for letter, (_, factor) in LETTERS.items() if factor == 0.0) | {"M", "a"}
 """Letters whose values may be words: a flight mode is written by its name."""
 
@@ -221,7 +225,10 @@ class TextBlock:
 
 @dataclass
 class DataflashTextLog:
-    """Iterates over a log: one list of blocks per piece. Counters as of ``BinaryLog``; bytes are characters here."""
+    """Iterates over a log: one list of blocks per piece. Counters as of ``BinaryLog``; bytes are characters here.
+
+    preamble : what stands above the first FMT line, as a terminal that printed the log wrote it.
+    """
 
     stream: TextIO
     messages: int = 0
@@ -229,6 +236,7 @@ class DataflashTextLog:
     damaged_bytes: int = 0
     truncated: bool = False
     counts: dict[str, int] = field(default_factory=dict)
+    preamble: list[str] = field(default_factory=list)
     _heads: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[list[TextBlock]]:
@@ -239,6 +247,9 @@ class DataflashTextLog:
             line = ""
             while line := self.stream.readline(4096):
                 cells = [c.strip() for c in line.split(",")]
+                if not self.messages and cells[0] != "FMT" and len(self.preamble) < MOST_ABOVE:
+                    self.preamble.append(line.strip())
+                    continue
                 is_good = self._is_head(cells) or self._take(cells, pending)
                 self.damaged += not is_good and not is_bad and bool(line.strip())
                 self.damaged_bytes += 0 if is_good else len(line.strip())

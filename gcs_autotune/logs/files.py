@@ -1,72 +1,24 @@
-"""Finding the runs to identify from on disk: one table of readers, by suffix; and columns by other names."""
+"""Finding the runs to identify from on disk: files of every kind in the table of ``formats``, and directories."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.logs.dataflash import record_dataflash
-from gcs_autotune.logs.mavlink_csv import is_mavlogdump, is_mission_planner, record_mavlogdump, record_mission_planner
-from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
-from gcs_autotune.logs.sample_store import LogReader, Recording
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.logs.formats import LOG_SUFFIXES, format_of
+from gcs_autotune.logs.renaming import renamed
+from gcs_autotune.logs.sample_store import Recording
 from gcs_autotune.logs.segmentation import runs_of
-from gcs_autotune.logs.tlog import record_tlog
-from gcs_autotune.sname import DOFS, Dof, column_unit, parse_header
-from gcs_autotune.trial import Channel, Purpose, Trial, load_trial
+from gcs_autotune.sname import DOFS, INPUTS, Dof
+from gcs_autotune.trial import Purpose, Trial, load_trial
 
-__all__ = ["READERS", "TRIALS_FOLDER", "load_runs", "parse_columns", "record", "renamed"]
-
-
-def parse_columns(text: str) -> dict[str, str]:
-    """Read ``"t_sim=t[s],heading_deg=psi[deg]"`` as name in the file -> ``channel[unit]``.
-
-    Raises
-    ------
-    UsageError
-        A piece is not of the form ``name=channel[unit]``, or a name comes twice.
-    """
-    found: dict[str, str] = {}
-    for piece in (p.strip() for p in text.split(",")):
-        name, equals, head = piece.partition("=")
-        if not equals or not name.strip() or not head.strip():
-            raise UsageError(f"--columns: '{piece}' is not of the form name=channel[unit], e.g. heading_deg=psi[deg]")
-        if name.strip() in found:
-            raise UsageError(f"--columns names '{name.strip()}' twice")
-        found[name.strip()] = head.strip()
-    if len({parse_header(h)[0] for h in found.values()}) < len(found):
-        raise UsageError("--columns gives two columns the same channel name")
-    return found
-
-
-def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
-    """Return *trial* with channels renamed; values of a channel without unit are converted to SI on the way.
-
-    mapping : present name -> ``channel[unit]``.
-
-    Raises
-    ------
-    UsageError
-        A name the trial does not have, a new name it already has, or a unit for a channel that has another one.
-    """
-    missing = [name for name in mapping if name not in trial]
-    if missing:
-        raise UsageError(f"run '{trial.name}' has no column {', '.join(missing)}; it has {', '.join(trial.channels)}")
-    channels: dict[str, Channel] = {}
-    for name, channel in trial.channels.items():
-        new, unit = parse_header(mapping.get(name, f"{name}[{channel.unit}]"))
-        si, factor = column_unit(new, unit)
-        if channel.unit not in ("1", si):
-            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: not {new}[{unit}]")
-        if new in channels:
-            raise UsageError(f"run '{trial.name}' would have two channels called {new}")
-        scale = factor if channel.unit == "1" else 1.0
-        channels[new] = replace(channel, name=new, unit=si, values=channel.values * scale)
-    return replace(trial, channels=channels)
+__all__ = ["TRIALS_FOLDER", "load_runs", "record"]
 
 
 TRIALS_FOLDER = "trials"
@@ -75,60 +27,33 @@ TRIALS_FOLDER = "trials"
 LEAD_IN = "-with-lead-in"
 """What a recording that begins earlier adds to the file name of its manoeuvre."""
 
-INPUTS = frozenset("XYZKMN") | {"delta"}
-"""Channels that drive a craft."""
-
 LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
 """Purposes (:attr:`Trial.purpose`) of what lasts long enough to identify from, when no whole experiment was flown."""
 
 LEAST_SAMPLES = 30
 """Samples of motion below which a run tells nothing: three seconds at 10 Hz."""
 
-READERS: Mapping[str, LogReader] = {
-    ".tlog": record_tlog,
-    ".bin": record_dataflash,
-    ".log": record_dataflash,
-}
-"""Suffix -> reader of (path, system id); anything else is read as CSV. A format is one file and one line here."""
-
-CSV_READERS: tuple[tuple[Callable[[str], bool], LogReader], ...] = (
-    (is_mission_planner, record_mission_planner),
-    (is_mavlogdump, record_mavlogdump),
-    (is_qgc, record_qgc),
-)
-"""Whether the first lines of a text file are of a ground station's making -> reader; else it is a table of runs."""
-HEAD = 1 << 16
-"""Characters of a text file that are looked at."""
-
 
 def record(path: Path, system: int | None = None, parameters: Mapping[str, float] | None = None) -> Recording | None:
-    """Read *path* as the log its suffix (or, of a CSV file, its first lines) says it is; None when it is no log.
+    """Read *path* as the log that its content (or, where that is damaged, its suffix) says it is; None for columns.
 
     parameters : of the vehicle, for what the log itself does not tell.
 
     Raises
     ------
     BadFile
-        Not there, unreadable, or not what its name says. UsageError: no vehicle of that *system*.
+        Not there, unreadable, or of a kind that is not read; the message says what it is and how to convert it.
+        UsageError: no vehicle of that *system*.
     """
-    if not path.is_file():
+    if not path.exists():
         raise BadFile(f"{path}: no such file")
-    reader = READERS.get(path.suffix.lower()) or _csv_reader(path)
-    if reader is None:
+    form = format_of(path)
+    if form is None or form.record is None:
         return None
-    log = reader(path, system)
+    log = form.record(path, system)
     for store in log.stores:
         store.parameters = {**(parameters or {}), **store.parameters}
     return log
-
-
-def _csv_reader(path: Path) -> LogReader | None:
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as stream:
-            head = stream.read(HEAD)
-    except OSError as error:
-        raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
-    return next((reader for fits, reader in CSV_READERS if fits(head)), None)
 
 
 def load_runs(
@@ -142,7 +67,9 @@ def load_runs(
     """Return the runs at *path*, in order of file name or of time.
 
     * a CSV file: that trial;
-    * a telemetry log (``.tlog``) or a log on board (``.bin``, ``.log``): one trial per stretch armed in one mode;
+    * a telemetry log (``.tlog``), a log on board (``.bin``, ``.log``), a PX4 ULog: one trial per stretch armed in one
+      mode; what it is is known by its content, whatever its name;
+    * a MATLAB file or a ROS bag: that run;
     * a run directory: those of its ``trials/*.csv`` that were flown to identify, with what their inputs were during
       the lead-in (recorded beside them). Where none of these came to its end: those that were cut off, and the steps
       of a proof, with a doubt; when no side file names any manoeuvre at all (files from elsewhere), every CSV there;
@@ -165,10 +92,13 @@ def load_runs(
         A *pick*, *system* or *columns* that is not there.
     """
     place = Path(path)
-    if place.is_dir():
+    form = format_of(place) if place.exists() else None
+    if form is None and place.is_dir():
         return _of_directory(place, pick, system, columns, parameters)
-    if not place.is_file():
+    if not place.exists():
         raise BadFile(f"{place}: no such file or run directory")
+    if form is not None and form.runs is not None:
+        return form.runs(place, columns or {})
     log = record(place, system, parameters)
     if log is None:
         return [load_trial(place, columns)]
@@ -211,15 +141,18 @@ def _of_directory(
     folder = place / TRIALS_FOLDER if (place / TRIALS_FOLDER).is_dir() else place
     files = sorted(folder.glob("*.csv"))
     if not files:
-        logs = sorted(f for f in folder.iterdir() if f.suffix.lower() in READERS and f.suffix.lower() != ".log")
+        logs = sorted(f for f in folder.iterdir() if f.suffix.lower() in LOG_SUFFIXES)
         if not logs:
-            raise BadFile(f"{folder} holds no recorded run (*.csv, *.tlog, *.bin); give a file or a run directory")
+            raise BadFile(
+                f"{folder} is a folder without a recorded run (*.csv, {', '.join(f'*{s}' for s in LOG_SUFFIXES)}): "
+                f"give a file or a run directory{_holds(folder)}"
+            )
         return [
             run
             for log in logs
             for run in load_runs(log, pick=pick, system=system, columns=columns, parameters=parameters)
         ]
-    if any(_csv_reader(file) for file in files):
+    if any(format_of(file) for file in files):
         return [
             run
             for file in files
@@ -241,6 +174,11 @@ def _of_directory(
             "a CSV file to try it all the same"
         )
     return found
+
+
+def _holds(folder: Path) -> str:
+    names = sorted(visible(f.name) for f in folder.iterdir())
+    return f"; it holds {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}" if names else "; it is empty"
 
 
 def _fitted_to(place: Path) -> set[str]:

@@ -21,13 +21,11 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Firmware, checked_all
+from gcs_autotune.trial import Note
 
-__all__ = ["Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
+__all__ = ["UNKNOWN", "Census", "Heard", "LogReader", "Note", "RecordedParameters", "Recording", "SampleStore"]
 
 Array = NDArray[np.float64]
-Note = tuple[str, str, str]
-"""Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
-
 LIMITS: Mapping[str, float] = {
     **dict.fromkeys(("phi", "theta", "psi"), 10.0),
     **dict.fromkeys("pqr", 200.0),
@@ -39,6 +37,10 @@ LIMITS: Mapping[str, float] = {
 """Chosen: largest believable size of a source's values, by what comes after the dot (rad, rad/s, m/s, m, deg)."""
 LARGEST = 1e5
 """Chosen: the same for every other source (pulses in us, stick fractions)."""
+
+
+UNKNOWN = "unknown vehicle"
+"""What a vehicle is called that its log does not name."""
 
 
 class RecordedParameters:
@@ -138,7 +140,7 @@ class SampleStore:
 
     name: str
     clock: str
-    vehicle: str = "unknown vehicle"
+    vehicle: str = UNKNOWN
     firmware: Firmware | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     modes: list[tuple[float, int]] = field(default_factory=list)

@@ -177,7 +177,7 @@ def runs_of(log: Recording) -> list[Trial]:
     """
     cut = cut_runs(log)
     if not cut.runs:
-        raise NotInformative(_nothing(log.stores, cut.left_out))
+        raise NotInformative(_nothing(log, cut.left_out))
     return cut.runs
 
 
@@ -303,8 +303,9 @@ def _varies(channel: Channel) -> bool:
     return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
 
 
-def _nothing(stores: list[SampleStore], dropped: list[LeftOut]) -> str:
-    name = stores[0].name if stores else "the log"
+def _nothing(log: Recording, dropped: list[LeftOut]) -> str:
+    stores = log.stores
+    name = str(log.meta.get("source") or (stores[0].name if stores else "the log"))
     if not stores or all(t.span == (0.0, 0.0) for t in stores):
         return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
     long = sum(t.span[1] - t.span[0] for t in stores)
@@ -313,6 +314,10 @@ def _nothing(stores: list[SampleStore], dropped: list[LeftOut]) -> str:
             f"{name} holds {long:.0f} s of {stores[0].vehicle}, but it was never armed: nothing was driven, so nothing "
             "can be learnt; record a relay, a zig-zag or steps"
         )
+    notes = {cause: cure for left in dropped for slug, cause, cure in left.run.meta["notes"] if slug in NO_INPUT}
+    whys = {left.why for left in dropped if not left.why.startswith("shorter")}
+    if len(whys) == 1 and (cure := notes.get(*whys)):
+        return f"{name} holds no stretch to identify from: {whys.pop()}; {cure}"
     return (
         f"{name} holds no stretch to identify from ({'; '.join(map(str, dropped[:6]))}): record a relay or steps, with "
         "servo outputs and parameters in the log"

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
-from gcs_autotune.firmware import read_servo_map
+from gcs_autotune.logs.channels import servo_map_of
 from gcs_autotune.logs.dataflash import SIGNALS as ON_BOARD
 from gcs_autotune.logs.mavlink_decoder import SIGNALS as ON_THE_LINK
 from gcs_autotune.logs.mavlink_decoder import TRUTH
-from gcs_autotune.logs.sample_store import Note, RecordedParameters, Recording, SampleStore
+from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
 from gcs_autotune.logs.segmentation import Cut
 from gcs_autotune.mavlink import save_params
 from gcs_autotune.trial import Trial, save_trial
@@ -75,10 +75,8 @@ def _since(t: float, start: float) -> float:
 
 
 def _servo_map(store: SampleStore) -> str:
-    if store.firmware is None:
-        return "unknown: the log does not tell what autopilot it is of"
     try:
-        servos = read_servo_map(RecordedParameters(store.parameters), store.firmware)
+        servos = servo_map_of(store)[0]
     except AutotuneError as error:
         return f"unknown: {error}"
     return ", ".join(servos.names) + " from outputs " + ", ".join(str(o.channel) for o in servos.outputs)

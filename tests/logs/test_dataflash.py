@@ -282,7 +282,7 @@ def test_a_message_is_left_out_whole_without_a_stamp_or_with_a_number_missing() 
 class Log:
     """A log of two pieces."""
 
-    messages, damaged, damaged_bytes, truncated = 7, 0, 0, True
+    messages, damaged, damaged_bytes, truncated, preamble = 7, 0, 0, True, ()
 
     def __init__(self, stream: Any) -> None:
         stream.close()
@@ -326,12 +326,11 @@ def test_a_log_is_read_piece_by_piece_and_its_damage_is_doubted(
     assert found.census.seen["BARO"][0] == 31 - is_stray
 
 
-def test_what_begins_with_neither_or_holds_nothing_is_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_begins_with_neither_or_holds_nothing_is_no_log(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(b"hello")
     with pytest.raises(BadFile, match="neither a binary message nor a FMT line"):
         record_dataflash(path)
-    path.write_bytes(b"FMT")
-    monkeypatch.setattr(dataflash, "DataflashTextLog", type("None", (Log,), {"__iter__": lambda self: iter(())}))
+    path.write_bytes(b"FMT, 128")
     with pytest.raises(BadFile, match="holds no dataflash message"):
         record_dataflash(path)

@@ -119,4 +119,4 @@ def test_stretches_that_tell_nothing_are_written_only_when_asked_for(
     assert run["psi"].values[-1] == pytest.approx(np.radians(59.0))
     (tmp_path / "table.csv").write_text("t[s],psi[rad]\n0,1\n")
     assert main(["logs", "list", str(tmp_path / "table.csv")]) == 6
-    assert "needs no import" in capsys.readouterr().err
+    assert "it needs no import" in capsys.readouterr().err

@@ -10,8 +10,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from gcs_autotune.errors import AutotuneError, NoReply, ParameterMissing, PreconditionFailed, WrongVehicle
-from gcs_autotune.firmware import FIRMWARE, Firmware, firmware_for, read_servo_map
+from gcs_autotune.errors import (
+    AutotuneError,
+    NoReply,
+    OutputsUnassigned,
+    ParameterMissing,
+    PreconditionFailed,
+    WrongVehicle,
+)
+from gcs_autotune.firmware import FIRMWARE, Firmware, ServoMap, firmware_for, read_servo_map
 from gcs_autotune.link.parameters.client import Parameters, same_float32
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.commands import Commands
@@ -172,12 +179,23 @@ def _read_config(session: Session, parameters: Parameters, firmware: Firmware) -
     told = parameters.read_existing(names)
     return VehicleConfig(
         read_override_map(parameters, firmware),
-        read_servo_map(parameters, firmware),
+        _servo_map(parameters, firmware),
         told.get(_FULL_SPEED, 0.0),
         1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
         gyro_lag(told.get(_GYRO_FILTER, 0.0)),
         read_rate_stick(parameters, firmware),
     )
+
+
+def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
+    try:
+        return read_servo_map(parameters, firmware)
+    except OutputsUnassigned as error:
+        if error.told == error.of:
+            raise
+        raise PreconditionFailed(
+            f"{error} Only {error.told} of {error.of} answered: or is the link too thin for the answers?"
+        ) from error
 
 
 def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:

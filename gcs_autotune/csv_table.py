@@ -1,0 +1,363 @@
+"""The text of a table with ``name[unit]`` heads to cells and numbers; what is no such table is refused by what it is.
+
+Spreadsheets and loggers write separators, decimal marks, dates and encodings of their own. A guess at numbers may be
+wrong by a thousand, so such a file is refused in one line that says what it holds and how to convert it. What can mean
+one thing only is read: a head line in a remark (``numpy.savetxt``), units in a line of their own, text columns.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.sname import SIGNALS, parse_header, to_si
+
+__all__ = [
+    "Cells",
+    "Note",
+    "TableNumbers",
+    "cells_of",
+    "clock_notes",
+    "is_pulses",
+    "numbers_of",
+    "shares_of_pulses",
+    "since_1970",
+    "text_of",
+    "wide_encoding",
+]
+
+Array = NDArray[np.float64]
+Note: TypeAlias = tuple[str, str, str]
+"""Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
+
+_DATE = re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}|^\s*\d{1,2}[./-]\d{1,2}[./-]\d{2,4}\b|^\s*\d{1,2}:\d{2}(:\d{2}|\s*$)")
+_NUMBER = re.compile(r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$")
+_DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*$")
+_COMMA_IN_NUMBER = re.compile(r"\d,\d")
+_SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'"}
+_UNSEEN = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+"""Control characters that no text has; escape sequences (1b) are left to whoever shows them."""
+SHOWN = 40
+"""Chosen: characters quoted of a cell."""
+SAMPLE = 1 << 16
+"""Chosen: bytes looked at to tell an encoding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """The cells of a table: those of its ``head`` line, and of its ``rows``, the first of which is row ``first``."""
+
+    path: Path
+    head: list[str]
+    rows: list[list[str]]
+    first: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class TableNumbers:
+    """The numbers of a table.
+
+    Attributes
+    ----------
+    columns : indices of the columns that hold numbers. values : (n, k) of these, NaN where a cell is empty.
+    dropped : 1 when the last row was cut off. nans, infinite : of each of the columns, cells that say so.
+    texts : heads of the columns left out because they hold words only.
+    """
+
+    columns: list[int]
+    values: Array
+    dropped: int
+    nans: list[int]
+    infinite: list[int]
+    texts: list[str]
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    BadFile
+        Unreadable, empty, in UTF-16 or UTF-32, or no text at all.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadFile(f"{path} cannot be read as a CSV run: {error.strerror or error}") from error
+    if not data.strip():
+        raise BadFile(f"{path} is empty: it holds no samples")
+    wide = wide_encoding(data[:SAMPLE])
+    if wide:
+        raise BadFile(
+            f"{path} is written in {wide}: save it as UTF-8, as in: "
+            f"iconv -f {wide} -t UTF-8 {shlex.quote(path.name)} > run.csv"
+        )
+    if _UNSEEN.search(data[:SAMPLE]):
+        raise BadFile(f"{path} cannot be read as a CSV run: it is no text; what wrote it can export CSV")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")  # of Windows: a degree sign in a head
+
+
+def wide_encoding(data: bytes) -> str:
+    """Return ``UTF-16`` or ``UTF-32`` when *data* is text in one of them, by its mark or by its zeros."""
+    if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        return "UTF-32"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "UTF-16"
+    for encoding, zeros, letters in (("UTF-16LE", data[1::2], data[::2]), ("UTF-16BE", data[::2], data[1::2])):
+        if len(zeros) > 2 and zeros.count(0) > 0.9 * len(zeros) and letters.count(0) < 0.1 * len(letters):
+            return encoding
+    return ""
+
+
+def cells_of(path: Path) -> Cells:
+    """Return the table at *path*: its head line and its rows, remarks (``#``) and blank lines left out.
+
+    Raises
+    ------
+    BadFile
+        It is no table with commas between its columns; the message says what it is.
+    """
+    text = text_of(path)
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise BadFile(f"{path} cannot be read as a CSV run: {error}") from error
+    remarks = [row for row in rows if row[0].lstrip().startswith("#")]
+    rows = [row for row in rows if not row[0].lstrip().startswith("#")]
+    if rows:
+        _see_separator(path, rows)
+    if rows and all(_NUMBER.match(cell) for cell in rows[0]):
+        above = [row for row in remarks if len(row) == len(rows[0])]
+        if not above:
+            raise BadFile(f"{path} has no head line: write one above its numbers, like t[s],psi[rad],N[N m]")
+        rows = [[above[-1][0].lstrip("# \t"), *above[-1][1:]], *rows]
+    if len(rows) < 2:
+        raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
+    head, body = rows[0], rows[1:]
+    while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
+        width = len(head)
+        head, body = head[:-1], [row[:-1] if len(row) == width else row for row in body]
+    named = [visible(cell) if cell.strip() else f"column {i}" for i, cell in enumerate(head, start=1)]
+    return _with_units(Cells(path, named, body))
+
+
+def _see_separator(path: Path, rows: Sequence[list[str]]) -> None:
+    head = rows[0]
+    name = shlex.quote(path.name)
+    body = "\n".join(",".join(row) for row in rows[1:50])
+    found = next((s for s in _SEPARATORS if s in head[0] and len(head) <= head[0].count(s)), "")
+    if found:
+        decimal = bool(_COMMA_IN_NUMBER.search(body))
+        shown = "\\t" if found == "\t" else found
+        command = f"sed 's/{',/./g; s/' if decimal else ''}{'[|]' if found == '|' else shown}/,/g' {name} > run.csv"
+        raise BadFile(
+            f"{path} separates its columns by {_SEPARATORS[found]}{' and writes decimal commas' if decimal else ''}: "
+            f"put ',' between columns{' and . into numbers' if decimal else ''}, as in: {command}"
+        )
+    spaced = [row[0].split() for row in rows[1:4] if len(row) == 1]
+    if len(head) == 1 and spaced and all(len(s) > 1 and all(_NUMBER.match(c) for c in s) for s in spaced):
+        raise BadFile(f"{path} separates its columns by spaces: put ',' between columns, in its head line as well")
+    if len(head) > 1 and any(_DECIMAL_COMMA.match(cell) for row in rows[1:4] for cell in row):
+        raise BadFile(f"{path} writes decimal commas: put . into numbers (0.61) and ',' between columns only")
+    halves = [row for row in rows[1:50] if len(row) == 2 * len(head)]
+    if len(head) > 1 and len(halves) == len(rows[1:50]) > 1:
+        raise BadFile(
+            f"{path} has {len(head)} heads and {2 * len(head)} cells in a row: it writes decimal commas and separates "
+            "columns by commas as well. Export it with . in numbers and ',' between columns"
+        )
+
+
+def _with_units(cells: Cells) -> Cells:
+    """Return *cells* with a second head line, when it holds nothing but units, joined to the first."""
+    first = cells.rows[0]
+    filled = [cell for cell in first if cell.strip()]
+    if any(_number(cell) is not None for cell in filled) or len(first) != len(cells.head):
+        return cells
+    units = [cell.strip().strip("[]()").strip() for cell in first]
+    if all(_is_unit(unit) for unit in units) and not any("[" in head for head in cells.head) and len(cells.rows) > 1:
+        head = [f"{name.strip()}[{unit}]" if unit else name for name, unit in zip(cells.head, units, strict=True)]
+        return Cells(cells.path, head, cells.rows[1:], cells.first + 1)
+    if not any(_DATE.match(cell) for cell in filled):
+        shown = ", ".join(_short(cell) for cell in filled[:3])
+        raise BadFile(
+            f"{cells.path}, row 2: {shown} are words where numbers should begin. Keep one head line, with units in "
+            "brackets: t[s],psi[deg],N[N m]"
+        )
+    return cells
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        to_si(text)
+    except BadFile:
+        return False
+    return True
+
+
+def _short(cell: str) -> str:
+    text = visible(cell.strip())
+    return f"'{text if len(text) <= SHOWN else text[:SHOWN] + '...'}'"
+
+
+def numbers_of(cells: Cells) -> TableNumbers:
+    """Return the numbers in the cells of a table.
+
+    Raises
+    ------
+    BadFile
+        A cell that is no number, a row of another length (a truncated *last* row is dropped), no rows.
+    """
+    path, width = cells.path, len(cells.head)
+    texts = [i for i in range(width) if _is_text(cells, i)]
+    kept = [i for i in range(width) if i not in texts]
+    values: list[list[float]] = []
+    nans, infinite = [0] * len(kept), [0] * len(kept)
+    dropped = 0
+    for number, row in enumerate(cells.rows, start=cells.first):
+        numbers = [_number(row[i]) for i in kept] if len(row) == width else []
+        whole = [value for value in numbers if value is not None]
+        if len(whole) < len(kept):
+            if number == cells.first + len(cells.rows) - 1:
+                dropped = 1
+                break
+            _refuse(cells, number, row, kept)
+        values.append(whole)
+        for k, value in enumerate(whole):
+            if not math.isfinite(value) and row[kept[k]].strip():
+                (nans if math.isnan(value) else infinite)[k] += 1
+    if not values:
+        if len(cells.rows[-1]) == width:
+            _refuse(cells, cells.first, cells.rows[-1], kept)
+        raise BadFile(f"{path} holds no complete row of samples")
+    heads = [cells.head[i] for i in texts]
+    return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
+
+
+def _number(cell: str) -> float | None:
+    """Return the number in a cell, NaN when it is empty, None when it is none.
+
+    Python's ``1_0`` and digits of other scripts are none: no logger writes them.
+    """
+    text = cell.strip()
+    if not text:
+        return math.nan
+    if not text.isascii() or "_" in text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _is_text(cells: Cells, i: int) -> bool:
+    """Whether column *i* holds words only, and is nothing by its name that is read."""
+    name, unit = parse_header(cells.head[i])
+    if name in SIGNALS or unit or name.lower() in ("t", "time"):
+        return False
+    filled = [row[i] for row in cells.rows if len(row) > i and row[i].strip()]
+    return bool(filled) and all(_number(cell) is None and not _DATE.match(cell) for cell in filled)
+
+
+def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
+    """Say what is wrong with the first cell of *row* that is no number."""
+    if len(row) != len(cells.head):
+        raise BadFile(f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}")
+    i = next(i for i in columns if _number(row[i]) is None)
+    cell, head = row[i], cells.head[i]
+    where = f"{cells.path}, row {number}, column {_short(head)}: {_short(cell)}"
+    if _DATE.match(cell):
+        raise BadFile(f"{where} is a date or a time of day: seconds are wanted, as a number (t[s]: 0.00, 0.10, ...)")
+    if _DECIMAL_COMMA.match(cell):
+        raise BadFile(f"{where} has a decimal comma: put . into numbers")
+    if cell.strip() == head.strip():
+        raise BadFile(f"{where} repeats the head line: cut the file there, each part is a run")
+    raise BadFile(f"{where} is no number")
+
+
+EPOCHS: tuple[tuple[float, float, str, float], ...] = (
+    (1e17, 1e19, "ns", 1e-9),
+    (1e14, 1e16, "us", 1e-6),
+    (1e11, 1e13, "ms", 1e-3),
+)
+"""Stamps without a unit that lie between the first two are since 1970, in the third, which is so many seconds."""
+
+
+def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
+    """Return stamps (n,) without a unit in seconds, with a note when their size shows them to be in another unit."""
+    known = np.abs(t[np.isfinite(t)])
+    typical = float(np.median(known)) if len(known) else 0.0
+    for low, high, unit, factor in EPOCHS:
+        if low < typical < high:
+            cause = f"the stamps of {file} have no unit and were read as {unit} since 1970"
+            return t * factor, [("epoch-stamps", cause, f"if that is right, call the column t[{unit}]")]
+    return t, []
+
+
+def clock_notes(file: str, t: Array) -> list[Note]:
+    """Return how many of the rows stamped *t* [s] have no time, and how often the time runs back."""
+    notes: list[Note] = []
+    known = t[np.isfinite(t)]
+    if 0 < len(t) - len(known):
+        cause = f"{len(t) - len(known)} of {len(t)} rows of {file} have no time"
+        notes.append(("rows-without-time", cause, "check the logger; those rows were left out"))
+    back = np.flatnonzero(np.diff(known) < 0.0)
+    if len(back):
+        first = int(back[0])
+        times = f"{len(back)} times, first" if len(back) > 1 else "once,"
+        cause = f"the time of {file} runs back {times} from {known[first]:.10g} to {known[first + 1]:.10g} s"
+        notes.append(("time-runs-back", cause, "log with the vehicle's own time stamps, or cut the file there"))
+    return notes
+
+
+NEUTRAL, HALF_RANGE = 1500.0, 400.0
+"""Pulse [us] of no output, and from there to full output, where nothing else is known: ArduPilot's defaults."""
+SHORTEST, LONGEST = 700.0, 2300.0
+"""Chosen [us]: an input whose values all lie between these is in pulses: no share of full, no rudder is so large."""
+
+
+def is_pulses(unit: str, values: Array) -> bool:
+    """Whether an input is in pulses [us]: by its unit, or, where it has none (``1``, of a rudder ``rad``), by size."""
+    return unit == "pwm" or (unit in ("1", "rad") and _are_pulses(values))
+
+
+def _are_pulses(values: Array) -> bool:
+    sent = values[values != 0.0]
+    return len(sent) > 0 and bool(np.all((sent > SHORTEST) & (sent < LONGEST)))
+
+
+def shares_of_pulses(name: str, values: Array, run: str) -> tuple[Array, Note]:
+    """Return pulses [us] as share of full output about their neutral; 0 us is no pulse, hence no output.
+
+    Raises
+    ------
+    BadFile
+        They are not about the neutral pulse.
+    """
+    sent = values[values != 0.0]
+    if len(sent) and not _are_pulses(values):
+        raise BadFile(
+            f"{name} of run '{visible(run)}' is in pulses, but from {sent.min():g} to {sent.max():g}: pulses are "
+            f"about {NEUTRAL:g} us. Write its unit, or the share of full output without one"
+        )
+    size = f", {sent.min():g} to {sent.max():g} us" if len(sent) else ""
+    cause = (
+        f"{name} of run '{visible(run)}' is in pulses{size}: it was read as share of full output, "
+        f"(pulse - {NEUTRAL:g} us) / {HALF_RANGE:g} us"
+    )
+    cure = "if neutral or full output are elsewhere, write the share itself: (pulse - trim) / (max - trim)"
+    return np.where(values == 0.0, 0.0, (values - NEUTRAL) / HALF_RANGE), (f"pulses-{name}", cause, cure)

@@ -1,0 +1,90 @@
+"""What a kind of file is: how it is recognised, and either how it is read or how somebody else converts it."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.logs.sample_store import LogReader
+from gcs_autotune.trial import Trial
+
+__all__ = ["FAULTS", "Format", "Head", "RunReader", "absent"]
+
+SIZE = 1 << 16
+"""Chosen: bytes of a file that are looked at to recognise it."""
+
+RunReader: TypeAlias = Callable[[Path, Mapping[str, str]], list[Trial]]
+"""Reads (path, name in the file -> ``channel[unit]``); raises ``BadFile`` or ``UsageError``."""
+
+FAULTS = (
+    ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, AssertionError, EOFError, OSError,
+    MemoryError, NotImplementedError, RecursionError, RuntimeError, StopIteration, struct.error, zlib.error,
+)  # fmt: skip
+"""What a library that reads a damaged file may raise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The beginning of a file: its first bytes, none of a directory."""
+
+    path: Path
+    data: bytes
+
+    @classmethod
+    def of(cls, path: Path) -> Head:
+        """Read the beginning of the file at *path*.
+
+        Raises
+        ------
+        BadFile
+            It cannot be read.
+        """
+        if path.is_dir():
+            return cls(path, b"")
+        try:
+            with path.open("rb") as stream:
+                return cls(path, stream.read(SIZE))
+        except OSError as error:
+            raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
+
+    @property
+    def text(self) -> str:
+        """The same as text, undecodable bytes replaced."""
+        return self.data.decode("utf-8-sig", errors="replace")
+
+    @property
+    def is_text(self) -> bool:
+        """Whether these bytes look like text in one byte a character."""
+        return bool(self.data) and b"\0" not in self.data and not self.data.startswith((b"\xfd", b"\xfe"))
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One kind of file.
+
+    Attributes
+    ----------
+    name : with its article, after "is": "a PX4 ULog".
+    fits : whether the beginning of a file shows it to be of this kind, whatever its name.
+    suffixes : by which a file whose beginning is damaged is taken for one of this kind.
+    record : reads a vehicle's log into stores. runs : reads columns into runs. Neither: it is not read here, and
+    advice : says how to convert it; ``{name}`` stands for the file's name.
+    """
+
+    name: str
+    fits: Callable[[Head], bool]
+    suffixes: tuple[str, ...] = ()
+    record: LogReader | None = None
+    runs: RunReader | None = None
+    advice: str = ""
+
+
+def absent(path: Path, what: str, library: str, instead: str) -> BadFile:
+    """Return the refusal of a file whose *library* is not installed; *instead* says how to do without."""
+    cure = f"pip install 'gcs-autotune[formats]' to read it, or {instead}"
+    return BadFile(f"{path} is {what}, and {library} is not installed: {cure}")

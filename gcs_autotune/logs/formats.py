@@ -1,0 +1,198 @@
+"""The table of kinds of files: those read here, and those that are named, with the way to convert them.
+
+A file is known by its content, whatever its name. Only where its content shows nothing (a log damaged from its start)
+does the suffix count. Whatever is left is read as a CSV table.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gcs_autotune import mavlink  # whose names bring pymavlink, so only when one is used
+from gcs_autotune.csv_table import wide_encoding
+from gcs_autotune.errors import BadFile
+from gcs_autotune.foreign_text import visible
+from gcs_autotune.logs import matlab, rosbag, ulog
+from gcs_autotune.logs.dataflash import FMT_LINE, record_dataflash
+from gcs_autotune.logs.format import Format, Head
+from gcs_autotune.logs.mavlink_csv import is_mavlogdump, is_mission_planner, record_mavlogdump, record_mission_planner
+from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
+from gcs_autotune.logs.tlog import record_tlog
+
+__all__ = ["FORMATS", "LOG_SUFFIXES", "format_of"]
+
+FIRST_FRAMES = 3
+"""Chosen: MAVLink frames behind each other that show what a file is."""
+YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
+"""Stamps of telemetry logs [us since 1970] of 2000 to 2099."""
+EXPORT = "export it from there as CSV (comma separated, UTF-8), with a head line like t[s],psi[deg],N[N m]"
+
+
+def _begins(*magic: bytes) -> Callable[[Head], bool]:
+    return lambda head: head.data.startswith(magic)
+
+
+def _text(pattern: str) -> Callable[[Head], bool]:
+    compiled = re.compile(pattern, re.IGNORECASE)
+    return lambda head: head.is_text and compiled.match(head.text.lstrip()) is not None
+
+
+def _of_text(fits: Callable[[str], bool]) -> Callable[[Head], bool]:
+    return lambda head: head.is_text and fits(head.text)
+
+
+def _is_stamped(head: Head) -> bool:
+    """Whether a file begins with a stamp and a MAVLink frame, as telemetry logs do."""
+    stamp = int.from_bytes(head.data[:8], "big")
+    return head.data[8:9] in (b"\xfd", b"\xfe") and YEARS[0] < stamp < YEARS[1]
+
+
+def _is_raw(head: Head) -> bool:
+    """Whether a file begins with MAVLink frames right behind each other, without stamps."""
+    data, at = head.data, 0
+    for count in range(FIRST_FRAMES):
+        if data[at : at + 1] not in (b"\xfd", b"\xfe"):
+            return False
+        length = mavlink.frame_length(data, at)
+        if length is None or at + length >= len(data):
+            return count > 0 and at + (length or 0) == len(data)
+        at += length
+    return True
+
+
+def _is_dataflash(head: Head) -> bool:
+    return head.data.startswith(b"\xa3\x95\x80") or (head.is_text and FMT_LINE.search(head.data[:4096]) is not None)
+
+
+def _zipped(fits: Callable[[Sequence[str]], bool]) -> Callable[[Head], bool]:
+    """Return whether a file is a zip archive whose members' names fit; an archive that cannot be read has none."""
+
+    def is_such(head: Head) -> bool:
+        return head.data.startswith(b"PK\x03\x04") and fits(_members(head.path))
+
+    return is_such
+
+
+def _members(path: Path) -> list[str]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, RuntimeError):
+        return []
+
+
+FORMATS: tuple[Format, ...] = (
+    Format("a telemetry log", _is_stamped, (".tlog",), record=record_tlog),
+    Format("a log on board", _is_dataflash, (".bin", ".log"), record=record_dataflash),
+    Format("Mission Planner's CSV of a telemetry log", _of_text(is_mission_planner), record=record_mission_planner),
+    Format("mavlogdump's CSV of a telemetry log", _of_text(is_mavlogdump), record=record_mavlogdump),
+    Format("QGroundControl's CSV", _of_text(is_qgc), record=record_qgc),
+    ulog.FORMAT,
+    matlab.FORMAT,
+    rosbag.FORMAT,
+    Format(
+        "MAVLink without time stamps (MAVProxy's .raw)",
+        _is_raw,
+        advice="give the telemetry log that MAVProxy writes beside it (mav.tlog): the same messages with stamps",
+    ),
+    Format(
+        "a MATLAB file of version 7.3, or another HDF5 file",
+        lambda head: head.data.startswith(b"\x89HDF\r\n\x1a\n") or head.data.startswith(b"MATLAB 7.3 MAT-file"),
+        advice="in MATLAB save it with save('run.mat', '-v7'), or " + EXPORT,
+    ),
+    Format(
+        "an Excel workbook",
+        _zipped(lambda names: any(n.startswith("xl/") for n in names)),
+        (".xlsx", ".xlsm", ".xls"),
+        advice=EXPORT,
+    ),
+    Format("an old Excel workbook", _begins(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), advice=EXPORT),
+    Format(
+        "a spreadsheet of LibreOffice",
+        _zipped(lambda names: "content.xml" in names and "mimetype" in names),
+        (".ods",),
+        advice=EXPORT,
+    ),
+    Format(
+        "NumPy's .npz or .npy",
+        lambda head: head.data.startswith(b"\x93NUMPY") or _zipped(lambda n: bool(n) and n[0].endswith(".npy"))(head),
+        (".npz", ".npy"),
+        advice="write it as CSV: numpy.savetxt('run.csv', columns, delimiter=',', header='t[s],psi[rad],N[N m]')",
+    ),
+    Format("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), (".zip",), advice="unpack it: unzip {name}{inside}"),
+    Format("compressed by gzip", _begins(b"\x1f\x8b"), (".gz",), advice="unpack it: gunzip -k {name}"),
+    Format("compressed by bzip2", _begins(b"BZh"), (".bz2",), advice="unpack it: bunzip2 -k {name}"),
+    Format("compressed by xz", _begins(b"\xfd7zXZ\0"), (".xz",), advice="unpack it: unxz -k {name}"),
+    Format("compressed by Zstandard", _begins(b"\x28\xb5\x2f\xfd"), (".zst",), advice="unpack it: unzstd {name}"),
+    Format("a 7z archive", _begins(b"7z\xbc\xaf\x27\x1c"), (".7z",), advice="unpack it: 7z x {name}"),
+    Format("a RAR archive", _begins(b"Rar!\x1a\x07"), (".rar",), advice="unpack it: unrar x {name}"),
+    Format("a tar archive", lambda head: head.data[257:262] == b"ustar", (".tar",), advice="unpack it: tar xf {name}"),
+    Format("Parquet", _begins(b"PAR1"), (".parquet",), advice="write it as CSV: pandas.read_parquet(...).to_csv(...)"),
+    Format("a database (SQLite)", _begins(b"SQLite format 3"), advice=EXPORT),
+    Format("a Python pickle", _begins(b"\x80\x03", b"\x80\x04", b"\x80\x05"), (".pkl",), advice="write it as CSV"),
+    Format(
+        "a log of Betaflight's Blackbox", _begins(b"H Product:Blackbox"), advice="convert it: blackbox_decode {name}"
+    ),
+    Format("a PDF", _begins(b"%PDF-"), advice="give the data it was made of"),
+    Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="give the data it was made of"),
+    Format("a web page", _text(r"<!doctype html|<html"), advice="give the file that it shows or links to"),
+    Format("a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track alone has no inputs: give the log"),
+    Format(
+        "NMEA sentences", _text(r"\$[A-Z]{2}[A-Z0-9]{3},"), advice="a receiver's output has no inputs: give the log"
+    ),
+    Format("a list of waypoints", _text(r"QGC WPL"), advice="give the log of the mission instead"),
+    Format(
+        "JSON",
+        _text(r"\{\s*[\"}]|\[\s*[\[{\"\d-]"),
+        (".json",),
+        advice="give a run as CSV, with a head line like t[s],psi[deg],N[N m]",
+    ),
+    Format(
+        "an early ArduPilot log without FMT lines (of before 2012)",
+        _text(r"(ATT|GPS|NTUN|CTUN|RAW|IMU|MOD|PM)\s*:"),
+        advice="it cannot be read: give the telemetry log (.tlog) of that day",
+    ),
+    Format(
+        "a list of parameters",
+        _text(r"(#[^\n]*\n)*([A-Z][A-Z0-9]+_[A-Z0-9_]+[ ,\t]+-?[0-9.]+\s*\n){3}"),
+        advice="give it with --parameters, beside the log it belongs to",
+    ),
+)
+"""Kinds of files, tried in this order by content and then by suffix. A format is one file and one line here."""
+
+LOG_SUFFIXES = tuple(s for f in FORMATS if f.record or f.runs for s in f.suffixes if s not in (".log", ".db3"))
+"""Suffixes of the logs that are looked for in a folder."""
+
+
+def format_of(path: Path) -> Format | None:
+    """Return what kind of file is at *path*, None for a table of columns (CSV) or an ordinary folder.
+
+    Raises
+    ------
+    BadFile
+        It cannot be read, is empty, or is of a kind that is not read here: the message says which, and how to convert.
+    """
+    head = Head.of(path)
+    if not head.data and not path.is_dir():
+        raise BadFile(f"{path} is empty (0 bytes): nothing was recorded, or it was not copied")
+    form = next((f for f in FORMATS if f.fits(head)), None) or _by_suffix(head)
+    if form is not None and form.record is None and form.runs is None:
+        inside = ", ".join(visible(name) for name in _members(path)[:3])
+        advice = form.advice.replace("{name}", shlex.quote(visible(path.name)))
+        advice = advice.replace("{inside}", f" (it holds {inside})" if inside else "")
+        raise BadFile(f"{path} is {form.name}: {advice}")
+    return form
+
+
+def _by_suffix(head: Head) -> Format | None:
+    """Return what a file is by its name, unless it is a table of text called something else."""
+    if head.path.is_dir() or wide_encoding(head.data):
+        return None
+    first = next((line for line in head.text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
+    if head.is_text and "," in first:
+        return None
+    return next((f for f in FORMATS if head.path.suffix.lower() in f.suffixes), None)

@@ -1,0 +1,331 @@
+"""Files of other tools: recognised by their content, read where a library reads them, else named with the way on."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import math
+import shutil
+import sqlite3
+import struct
+import sys
+import tarfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from log_on_board import Board
+from log_writing import BOAT, Tlog, beats, parameters, sail, swing
+
+from gcs_autotune.errors import BadFile
+from gcs_autotune.logs import FORMATS, load_runs, record
+
+STEP, COUNT = 0.05, 400
+T = STEP * np.arange(COUNT)
+N = np.where(np.arange(COUNT) // 60 % 2, 0.4, -0.4)
+
+
+def turned() -> tuple[np.ndarray, np.ndarray]:
+    """Heading and turn rate of a first-order craft driven by N: 1.2 s, half a rad/s at full."""
+    psi, r = np.zeros(COUNT), np.zeros(COUNT)
+    for k in range(COUNT - 1):
+        r[k + 1] = r[k] + STEP * (0.5 * N[k] - r[k]) / 1.2
+        psi[k + 1] = psi[k] + STEP * r[k]
+    return psi, r
+
+
+PSI, R = turned()
+
+
+class ULogWriter:
+    """Writes PX4's log format: definitions, subscriptions, data."""
+
+    CODES: Mapping[str, str] = {"uint64_t": "Q", "float": "f", "uint8_t": "B", "int32_t": "i"}
+
+    def __init__(self) -> None:
+        self.pieces = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)]
+        self.topics: list[str] = []
+
+    def message(self, kind: str, body: bytes) -> None:
+        self.pieces.append(struct.pack("<HB", len(body), ord(kind)) + body)
+
+    def format(self, topic: str, *fields: str) -> None:
+        self.message("F", f"{topic}:{''.join(f + ';' for f in ('uint64_t timestamp', *fields))}".encode())
+
+    def parameter(self, name: str, value: float) -> None:
+        key = f"float {name}".encode()
+        self.message("P", bytes([len(key)]) + key + struct.pack("<f", value))
+
+    def subscribe(self, topic: str) -> None:
+        self.message("A", struct.pack("<BH", 0, len(self.topics)) + topic.encode())
+        self.topics.append(topic)
+
+    def data(self, topic: str, t: float, layout: str, *values: float) -> None:
+        number = self.topics.index(topic)
+        self.message("D", struct.pack(f"<HQ{layout}", number, round(t * 1e6), *values))
+
+
+def ulog() -> bytes:
+    log = ULogWriter()
+    log.format("vehicle_attitude", "float[4] q")
+    log.format("vehicle_angular_velocity", "float[3] xyz")
+    log.format("vehicle_torque_setpoint", "float[3] xyz")
+    log.format("vehicle_thrust_setpoint", "float[3] xyz")
+    log.format("vehicle_status", "uint8_t arming_state", "uint8_t nav_state")
+    log.parameter("GND_SPEED_P", 0.25)
+    for topic in ("vehicle_attitude", "vehicle_angular_velocity", "vehicle_torque_setpoint", "vehicle_thrust_setpoint",
+                  "vehicle_status"):  # fmt: skip
+        log.subscribe(topic)
+    log.data("vehicle_status", 9.0, "BB", 1, 0)
+    for t, n, psi, r in zip(10.0 + T, N, PSI, R, strict=True):
+        if t == 10.0:
+            log.data("vehicle_status", t, "BB", 2, 0)
+        log.data("vehicle_torque_setpoint", t, "fff", 0.0, 0.0, n)
+        log.data("vehicle_thrust_setpoint", t, "fff", 0.5, 0.0, 0.0)
+        log.data("vehicle_attitude", t, "ffff", math.cos(psi / 2), 0.0, 0.0, math.sin(psi / 2))
+        log.data("vehicle_angular_velocity", t, "fff", 0.0, 0.0, r)
+    return b"".join(log.pieces)
+
+
+def mat(**columns: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, columns or {"t": T, "psi": PSI, "r": R, "N": N})
+    return stream.getvalue()
+
+
+def bag2(folder: Path) -> Path:
+    """A ROS 2 bag as a ship's stack writes it: odometry and wrench, east, north, up."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    header, stamp = kinds["std_msgs/msg/Header"], kinds["builtin_interfaces/msg/Time"]
+    vector, point, turn = (kinds[f"geometry_msgs/msg/{k}"] for k in ("Vector3", "Point", "Quaternion"))
+    pose, twist, wrench = (kinds[f"geometry_msgs/msg/{k}"] for k in ("Pose", "Twist", "Wrench"))
+    with_pose, with_twist = (kinds[f"geometry_msgs/msg/{k}WithCovariance"] for k in ("Pose", "Twist"))
+    odometry, wrenched = kinds["nav_msgs/msg/Odometry"], kinds["geometry_msgs/msg/WrenchStamped"]
+    path, spread = folder / "bag", np.zeros(36)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        where = writer.add_connection("/odom", odometry.__msgtype__, typestore=store)
+        what = writer.add_connection("/thrust", wrenched.__msgtype__, typestore=store)
+        for k, t in enumerate(T):
+            ns = round((1714644000.0 + t) * 1e9)
+            head = header(stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="map")
+            yaw = 0.5 * math.pi - PSI[k]
+            at = pose(point(x=3.0, y=2.0, z=1.0), turn(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2)))
+            going = twist(vector(x=1.5, y=0.2, z=0.0), vector(x=0.0, y=0.0, z=-R[k]))
+            message = odometry(head, "base_link", with_pose(at, spread), with_twist(going, spread))
+            writer.write(where, ns, store.serialize_cdr(message, odometry.__msgtype__))
+            force = wrench(vector(x=20.0, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=-float(N[k])))
+            writer.write(what, ns, store.serialize_cdr(wrenched(head, force), wrenched.__msgtype__))
+    return path
+
+
+def test_a_ulog_gives_its_armed_stretch_with_the_set_points_as_inputs(tmp_path: Path) -> None:
+    path = tmp_path / "boat.ulg"
+    path.write_bytes(ulog())
+    log = record(path)
+    assert log is not None
+    assert log.form == "PX4 ULog"
+    assert log.stores[0].parameters == {"GND_SPEED_P": 0.25}
+    (run,) = load_runs(path)
+    assert run["psi"].values == pytest.approx(PSI, abs=1e-6)
+    assert run["r"].values == pytest.approx(R, abs=1e-6)
+    assert run["N"].values == pytest.approx(N, abs=1e-6)
+    assert set(run["X"].values) == {0.5}
+    assert run["psi"].t == pytest.approx(10.0 + T)
+    (note,) = [n for n in run.meta["notes"] if n[0] == "input-is-command"]
+    assert "the inputs are the controllers' set-points" in note[1]
+    assert "PX4" in note[1]
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_matlab_file_gives_the_vectors_beside_its_times(tmp_path: Path, nested: bool) -> None:
+    path = tmp_path / "log.mat"
+    columns = {"t": T, "psi": PSI, "r": R, "N": N}
+    path.write_bytes(
+        mat(run1={"data": columns, "rate": 20.0}, who="me") if nested else mat(**columns, extra=np.ones(7))
+    )
+    (run,) = load_runs(path)
+    assert run["psi"].values == pytest.approx(PSI)
+    assert (run["psi"].unit, run["N"].unit) == ("rad", "1")
+    slugs = [n[0] for n in run.meta["notes"]]
+    assert slugs == ["assumed-units"] if nested else ["assumed-units", "left-out-vectors"]
+
+
+def test_the_columns_of_a_matlab_file_are_named_by_the_user(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    path.write_bytes(mat(zeit=1000.0 * T, kurs=np.degrees(PSI), ruder=N))
+    with pytest.raises(BadFile, match=r"log\.mat .*without a vector of times.*zeit, kurs, ruder.*--columns OLD=t\[s\]"):
+        load_runs(path)
+    (run,) = load_runs(path, columns={"zeit": "t[ms]", "kurs": "psi[deg]", "ruder": "N"})
+    assert run["psi"].t == pytest.approx(T)
+    assert run["psi"].values == pytest.approx(PSI)
+
+
+def test_a_ros_bag_is_turned_from_east_north_up_to_north_east_down(tmp_path: Path) -> None:
+    folder = bag2(tmp_path)
+    (run,) = load_runs(folder)
+    assert np.unwrap(run["psi"].values) == pytest.approx(PSI, abs=1e-9)
+    assert run["r"].values == pytest.approx(R)
+    assert (run["x"].values[0], run["y"].values[0], run["z"].values[0]) == (2.0, 3.0, -1.0)
+    assert (run["u"].values[0], run["v"].values[0]) == (1.5, -0.2)
+    assert run["N"].values == pytest.approx(N)
+    assert (run["N"].unit, run["X"].values[0]) == ("N m", 20.0)
+    assert run["psi"].t == pytest.approx(1714644000.0 + T, abs=1e-6)
+    assert "ros-axes" in [n[0] for n in run.meta["notes"]]
+    (file,) = folder.glob("*.db3")
+    (alone,) = load_runs(file)
+    assert alone["N"].values == pytest.approx(N)
+
+
+@pytest.mark.parametrize(
+    ("library", "content", "words"),
+    [
+        ("pyulog", ulog(), "is a PX4 ULog, and pyulog is not installed.*'gcs-autotune.formats.'.*ulog2csv"),
+        ("rosbags", b"#ROSBAG V2.0\n" + bytes(100), "is a ROS bag, and rosbags is not installed.*formats"),
+    ],
+)
+def test_without_its_library_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str, content: bytes, words: str
+) -> None:
+    for name in [n for n in sys.modules if n.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, library, None)
+    path = tmp_path / "mine.log"
+    path.write_bytes(content)
+    with pytest.raises(BadFile, match=words):
+        load_runs(path)
+
+
+def zipped(*names: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name in names:
+            archive.writestr(name, "x")
+    return stream.getvalue()
+
+
+def tarred() -> bytes:
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w") as archive:
+        archive.addfile(tarfile.TarInfo("a.BIN"), io.BytesIO())
+    return stream.getvalue()
+
+
+def database(folder: Path) -> bytes:
+    with sqlite3.connect(folder / "x.db") as connection:
+        connection.execute("create table runs (a)")
+    connection.close()
+    return (folder / "x.db").read_bytes()
+
+
+def frames(folder: Path, stamped: bool = False) -> bytes:
+    log = Tlog()
+    parameters(log, BOAT)
+    beats(log, 0.0, 8.0, armed=True)
+    sail(log, swing(8.0))
+    data, raw, at = log.write(folder / "x.tlog").read_bytes(), b"", 0
+    while at < len(data):
+        length = data[at + 9] + (12 if data[at + 8] == 0xFD else 8)
+        raw += data[at + 8 : at + 8 + length]
+        at += 8 + length
+    return data if stamped else raw
+
+
+FOREIGN: Sequence[tuple[bytes, str]] = (
+    (zipped("00000049.BIN"), r"is a zip archive: unpack it: unzip mine.* \(it holds 00000049\.BIN\)"),
+    (zipped("[Content_Types].xml", "xl/workbook.xml"), "is an Excel workbook: export it .*CSV"),
+    (zipped("mimetype", "content.xml"), "is a spreadsheet of LibreOffice: export it"),
+    (zipped("t.npy", "psi.npy"), "is NumPy's .npz.*savetxt"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "is an old Excel workbook"),
+    (gzip.compress(b"t,psi"), "is compressed by gzip: unpack it: gunzip -k mine.csv"),
+    (bz2.compress(b"t,psi"), "is compressed by bzip2"),
+    (lzma.compress(b"t,psi"), "is compressed by xz"),
+    (tarred(), "is a tar archive"),
+    (b"\x89HDF\r\n\x1a\n" + bytes(500), "is a MATLAB file of version 7.3, or another HDF5 file.*-v7"),
+    (b"PAR1" + bytes(80), "is Parquet"),
+    (b'{"t": [0, 1]}', "is JSON: give a run as CSV"),
+    (b"<?xml version='1.0'?><gpx></gpx>", "is a track in XML"),
+    (b"<!DOCTYPE html><html></html>", "is a web page"),
+    (b"$GPRMC,081836,A,3751.65,S\r\n$GPGGA,1\r\n", "is NMEA sentences"),
+    (b"QGC WPL 110\n0\t1\t0\t16\n", "is a list of waypoints"),
+    (b"SERVO1_FUNCTION,26\nSERVO1_MIN,1100\nSERVO1_MAX,1900\n", "is a list of parameters: give it with --parameters"),
+    (b"ATT: 12, 15, 20000\nGPS: 130040903, 1, 8\n", "is an early ArduPilot log without FMT lines"),
+    (b"%PDF-1.7\n", "is a PDF"),
+    (b"\x89PNG\r\n\x1a\n", "is a picture"),
+)
+
+
+@pytest.mark.parametrize("case", range(len(FOREIGN)))
+@pytest.mark.parametrize("name", ["mine.csv", "mine.tlog", "mine.bin", "mine"])
+def test_what_no_reader_knows_is_named_whatever_it_is_called(tmp_path: Path, name: str, case: int) -> None:
+    content, words = FOREIGN[case]
+    path = tmp_path / name
+    path.write_bytes(content)
+    for read in (load_runs, record):
+        with pytest.raises(BadFile, match=words.replace("mine.csv", name)) as refused:
+            read(path)
+        assert str(path) in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_mavlink_without_stamps_and_a_database_are_named(tmp_path: Path) -> None:
+    for content, words in (
+        (frames(tmp_path), "MAVProxy's .raw.: give the telemetry log"),
+        (database(tmp_path), "SQLite"),
+    ):
+        path = tmp_path / "mine.tlog"
+        path.write_bytes(content)
+        with pytest.raises(BadFile, match=words):
+            load_runs(path)
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "mine.txt", "mine.log", "mine.bin"])
+def test_a_log_and_a_table_are_read_by_any_name(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(frames(tmp_path, stamped=True))
+    log = record(path)
+    assert log is not None and log.form == "telemetry log"
+    board = Board()
+    board.boat()
+    board.row("ATT", 100.0, 0.5, 1.5, 10.0)
+    log = record(board.write(path))
+    assert log is not None and log.form == "log on board (binary)"
+    path.write_text("t[s],psi[deg],N\n0,1,1\n1,2,1\n", encoding="utf-8")
+    assert load_runs(path)[0]["psi"].t.tolist() == [0.0, 1.0]
+
+
+def test_a_folder_without_runs_says_what_it_holds(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match=r"is a folder without a recorded run.*; it is empty"):
+        load_runs(tmp_path)
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(BadFile, match=r"\*\.ulg.*; it holds notes\.txt"):
+        load_runs(tmp_path)
+
+
+def test_an_empty_file_of_any_kind_is_called_empty(tmp_path: Path) -> None:
+    for name in ("a.csv", "a.tlog", "a.bin", "a.ulg", "a.mat"):
+        (tmp_path / name).touch()
+        with pytest.raises(BadFile, match=rf"{name} is empty"):
+            load_runs(tmp_path / name)
+
+
+def test_every_kind_of_file_is_either_read_or_says_how_to_convert_it() -> None:
+    for form in FORMATS:
+        assert (form.record is None and form.runs is None) is bool(form.advice), form.name
+
+
+def test_a_ros_bag_of_one_missing_part_is_refused_in_one_line(tmp_path: Path) -> None:
+    folder = bag2(tmp_path)
+    for file in folder.glob("*.db3"):
+        file.unlink()
+    with pytest.raises(BadFile, match="is a ROS bag that cannot be read"):
+        load_runs(folder)
+    shutil.rmtree(folder)
