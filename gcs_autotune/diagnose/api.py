@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.clock import Deadline, OutOfTime, WallClock, time_limit
+from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
@@ -20,7 +21,15 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Doubt, ModelFile, overlooked, plain_form, prepare_as_recorded, within_horizon
+from gcs_autotune.identify import (
+    CONTRADICTION,
+    Doubt,
+    ModelFile,
+    overlooked,
+    plain_form,
+    prepare_as_recorded,
+    within_horizon,
+)
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -102,7 +111,8 @@ def diagnose(
     check_excitation(together, base, use)
     segments, notes = prepare_as_recorded(together, base, use)
     held = prepare_as_recorded(others, base, use)[0] if others else []
-    doubts = [*early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
+    contrary = [Doubt(CONTRADICTION, c.cause, c.cure) for run in (*together, *others) for c in contradictions(run, use)]
+    doubts = [*contrary, *early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)

@@ -24,6 +24,7 @@ from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     Headline,
     Tone,
+    contradictions_in,
     format_error,
     format_number,
     format_parameter,
@@ -127,7 +128,17 @@ _TONES: Mapping[str, Tone] = {
 
 
 def verdict_headline(diagnosis: Diagnosis) -> Headline:
-    """Return the verdict: one sentence with its number, its tone, and what follows from it."""
+    """Return the verdict: one sentence with its number, its tone, and what follows from it.
+
+    Columns that contradict each other come first: every cause below may be theirs.
+    """
+    headline, first = _headline(diagnosis), contradictions_in(diagnosis.doubts)
+    if not first:
+        return headline
+    return Headline(headline.text, "bad", (*first, *headline.sentences))
+
+
+def _headline(diagnosis: Diagnosis) -> Headline:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
         follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]

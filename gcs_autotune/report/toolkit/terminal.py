@@ -18,7 +18,7 @@ from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.wording import Tone
 
-__all__ = ["STYLES", "bullet", "doubts_shown", "grid", "paragraph", "render_text", "title"]
+__all__ = ["STYLES", "bullet", "contradictions_shown", "doubts_shown", "grid", "paragraph", "render_text", "title"]
 
 
 STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
@@ -39,6 +39,14 @@ def doubts_shown(texts: Iterable[str]) -> list[RenderableType]:
     if not found:
         return [paragraph("The fit raises no doubts.")]
     return [title("What to doubt", "bold yellow"), *(bullet(text) for text in found)]
+
+
+def contradictions_shown(texts: Iterable[str]) -> list[RenderableType]:
+    """Return the block that heads an answer whose columns contradict each other; nothing where none do."""
+    found = list(texts)
+    if not found:
+        return []
+    return [title("Columns that contradict each other", STYLES["bad"]), *(bullet(text) for text in found)]
 
 
 def bullet(text: str) -> RichTable:
