@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck.windows import Series, Windows, gaps_of, windows_on
 
-__all__ = ["Agreement", "Expected", "compare"]
+__all__ = ["Comparison", "Expected", "compare"]
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class Comparison:
     """What a comparison found.
 
     factor, std : the position moves so many times what the rate integrates to. shift, shift_std : seconds by which the
@@ -88,14 +88,14 @@ class Agreement:
     clear: float
 
 
-def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Agreement | None:
+def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Comparison | None:
     """Compare a *position* with *total* (n,), the integral of *rate* at its stamps; None when too little moves.
 
     A filter takes quick motion out of one side. What contradicts itself over short windows must do so over longer ones
     as well, as far as anything is clear there.
     """
     most = min(LONGEST_SHIFT, 0.1 * _common(position, rate))
-    first: Agreement | None = None
+    first: Comparison | None = None
     for windows in _windows(position, rate, total, most):
         found = _compared(windows, position, rate, total, expected, most)
         if found is None:
@@ -113,7 +113,7 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
 
 def _compared(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, most: float
-) -> Agreement | None:
+) -> Comparison | None:
     x = windows.slopes(position.x)
     least, (own, told) = 0.02 * expected.floor, _noises(windows, position, rate)
     noise = max(own, least), max(told, least)
@@ -220,7 +220,7 @@ def _judge(
     shifted: tuple[float, float, tuple[float, float]],
     position: Series,
     rate: Series,
-) -> Agreement:
+) -> Comparison:
     """Return the agreement of the slopes of the position and those *predicted*, shifted as they agree best."""
     shift, shift_std, (unshifted, changing) = shifted
     leading, following = (x, predicted) if position_leads else (predicted, x)
@@ -259,7 +259,7 @@ def _judge(
     elif std < SPREAD and abs(slope - 1.0) < 2.0 * TOLERANCE:
         kind = "agrees"
     clear = _rms(leading) / noise[0 if position_leads else 1]
-    return Agreement(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)
+    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)
 
 
 def _is_flat(leading: Array, following: Array) -> bool:

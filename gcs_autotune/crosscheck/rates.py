@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_autotune.crosscheck.agreement import Agreement, Expected, compare
+from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, integral, series
 from gcs_autotune.crosscheck.wording import told
@@ -105,13 +105,13 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
         yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
 
 
-def _compared(position: Series, rate: Channel, expected: Expected) -> Agreement | None:
+def _compared(position: Series, rate: Channel, expected: Expected) -> Comparison | None:
     known = series(rate)
     return None if known is None else compare(position, known, integral(known), expected)
 
 
 def _suspect(
-    trial: Trial, pair: _Pair, found: Agreement, position: Series, course: Callable[[Trial], Series | None]
+    trial: Trial, pair: _Pair, found: Comparison, position: Series, course: Callable[[Trial], Series | None]
 ) -> str:
     """Return the column that is more likely wrong: the one that stands still, or that a third one contradicts."""
     if found.kind == "still-position":

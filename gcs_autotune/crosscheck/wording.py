@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs_autotune.crosscheck.agreement import Agreement
+from gcs_autotune.crosscheck.agreement import Comparison
 from gcs_autotune.crosscheck.contradiction import Contradiction
 
 __all__ = ["told"]
@@ -35,7 +35,7 @@ _CHECKS: Mapping[str, str] = {
 }
 
 
-def told(run: str, position: str, rate: str, verb: str, found: Agreement, suspect: str) -> Contradiction:
+def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
     """Return what a comparison *found* as a contradiction; *verb* is what the position does."""
     does = verb if "," not in position else verb.removesuffix("s")
     said, value, std, kind = _said(position, rate, does, found)
@@ -56,7 +56,7 @@ def told(run: str, position: str, rate: str, verb: str, found: Agreement, suspec
     return Contradiction(pair, kind, value, std, suspect, columns, cause, _cure(position, rate, suspect, kind), unit)
 
 
-def _said(position: str, rate: str, does: str, found: Agreement) -> tuple[str, float, float, str]:
+def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
     if found.kind == "still-rate":
         return f"{rate} stands still while {position} {does}", 0.0, found.std, "still"
     if found.kind == "still-position":
@@ -75,7 +75,7 @@ def _said(position: str, rate: str, does: str, found: Agreement) -> tuple[str, f
     return f"{position} {does} {digits}", found.factor, found.std, "factor"
 
 
-def _unit(position: str, found: Agreement) -> tuple[float, str]:
+def _unit(position: str, found: Comparison) -> tuple[float, str]:
     """Return the factor and name of the unit that explains what was found; (1, "") for none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
     for factor, unit in UNITS[kind].items():

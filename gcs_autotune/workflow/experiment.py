@@ -87,7 +87,7 @@ def _set_out(
     settings = replace(settings, speed=speed)
     envelope = replace(settings.envelope, cruise=speed)
     ask = partial(agreed, craft, operator, log)
-    runner = ManoeuvreRunner(craft, envelope, log, recorder(craft, record, log), settings.patience, ask)
+    runner = ManoeuvreRunner(craft, envelope, log, recorder(craft, record, log), settings.patience, ask, gains=True)
     about = axis, None, present, throttle, speed
     return TuneContext(settings, operator, log, record, craft, runner, worker, Earlier(settings), *about)
 

@@ -35,6 +35,8 @@ __all__ = [
     "CHECKED",
     "STAGE",
     "checked_dof",
+    "crooked",
+    "cure_of",
     "make_ready",
     "remarks_on",
     "see_depth_is_told",
@@ -96,7 +98,7 @@ def sign_check_for(
             throttle=throttle if firmware.needs_way else 0.0,
             least_speed=LEAST_SPEED if needs_speed else 0.0,
             keep_still=not firmware.needs_way,
-            cure=_cure(firmware, [o for o, _ in driving]),
+            cure=cure_of(firmware, [o for o, _ in driving]),
             astern=_astern(firmware, [o for o, _ in ahead]),
             outlets=_outlets(driving),
         )
@@ -113,7 +115,7 @@ def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output:
             turned=TURNED if len(driving) == 1 else TURNED_BY_ONE,
             keep_still=not firmware.needs_way,
             cure=_astern(firmware, [o for o, _ in driving]),
-            crooked=_crooked(firmware, [o for o, _ in driving]),
+            crooked=crooked(firmware, [o for o, _ in driving]),
             outlets=_outlets(driving),
         )
     )
@@ -130,14 +132,14 @@ def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
 def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
     """Return what to change on a craft that goes astern when told to go ahead."""
     if firmware.frame_parameter:
-        return _cure(firmware, list(outputs))
+        return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
     settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
     return f"Set {settings}, or turn the propeller round; if to the eye it went ahead, AHRS_ORIENTATION is wrong"
 
 
-def _crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to look at on a craft that turns on thrust alone."""
+def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to look at on a craft that thrust alone turns."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -147,7 +149,8 @@ def _crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"trim the rudder (its SERVOn_TRIM), and look whether the propeller on {channels} runs the right way"
 
 
-def _cure(firmware: Firmware, outputs: list[Output]) -> str:
+def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to change on a craft that turns away from where it is steered."""
     channels = [f"SERVO{o.channel}" for o in outputs]
     if firmware.frame_parameter:
         return (

@@ -127,7 +127,9 @@ def _set_out(
     see_throttle_is_free(craft, axis.dof, throttle)
     see_depth_is_told(craft, axis.dof)
     envelope, keep = replace(settings.envelope, cruise=speed), recorder(craft, record, log)
-    runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, partial(agreed, craft, operator, log))
+    runner = ManoeuvreRunner(
+        craft, envelope, log, keep, settings.patience, partial(agreed, craft, operator, log), gains=True
+    )
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "nothing was flown to its end there"
