@@ -59,7 +59,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
         with log_of_run(settings.fetch_log, craft, record, operator, log) as onboard:
             _announce(context, craft.observe())
             with armed(craft, log, record, settings.connection):
-                context.begin()
+                context = context.begin()
                 found = identify(context, turns_first=False)
     fit = log.fit or found.fit
     onboard.identify([fit], when)

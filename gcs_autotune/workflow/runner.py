@@ -62,6 +62,8 @@ class ManoeuvreRunner:
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
+        self.too_fast = ""
+        """Why the autopilot may drive too fast, in words, where that is known."""
         self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
@@ -70,6 +72,11 @@ class ManoeuvreRunner:
             keep(trial)
 
         return keep_and_remember
+
+    @property
+    def speed_limit(self) -> float:
+        """The safety limit of the speed over ground [m/s]."""
+        return self._envelope.speed_limit
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
         """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
@@ -106,6 +113,8 @@ class ManoeuvreRunner:
         """Raise why a limit tripped, where the record shows what works the wrong way or contradicts itself."""
         if not isinstance(error, GuardTripped) or self._last is None:
             return
+        if error.guard == "speed" and self.too_fast:
+            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {error}") from error
         why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos)
         if why is not None:
             raise why from error

@@ -155,6 +155,6 @@ GRAVE = ("psi against r", "psi against track", "z against w")
 
 
 def contradiction_in(trial: Trial) -> str:
-    """Return in words what contradicts itself in a flown record so that no loop should be closed over it; else empty."""
+    """Return in words which sensors that loops are closed over contradict each other in a flown record; empty: none."""
     found = next((c for c in contradictions(trial) if c.pair in GRAVE), None)
     return "" if found is None else f"{found.cause}. {found.cure[0].upper()}{found.cure[1:]}"
