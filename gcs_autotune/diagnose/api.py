@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.clock import Deadline, OutOfTime, WallClock, time_limit
+from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
@@ -21,6 +22,7 @@ from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import (
+    CONTRADICTION,
     Doubt,
     ModelFile,
     moved_too,
@@ -110,7 +112,8 @@ def diagnose(
     check_excitation(together, base, use)
     segments, notes = prepare_as_recorded(together, base, use)
     held = prepare_as_recorded(others, base, use)[0] if others else []
-    doubts = [*early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
+    contrary = [Doubt(CONTRADICTION, c.cause, c.cure) for run in (*together, *others) for c in contradictions(run, use)]
+    doubts = [*contrary, *early, *doubts, *more, *repeats, *notes, *overlooked(together, base, dof, use, segments)]
     if dof is None and use is None and given is None:
         doubts += moved_too(together, base.dofs)
     whole = held or segments

@@ -35,8 +35,8 @@ class Failsafe:
     """One failsafe of a firmware.
 
     ``action`` is the parameter that chooses the outcome, ``outcomes`` its values; one that is missing there does
-    nothing. ``enable`` is the parameter that is 0 where it is off, ``waits`` are the parameters whose sum is the time it
-    waits [s]. Each parameter goes with the value of a firmware that does not have it.
+    nothing. ``enable`` is the parameter that is 0 where it is off, ``waits`` are the parameters whose sum is the time
+    it waits [s]. Each parameter goes with the value of a firmware that does not have it.
     """
 
     name: str

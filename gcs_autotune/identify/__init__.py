@@ -55,7 +55,7 @@ from gcs_autotune.identify.information import (
     model_delay,
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
-from gcs_autotune.identify.intake import check_axes, clock_jump, left_out, parts_of
+from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.kalman.wandering import WanderingProblem
@@ -139,6 +139,7 @@ from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlat
 
 __all__ = [
     "BLIND",
+    "CONTRADICTION",
     "CURVE",
     "DEAD_ZONE",
     "FREE",

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.cleaning import noted
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import axis_form
 from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
 from gcs_autotune.identify.extended.effect_spec import effect_spec_of
 from gcs_autotune.identify.information import with_bounds
-from gcs_autotune.identify.intake import prepared_runs, take_in
+from gcs_autotune.identify.intake import CONTRADICTION, prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, prepare_form
@@ -80,9 +82,10 @@ def fit(
         _refuse_what_effects_cannot(method, options, structure if start is not None else None)
         case = _case(_all_as_they_are(runs), structure, dof, delay, use, effects, start)
         return fit_with_effects(replace(case, robust=loss == "soft_l1"))
-    form = form_of(structure, dof, _all(runs))
+    runs = _all(runs, use)
+    form = form_of(structure, dof, runs)
     if form is not None:
-        return _fit_coupled(_all(runs), form, method, delay, use, loss, options)
+        return _fit_coupled(runs, form, method, delay, use, loss, options)
     drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
     return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
 
@@ -157,7 +160,8 @@ def _fit_coupled(
             f"is simulated by: {', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
         )
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
-    runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
+    with _contradictions_named(runs):
+        runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
     case = CoupledCase(
         form=driven,
         records=tuple(records),
@@ -167,7 +171,8 @@ def _fit_coupled(
         trials=runs,
         options=options,
     )
-    found = with_bounds(chosen.coupled(case), runs)
+    with _contradictions_named(runs):
+        found = with_bounds(chosen.coupled(case), runs)
     return _with_doubts(
         found, [*doubts, *unscaled, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
     )
@@ -236,7 +241,7 @@ def fit_axis(
     AxisFit
         With all of ``alpha_*``, ``beta_*``, ``beta_**``, ``delta`` and ``delay``.
     """
-    runs = _all(trials)
+    runs = _all(trials, use)
     chosen = _method(method, loss, options)
     if chosen.axis is None:
         raise UsageError(_no_answer(method, "one degree of freedom", [n for n, m in METHODS.items() if m.axis]))
@@ -246,23 +251,36 @@ def fit_axis(
     axis = _common_axis(runs, dof)
     runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
     _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})
-    found = chosen.axis(
-        Case(
-            records=records,
-            cycles=_cycles(runs, axis),
-            structure=structure,
-            delay=known_delay,
-            use=use,
-            robust=loss == "soft_l1",
-            names=tuple(run.name for run in runs),
-            dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
-            trials=runs,
-            options=options,
-        )
+    case = Case(
+        records=records,
+        cycles=_cycles(runs, axis),
+        structure=structure,
+        delay=known_delay,
+        use=use,
+        robust=loss == "soft_l1",
+        names=tuple(run.name for run in runs),
+        dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
+        trials=runs,
+        options=options,
     )
+    with _contradictions_named(runs):
+        found = chosen.axis(case)
     return _with_doubts(
         with_bounds(found, runs), [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
     )
+
+
+@contextmanager
+def _contradictions_named(runs: Sequence[Trial]) -> Iterator[None]:
+    """Say of runs that nothing can be identified from which of their columns contradict each other, if any do."""
+    try:
+        yield
+    except DataError as error:
+        contrary = [d for run in runs for d in noted(run) if d.slug == CONTRADICTION]
+        if not contrary:
+            raise
+        said = "; ".join(f"{d.cause}: {d.cure}" for d in contrary)
+        raise NotInformative(f"{said}. Nothing could be identified: {error}") from error
 
 
 _Kind = TypeVar("_Kind", bound=Fit)
@@ -299,8 +317,8 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
     return found
 
 
-def _all(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
-    return take_in(_all_as_they_are(runs))
+def _all(runs: Trial | Sequence[Trial], use: Sequence[str] | None) -> tuple[Trial, ...]:
+    return take_in(_all_as_they_are(runs), use)
 
 
 def _all_as_they_are(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:

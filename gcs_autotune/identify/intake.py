@@ -1,43 +1,53 @@
 """Runs as they are handed in, made fit for preparation: split where the clock restarts, checked for wrong units.
 
-What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; :func:`.notes.told`
-gives it back as doubts when the run is prepared.
-
-Wrong units show in a position and its velocity that contradict each other by a known factor: the change of position
-over a window is compared with the integral of the velocity. Noise, current and wrapped angles spoil single windows, so
-the median ratio counts, and only when most windows agree about it.
+What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; it comes back as
+doubts when the run is prepared. Columns that contradict each other are found by :mod:`gcs_autotune.crosscheck`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
 from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["check_axes", "check_units", "clock_jump", "left_out", "parts_of", "prepared_runs", "take_in"]
+__all__ = [
+    "CONTRADICTION",
+    "check_axes",
+    "check_units",
+    "clock_jump",
+    "contradictions_of",
+    "left_out",
+    "parts_of",
+    "prepared_runs",
+    "take_in",
+]
 
 Record = TypeVar("Record")
 
 
-def take_in(runs: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Return *runs* with those split in two (or more) whose clock jumps back, each checked for wrong units.
+def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Trial, ...]:
+    """Return *runs* with those split in two (or more) whose clock jumps back, each checked for contradictions.
+
+    use : signals that are fitted; a pair of columns of which one is left out is not compared.
 
     Raises
     ------
     BadFile
         Two columns of a run contradict each other by the factor of a wrong unit.
     """
-    return tuple(_noted(part, check_units(part)) for run in runs for part in parts_of(run))
+    parts = [part for run in runs for part in parts_of(run)]
+    return tuple(p if COMPARED in p.meta else _noted(p, check_units(p, use)) for p in parts)
 
 
 def prepared_runs(
@@ -71,11 +81,13 @@ def left_out(name: str, error: Exception) -> Doubt:
     return Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run, the others were used")
 
 
+COMPARED = "compared"
+"""Key of the meta data of a run whose columns were compared."""
+
+
 def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
-    if not doubts:
-        return trial
     notes = [*trial.meta.get("notes", ()), *((d.slug, d.cause, d.cure) for d in doubts)]
-    return replace(trial, meta={**trial.meta, "notes": notes})
+    return replace(trial, meta={**trial.meta, "notes": notes, COMPARED: True})
 
 
 def parts_of(trial: Trial) -> list[Trial]:
@@ -98,7 +110,8 @@ def parts_of(trial: Trial) -> list[Trial]:
         )
     pieces = [_piece(trial, cuts, k) for k in range(counts.pop() + 1)]
     doubt = clock_jump(trial.name, len(pieces) - 1)
-    return [_noted(piece, [doubt]) for piece in pieces]
+    note = (doubt.slug, doubt.cause, doubt.cure)
+    return [replace(p, meta={**p.meta, "notes": [*p.meta.get("notes", ()), note]}) for p in pieces]
 
 
 def clock_jump(name: str, times: int) -> Doubt:
@@ -130,52 +143,50 @@ def _part(channel: Channel, cut: NDArray[np.intp], k: int) -> Channel:
 
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DEG = 180.0 / math.pi
-FACTORS: Mapping[str, Mapping[float, str]] = {
-    "angle": {DEG: "degrees", 2.0 * math.pi: "revolutions"},
-    "length": {1000.0: "mm", 100.0: "cm", 3.6: "km/h", 1.0 / 0.3048: "feet", 3600.0 / 1852.0: "knots"},
-}
-"""Kind -> factor that a forgotten unit leaves, and the unit."""
 GROSS = 5.0
-"""A factor beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
+"""The factor of a unit beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
 WINDOW = 1.0
-"""Chosen [s]: span of one comparison, or four samples when those are further apart."""
+"""Chosen [s]: twice the span over which a heading's own rate is taken."""
 STRETCHES, ALONG_TRACK = 20, 0.25
 """Chosen: a track is compared over so many stretches, and speeds are the track's where so explained they leave at most
 this share of what they leave as the craft's, and of the track itself."""
 TURNED = 0.3
 """Chosen [rad]: on a straight way exchanged columns, too, look like those of the track."""
-AGREE, CLOSE = 0.7, 0.08
-"""Share of windows within 25 % of the median ratio, and how near that must be to a factor."""
 TURN = 3.5
 """Chosen [rad/s]: a marine craft that turns faster, nearly always, is one whose heading is in degrees."""
 
 
-def check_units(trial: Trial) -> list[Doubt]:
-    """Return doubts about the units of *trial*.
+def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
+    """Return doubts about the units of *trial*, and about columns that contradict each other.
+
+    use : as :func:`take_in`.
 
     Raises
     ------
     BadFile
         Two columns contradict each other by a factor that only a wrong unit explains.
     """
-    found: list[Doubt] = []
-    for dof in DOFS.values():
-        if dof.along_ground or dof.position not in trial or dof.velocity not in trial:
-            continue
-        ratio = _ratio(trial[dof.position], trial[dof.velocity])
-        found += _judged(trial, dof.position, dof.velocity, ratio, "angle" if dof.angular else "length")
-    if "x" in trial and "y" in trial:
-        speed, name = _speed(trial)
-        if speed is not None:
-            ratio = _track_ratio(trial["x"], trial["y"], speed)
-            found += _judged(trial, "x, y", name, ratio, "length")
+    found = contradictions_of(trial, use)
     if "psi" in trial:
         found += _heading_alone(trial, trial["psi"])
     check_axes(trial)
     return found + _inputs_alone(trial)
+
+
+def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
+    """Return a doubt per pair of columns of *trial* that contradict each other; errors as :func:`check_units`."""
+    found = contradictions(trial, use)
+    for c in found:
+        size = max(abs(c.value), 1.0 / abs(c.value)) if math.isfinite(c.value) and c.value else 0.0
+        if c.unit and size > GROSS:
+            raise BadFile(f"{c.cause}; correct the unit in the head, or leave the wrong column out (--use)")
+    return [Doubt(CONTRADICTION, c.cause, c.cure) for c in found]
+
+
+CONTRADICTION = "contradiction"
+"""Slug of the doubt about columns that contradict each other."""
 
 
 def check_axes(trial: Trial) -> None:
@@ -228,81 +239,8 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
     return found
 
 
-def _judged(trial: Trial, position: str, velocity: str, ratio: float, kind: str) -> list[Doubt]:
-    if math.isnan(ratio):
-        return []
-    if abs(ratio + 1.0) < 0.25:
-        cause = f"{position} and {velocity} of run '{trial.name}' have opposite signs"
-        return [Doubt("sign", cause, "turn one of the columns round: SNAME counts both the same way, z and w down")]
-    for factor, unit in FACTORS[kind].items():
-        for value, text in ((factor, "more"), (1.0 / factor, "less")):
-            if abs(abs(ratio) / value - 1.0) > CLOSE:
-                continue
-            cause = (
-                f"{position} of run '{trial.name}' changes {factor:.3g} times {text} than {velocity} says: one of the "
-                f"columns is in {unit} and its head says otherwise"
-            )
-            if factor > GROSS:
-                raise BadFile(f"{cause}; correct the unit in the head, or leave the wrong column out")
-            return [Doubt("unit", cause, "check the units in the heads; a current along the track can look alike")]
-    return []
-
-
-def _ratio(position: Channel, velocity: Channel) -> float:
-    """Return the median of change of position over integral of velocity; NaN when windows do not agree on one."""
-    t, x = _known(position)
-    tv, v = _known(velocity)
-    return _median_ratio(t, lambda a, b: x[b] - x[a], tv, v)
-
-
-def _track_ratio(north: Channel, east: Channel, speed: Channel) -> float:
-    t, x = _known(north)
-    te, e = _known(east)
-    if len(t) < 2 or len(te) < 2:
-        return math.nan
-    y = np.interp(t, te, e)
-    tv, v = _known(speed)
-    return _median_ratio(t, lambda a, b: np.hypot(x[b] - x[a], y[b] - y[a]), tv, v)
-
-
-def _median_ratio(t: Array, change: Callable[[Indices, Indices], Array], tv: Array, v: Array) -> float:
-    if len(t) < 20 or len(tv) < 20:
-        return math.nan
-    step = float(np.median(np.diff(t)))
-    lag = max(1, round(WINDOW / step)) if step > 0.0 else 1
-    if step > 0.25 * WINDOW:
-        lag = max(lag, 4)
-    start = np.arange(0, len(t) - lag)
-    end = start + lag
-    inside = (t[start] >= tv[0]) & (t[end] <= tv[-1]) & (t[end] - t[start] < 3.0 * lag * step)
-    start, end = start[inside], end[inside]
-    if len(start) < 10:
-        return math.nan
-    travelled = np.diff(np.interp(np.stack([t[start], t[end]]), tv, _integral(tv, v)), axis=0)[0]
-    moved = change(start, end)
-    strong = np.abs(travelled) > max(float(np.median(np.abs(travelled))), 1e-12)
-    if int(strong.sum()) < 10:
-        return math.nan
-    ratios = moved[strong] / travelled[strong]
-    median = float(np.median(ratios))
-    agreeing = float(np.mean(np.abs(ratios - median) < 0.25 * abs(median)))
-    return median if agreeing >= AGREE else math.nan
-
-
 def _integral(t: Array, v: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-
-
-def _speed(trial: Trial) -> tuple[Channel | None, str]:
-    if "U" in trial and len(trial["U"]) > 1:
-        return trial["U"], "U"
-    if "u" in trial and len(trial["u"]) > 1:
-        u = trial["u"]
-        if "v" not in trial or len(trial["v"]) < 2:
-            return None, ""
-        v = np.interp(u.t, *_known(trial["v"]))
-        return Channel("U", u.unit, u.t, np.hypot(u.values, v)), "u, v"
-    return None, ""
 
 
 def _known(channel: Channel) -> tuple[Array, Array]:

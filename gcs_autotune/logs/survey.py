@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.logs.channels import servo_map_of
 from gcs_autotune.logs.dataflash import SIGNALS as ON_BOARD
@@ -97,7 +98,8 @@ def _run(run: Trial) -> dict[str, Any]:
 
 def _notes(log: Recording, cut: Cut) -> list[Note]:
     runs = [*cut.runs, *(left.run for left in cut.left_out)]
-    every: list[Note] = [*log.notes, *(note for run in runs for note in run.meta.get("notes", ()))]
+    every: list[Note] = [("contradiction", c.cause, c.cure) for run in cut.runs for c in contradictions(run)]
+    every += [*log.notes, *(note for run in runs for note in run.meta.get("notes", ()))]
     return list(dict.fromkeys(every))
 
 

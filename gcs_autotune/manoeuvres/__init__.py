@@ -17,6 +17,7 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import GUARDS, NEARLY, Envelope, Guard
+from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
@@ -37,6 +38,7 @@ __all__ = [
     "DISARMED_ITSELF",
     "DOF_OF",
     "GUARDS",
+    "HELD_MEANWHILE",
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",

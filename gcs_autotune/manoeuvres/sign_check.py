@@ -41,6 +41,8 @@ ASTERN = 0.7
 """Way of which this share goes backwards is no leeway, and no current from ahead: a propeller turns the wrong way."""
 CIRCLING = math.radians(5.0)
 """Chosen [rad/s]: a boat that turns so fast with nothing steered, its speed going up and down, goes not straight."""
+EASED, LEAST_SHARE = 1.0, 1.0 / 64.0
+"""Chosen: seconds between two halvings of the throttle, and the least share of it that is left."""
 WAY_NOISES = 4.0
 """Way of less than so many standard deviations of the speed measurement is no way to steer by."""
 
@@ -57,6 +59,8 @@ class SignCheckSettings:
     least : the least motion that counts as an answer.
     throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
         bite on.
+    most_speed, wanted_speed : a boat that goes faster than the first [m/s] gets half the throttle, until it does not;
+        the throttle for the second is then known.
     cure, astern : what to change when it turns the wrong way, or goes astern, for a message.
     outlets : the servo outputs that drive this force, for a message.
     """
@@ -69,6 +73,8 @@ class SignCheckSettings:
     longest: float = 4.0
     throttle: float = 0.0
     least_speed: float = 0.0
+    most_speed: float = math.inf
+    wanted_speed: float = math.nan
     keep_still: bool = False
     cure: str = "check SERVOn_REVERSED or MOT_n_DIRECTION"
     astern: str = "check SERVOn_REVERSED of the throttle, and the propeller"
@@ -87,6 +93,7 @@ class SignCheck(Manoeuvre):
         self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
         self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
         self._size = 0
+        self._share, self._eased_at = 1.0, -math.inf
         self._reversals = 0
         self._command = 0.0
         self._began_at, self._swings = math.nan, False
@@ -106,7 +113,7 @@ class SignCheck(Manoeuvre):
             "signal": s.signal,
             "force": s.force,
             "output": s.outputs[self._size],
-            "throttle": s.throttle,
+            "throttle": self._share * s.throttle,
             "speed": self._approach.speed,
             "noise_std": self._approach.noise_std,
             **found,
@@ -125,6 +132,7 @@ class SignCheck(Manoeuvre):
         s, t, x = self._settings, observation.t, observation.value(self._settings.signal)
         tick = t, x, observation.output.get(s.force, math.nan)
         if not self._forward:
+            self._ease(observation)
             self._wait(observation, tick)
         elif not self._back:
             self._forward.append(tick)
@@ -144,6 +152,28 @@ class SignCheck(Manoeuvre):
             if seconds >= SHORTEST and (seconds >= longest or is_back):
                 self._judge()
         return self._drive(observation)
+
+    @property
+    def eased(self) -> bool:
+        """Whether the boat went faster than it may, and got less throttle."""
+        return self._share < 1.0
+
+    @property
+    def throttle(self) -> float:
+        """The throttle [fraction] for the wanted speed, once the boat went too fast; else the one it was flown at."""
+        s, flown = self._settings, self._share * self._settings.throttle
+        if not self.eased or not self._approach.speed > 0.0 or not math.isfinite(s.wanted_speed):
+            return flown
+        return min(max(flown * s.wanted_speed / self._approach.speed, 0.01), s.throttle)
+
+    def _ease(self, observation: Observation) -> None:
+        """Halve the throttle of a boat that goes too fast, and let it come to a steady speed again."""
+        s, t = self._settings, observation.t
+        if not observation.speed > s.most_speed or t - self._eased_at < EASED or self._share <= LEAST_SHARE:
+            return
+        self._share, self._eased_at = 0.5 * self._share, t
+        self._approach = Approach(s.signal, needs_way=s.throttle != 0.0)
+        self._approach.start(observation)
 
     # --- the course of it ---------------------------------------------------------------------------------
 
@@ -236,5 +266,5 @@ class SignCheck(Manoeuvre):
 
     def _drive(self, observation: Observation) -> Command:
         s = self._settings
-        command = hold(Actuate(X=s.throttle), self._holds, observation)
+        command = hold(Actuate(X=self._share * s.throttle), self._holds, observation)
         return replace(command, **{s.force: getattr(command, s.force) + self._command})

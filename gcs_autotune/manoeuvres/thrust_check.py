@@ -35,6 +35,8 @@ UNKNOWN = 12.0
 """Seconds without any speed after which there is none to be had."""
 SHORTEST = 1.5
 """Chosen [s]: the throttle is slewed, 1 s from none to full by default."""
+AT_ONCE, FAR_TOO_MUCH = 0.6, 3.0
+"""Chosen: after so many seconds a pulse ends that has given so many times the speed it is flown for."""
 LAST = 0.5
 """Seconds at the end of the pulse over which the speed gained is taken."""
 
@@ -148,7 +150,9 @@ class ThrustCheck(Manoeuvre):
         gained = self._gained()
         if abs(turn) >= s.turned:
             self._refuse(messages.turns_on_thrust(turn, seconds, self._command, s.crooked))
-        elif seconds >= SHORTEST and (abs(gained) >= max(s.reach, self._least) or seconds >= s.longest):
+        elif (seconds >= AT_ONCE and gained >= max(FAR_TOO_MUCH * s.reach, self._least)) or (
+            seconds >= SHORTEST and (abs(gained) >= max(s.reach, self._least) or seconds >= s.longest)
+        ):
             self._judge(gained, seconds)
 
     @property

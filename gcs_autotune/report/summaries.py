@@ -8,11 +8,12 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 
-from gcs_autotune.identify import Agreement, PlanResult
+from gcs_autotune.identify import CONTRADICTION, Agreement, PlanResult
 from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import bullet, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.terminal import bullet, contradictions_shown, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
+    contradictions_in,
     doubt_sentence,
     format_number,
     format_seconds,
@@ -44,6 +45,7 @@ def log_summary(told: Mapping[str, Any]) -> Group:
     stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
     cut = ", cut off in the middle of a message" if counts.get("truncated") else ""
     parts: list[RenderableType] = [
+        *contradictions_shown(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION),
         title(f"{told['source']}: {told['format']}"),
         paragraph(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}."),
     ]
@@ -168,6 +170,7 @@ _VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
 def sheets_summary(sheets: Sequence[Sheet]) -> Group:
     """Return what ``figures`` shows: per manoeuvre its figures, the verdict, what to doubt."""
     parts: list[RenderableType] = []
+    parts += contradictions_shown(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts)))
     for sheet in sheets:
         parts.extend((title(f"{sheet.run}: {sheet.title}"), grid(sheet_table(sheet))))
         if sheet.verdict:

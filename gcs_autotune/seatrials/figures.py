@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
+from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Reading, ShipLog, ship_log
+from gcs_autotune.identify import CONTRADICTION, Doubt, Reading, ShipLog, ship_log
 from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (
@@ -51,6 +53,11 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     UnknownName
         No such manoeuvre.
     """
+    doubts = tuple(Doubt(CONTRADICTION, c.cause, c.cure) for c in contradictions(run))
+    return tuple(replace(sheet, doubts=(*doubts, *sheet.doubts)) for sheet in _figures(run, ship, manoeuvre))
+
+
+def _figures(run: Trial, ship: Particulars | None, manoeuvre: str | None) -> tuple[Sheet, ...]:
     particulars = ship or Particulars()
     told = run.meta.get("manoeuvre")
     asked = manoeuvre or next((name for name in MANOEUVRES if same_name(name, told)), None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
@@ -15,7 +15,7 @@ from gcs_autotune.design import LAWS, Law
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, restore_on_exit
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, restore_on_exit
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
@@ -23,7 +23,14 @@ from gcs_autotune.workflow.background import agreed, await_worker, beside, keep_
 from gcs_autotune.workflow.connection import say_link_times
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import STAGE, make_ready, see_signs, sign_check_for
+from gcs_autotune.workflow.preflight import (
+    STAGE,
+    make_ready,
+    most_speed_of,
+    see_signs,
+    sign_check_for,
+    steered_meanwhile,
+)
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
@@ -107,17 +114,47 @@ class TuneContext:
             keep_company(self.craft)
         return await_worker(self.craft, self.worker, self.runner.bear)
 
-    def begin(self) -> None:
-        """See that the actuator acts, and the right way, before a loop or a relay relies on it; dive where needed."""
+    def begin(self) -> TuneContext:
+        """See that what is driven acts, and the right way, before a loop or a relay relies on it; dive where needed.
+
+        That is the actuator of the axis, and what steers meanwhile. Returns the context with the throttle that the boat
+        needs for its speed, where the one of its cruise pair drives it far too fast.
+        """
         axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
-        output = self.settings.relay_output
+        output, limit = self.settings.relay_output, self.runner.speed_limit
         self.log.say(STAGE)
-        see_signs(
-            sign_check_for(axis.dof, firmware, servos, self.throttle, axis.needs_speed, output), self.runner.attempt
-        )
+        context = self
+        for dof in (axis.dof, *(["yaw"] if steered_meanwhile(axis.dof, firmware, servos) else [])):
+            check = sign_check_for(
+                dof,
+                firmware,
+                servos,
+                self.throttle,
+                axis.needs_speed,
+                output if dof == axis.dof else None,
+                wanted_speed=self.speed,
+                most_speed=most_speed_of(self.settings.throttle, self.speed, limit),
+            )
+            see_signs(check, self.runner.attempt)
+            if isinstance(check, SignCheck) and check.eased:
+                context = self._with_throttle(check.throttle)
         dive = dive_for(axis.dof, firmware, self.craft.observe())
         if dive is not None:
             self.fly(dive, "diving")
+        return context
+
+    def _with_throttle(self, throttle: float) -> TuneContext:
+        """Return the context with the *throttle* [fraction] just learnt, having said so."""
+        pair = (
+            f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, which CRUISE_SPEED and "
+            f"CRUISE_THROTTLE promise: it takes about {throttle:.1%}"
+        )
+        self.log.say(f"{pair}, and goes on with that")
+        self.runner.too_fast = (
+            f"{pair}. The autopilot drives by that pair: tune speed first, which measures and writes it, or set "
+            f"CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
+        )
+        return replace(self, throttle=throttle)
 
     def run_in_background(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
         """Return ``work(*args, **named)``, done by the worker while the link is served."""

@@ -59,7 +59,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
         with log_of_run(settings.fetch_log, craft, record, operator, log) as onboard:
             _announce(context, craft.observe())
             with armed(craft, log, record, settings.connection):
-                context.begin()
+                context = context.begin()
                 found = identify(context, turns_first=False)
     fit = log.fit or found.fit
     onboard.identify([fit], when)
@@ -87,7 +87,7 @@ def _set_out(
     settings = replace(settings, speed=speed)
     envelope = replace(settings.envelope, cruise=speed)
     ask = partial(asked_now, craft, operator, log)
-    runner = ManoeuvreRunner(craft, envelope, log, recorder(craft, record, log), settings.patience, ask)
+    runner = ManoeuvreRunner(craft, envelope, log, recorder(craft, record, log), settings.patience, ask, gains=True)
     about = axis, None, present, throttle, speed
     return TuneContext(settings, operator, log, record, craft, runner, worker, Earlier(settings), *about)
 

@@ -88,7 +88,7 @@ def legs_of_tune(
     """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown."""
     turn = pace.turn if under_way else 0.0
     step = _step_seconds(settings, pace, moving=moving)
-    legs = _first(pace, dives=dives)
+    legs = _first(pace, dives=dives, steers=dof != "yaw")
     before = Leg("step with present gains", step, kind="step")
     thorough = moving or settings.stop_rule == SETTLED
     turn = turn if settings.stop_rule == SETTLED else 0.0
@@ -107,11 +107,16 @@ def legs_of_tune(
 def legs_of_experiment(dof: str, pace: Pace, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
     first, second = _swings(dof, pace, under_way)
-    return (*_first(pace, dives=dives), first, replace(second, before=pace.turn if under_way else 0.0))
+    return (
+        *_first(pace, dives=dives, steers=dof != "yaw"),
+        first,
+        replace(second, before=pace.turn if under_way else 0.0),
+    )
 
 
-def _first(pace: Pace, *, dives: bool) -> list[Leg]:
-    return [Leg(STAGE, pace.check)] + [Leg("diving", DIVE)] * dives
+def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:
+    """Return the sign check, of what *steers* meanwhile as well, and the dive."""
+    return [Leg(STAGE, pace.check * (2.0 if steers else 1.0))] + [Leg("diving", DIVE)] * dives
 
 
 def _swings(dof: str, pace: Pace, under_way: bool) -> list[Leg]:

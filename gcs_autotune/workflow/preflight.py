@@ -17,6 +17,7 @@ from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
+    HELD_MEANWHILE,
     MANOEUVRES,
     Flown,
     Manoeuvre,
@@ -35,7 +36,10 @@ __all__ = [
     "CHECKED",
     "STAGE",
     "checked_dof",
+    "crooked",
+    "cure_of",
     "make_ready",
+    "most_speed_of",
     "remarks_on",
     "see_depth_is_told",
     "see_it_suits",
@@ -43,6 +47,7 @@ __all__ = [
     "see_signs",
     "see_throttle_is_free",
     "sign_check_for",
+    "steered_meanwhile",
 ]
 
 CHECKED = {"N": "yaw", "X": "surge", "Z": "heave"}
@@ -73,10 +78,19 @@ def checked_dof(kind: ManoeuvreKind) -> str:
 
 
 def sign_check_for(
-    dof: str, firmware: Firmware, servos: ServoMap, throttle: float, needs_speed: bool, output: float | None = None
+    dof: str,
+    firmware: Firmware,
+    servos: ServoMap,
+    throttle: float,
+    needs_speed: bool,
+    output: float | None = None,
+    *,
+    wanted_speed: float = math.nan,
+    most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
     """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given.
 
+    A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
     A craft that needs no way to steer by is checked at rest, whatever *throttle* it is flown at: under way it may turn
     by itself, for many an ROV is unstable on its course.
     """
@@ -95,8 +109,10 @@ def sign_check_for(
             longest=d.check_time,
             throttle=throttle if firmware.needs_way else 0.0,
             least_speed=LEAST_SPEED if needs_speed else 0.0,
+            most_speed=most_speed,
+            wanted_speed=wanted_speed,
             keep_still=not firmware.needs_way,
-            cure=_cure(firmware, [o for o, _ in driving]),
+            cure=cure_of(firmware, [o for o, _ in driving]),
             astern=_astern(firmware, [o for o, _ in ahead]),
             outlets=_outlets(driving),
         )
@@ -113,7 +129,7 @@ def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output:
             turned=TURNED if len(driving) == 1 else TURNED_BY_ONE,
             keep_still=not firmware.needs_way,
             cure=_astern(firmware, [o for o, _ in driving]),
-            crooked=_crooked(firmware, [o for o, _ in driving]),
+            crooked=crooked(firmware, [o for o, _ in driving]),
             outlets=_outlets(driving),
         )
     )
@@ -130,14 +146,14 @@ def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
 def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
     """Return what to change on a craft that goes astern when told to go ahead."""
     if firmware.frame_parameter:
-        return _cure(firmware, list(outputs))
+        return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
     settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
     return f"Set {settings}, or turn the propeller round; if to the eye it went ahead, AHRS_ORIENTATION is wrong"
 
 
-def _crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to look at on a craft that turns on thrust alone."""
+def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to look at on a craft that thrust alone turns."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -147,7 +163,8 @@ def _crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"trim the rudder (its SERVOn_TRIM), and look whether the propeller on {channels} runs the right way"
 
 
-def _cure(firmware: Firmware, outputs: list[Output]) -> str:
+def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
+    """Return what to change on a craft that turns away from where it is steered."""
     channels = [f"SERVO{o.channel}" for o in outputs]
     if firmware.frame_parameter:
         return (
@@ -174,6 +191,28 @@ def see_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Fl
     flown = fly(check, STAGE)
     if flown.outcome.ending == "aborted":
         raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+
+
+def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
+    """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
+    if dof == "yaw" or not servos.driving("N"):
+        return False
+    held = HELD_MEANWHILE.get(excitation_of(dof).signal, ())
+    return firmware.needs_way or any(gains.signal == "psi" for gains in held)
+
+
+def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
+    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; none where *throttle* was given.
+
+    limit : the safety limit of the speed.
+    """
+    if throttle is not None or not speed > 0.0:
+        return math.inf
+    return min(max(TOO_FAST * speed, speed + 0.7), 0.8 * limit)
+
+
+TOO_FAST = 1.6
+"""Chosen: a boat that goes so many times its cruise speed at its cruise throttle has a wrong pair of them."""
 
 
 def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:

@@ -16,7 +16,14 @@ from dataclasses import replace
 
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.craft import Intervention, Observation
-from gcs_autotune.errors import AutotuneError, GuardTripped, LinkLost, NotAchieved, TelemetryFault
+from gcs_autotune.errors import (
+    AutotuneError,
+    GuardTripped,
+    LinkLost,
+    NotAchieved,
+    PreconditionFailed,
+    TelemetryFault,
+)
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     NEARLY,
@@ -32,6 +39,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
+from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
 
 __all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
 
@@ -41,6 +49,7 @@ class ManoeuvreRunner:
 
     What a silence of up to *patience* [s] interrupts is flown again from its beginning, after a dive again where the
     craft has come up; *ask* whether to go on where mode or armed state changed meanwhile (never, by default).
+    *gains*: gains will rest on what is flown, so that nothing more is once two sensors contradict each other.
     """
 
     def __init__(
@@ -51,13 +60,31 @@ class ManoeuvreRunner:
         keep: Callable[[Trial], None],
         patience: float = 0.0,
         ask: Callable[[str], bool] = lambda question: False,
+        *,
+        gains: bool = False,
     ) -> None:
+        self._gains = gains
         self._craft = craft
         self._watcher = watcher
         self._patience = Patience(craft, patience, watcher.say, ask)
         self._dive: Dive | None = None
         self._envelope = envelope
-        self._sequencer = Sequencer(craft, envelope, watcher, keep)
+        self._last: Trial | None = None
+        self.too_fast = ""
+        """Why the autopilot may drive too fast, in words, where that is known."""
+        self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
+
+    def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
+        def keep_and_remember(trial: Trial) -> None:
+            self._last = trial
+            keep(trial)
+
+        return keep_and_remember
+
+    @property
+    def speed_limit(self) -> float:
+        """The safety limit of the speed over ground [m/s]."""
+        return self._envelope.speed_limit
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
         """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
@@ -79,13 +106,44 @@ class ManoeuvreRunner:
         again = deepcopy(manoeuvre)
         while True:
             try:
-                return self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
+                flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
+                self._see_it_agrees(manoeuvre)
+                return flown
             except AutotuneError as error:
                 if not self.bear(error):
+                    self._explain(error)
                     raise
                 self._watcher.say(f"going on: {stage or again.name} is flown again from its beginning")
             self._come_down(again)
             manoeuvre = deepcopy(again)
+
+    def _explain(self, error: AutotuneError) -> None:
+        """Raise why a limit tripped, where the record shows what works the wrong way or contradicts itself."""
+        if not isinstance(error, GuardTripped) or self._last is None:
+            return
+        if error.guard == "speed" and self.too_fast:
+            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {error}") from error
+        why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos)
+        if why is not None:
+            raise why from error
+        found = contradiction_in(self._last)
+        if found:
+            raise PreconditionFailed(f"{self._last.name}: {found}. {error}") from error
+
+    def _see_it_agrees(self, manoeuvre: Manoeuvre) -> None:
+        """See that the sensors agree about what was just flown; where only a record was wanted, say what does not.
+
+        Raises
+        ------
+        PreconditionFailed
+            They contradict each other, and gains or a loop of the autopilot's rest on them.
+        """
+        found = "" if self._last is None else contradiction_in(self._last)
+        if not found:
+            return
+        if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
+            raise PreconditionFailed(f"{manoeuvre.name}: {found}. Nothing more is flown")
+        self._watcher.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
         """Return whether *error* was a silence that is over, the craft neutral and ready to go on."""

@@ -127,7 +127,8 @@ def _set_out(
     see_throttle_is_free(craft, axis.dof, throttle)
     see_depth_is_told(craft, axis.dof)
     envelope, keep = replace(settings.envelope, cruise=speed), recorder(craft, record, log)
-    runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, partial(asked_now, craft, operator, log))
+    ask = partial(asked_now, craft, operator, log)
+    runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, ask, gains=True)
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "nothing was flown to its end there"
@@ -145,7 +146,7 @@ def _set_out(
 
 def _on_the_water(context: TuneContext, journal: Journal) -> None:
     settings, log, axis, given = context.settings, context.log, context.axis, context.given
-    context.begin()
+    context = context.begin()
     if settings.gains is not None:
         _prove_given(context, settings.gains, journal)
         return

@@ -48,7 +48,7 @@ SURELY = 3.0
 
 
 def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, ...]:
-    """Return the signal names for an explicit choice like ``("position", "velocity")``.
+    """Return the signal names for an explicit choice, by name (``("psi", "r")``) or kind (``("position",)``).
 
     Raises
     ------
@@ -57,11 +57,14 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
     MissingChannel
         When a run has none of the signals asked for.
     """
-    unknown = [u for u in use if u not in KINDS]
-    if unknown or not use:
-        raise UsageError(f"use={tuple(use)!r}: only 'position' and 'velocity' (or both) can be used")
     axis = records[0].dof
-    names = tuple(getattr(axis, kind) for kind in KINDS if kind in use)
+    called = {word: getattr(axis, kind) for kind in KINDS for word in (kind, getattr(axis, kind))}
+    if not use or any(u not in called for u in use):
+        raise UsageError(
+            f"--use {','.join(use)}: {axis.name} is fitted to {axis.position} ('position'), {axis.velocity} "
+            "('velocity') or both"
+        )
+    names = tuple(getattr(axis, kind) for kind in KINDS if getattr(axis, kind) in {called[u] for u in use})
     for record in records:
         if not set(names) & set(record.signals):
             raise MissingChannel(f"run '{record.run}' has no {' or '.join(names)}; leave out use=, or the run")

@@ -57,7 +57,7 @@ class Commands:
         return any(mode == number for t, mode in self._ordered if t >= now - _COPIES)
 
     def copy_arrived(self, number: int, now: float) -> bool:
-        """Whether the vehicle answered us a second time for an order of mode *number*, lately at link time *now* [s]."""
+        """Whether the vehicle answered an order of ours for mode *number* twice, lately at link time *now* [s]."""
         return self.has_ordered_mode(number, now) and any(t >= now - _COPIES for t in self._copies)
 
     @property

@@ -10,7 +10,6 @@ Another ground station that asks for its own stream rates changes ours: that is 
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

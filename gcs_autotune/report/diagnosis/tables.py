@@ -25,9 +25,18 @@ from gcs_autotune.report.diagnosis.wording import (
     verdict_headline,
 )
 from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.terminal import (
+    STYLES,
+    bullet,
+    contradictions_shown,
+    doubts_shown,
+    grid,
+    paragraph,
+    title,
+)
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
+    contradictions_in,
     doubt_sentence,
     format_error,
     format_number,
@@ -136,7 +145,8 @@ FAMILIES: Mapping[Family, str] = {
 def diagnosis_summary(diagnosis: Diagnosis) -> Group:
     """Return verdict, causes, gains, ranking, what these runs cannot tell, what remains, what to fly next, doubts."""
     headline = verdict_headline(diagnosis)
-    parts: list[RenderableType] = [title(headline.text, STYLES[headline.tone])]
+    parts = contradictions_shown(contradictions_in(diagnosis.doubts))
+    parts.append(title(headline.text, STYLES[headline.tone]))
     parts.extend(paragraph(s) for s in headline.sentences)
     if diagnosis.numbers is not None and diagnosis.numbers.rows:
         parts.append(title(numbers_title(diagnosis.numbers)))

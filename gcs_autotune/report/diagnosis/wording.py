@@ -26,6 +26,7 @@ from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     Headline,
     Tone,
+    contradictions_in,
     format_error,
     format_number,
     format_parameter,
@@ -130,10 +131,14 @@ _TONES: Mapping[str, Tone] = {
 
 
 def verdict_headline(diagnosis: Diagnosis) -> Headline:
-    """Return the verdict: one sentence with its number, its tone, and what follows from it."""
-    headline = _headline(diagnosis)
+    """Return the verdict: one sentence with its number, its tone, and what follows from it.
+
+    Columns that contradict each other come first: every cause below may be theirs.
+    """
+    headline, first = _headline(diagnosis), contradictions_in(diagnosis.doubts)
     unseen = [sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO]
-    return replace(headline, sentences=(*headline.sentences, *unseen))
+    sentences = (*first, *headline.sentences, *unseen)
+    return replace(headline, tone="bad" if first else headline.tone, sentences=sentences)
 
 
 def _headline(diagnosis: Diagnosis) -> Headline:

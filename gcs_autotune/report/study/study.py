@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.experiments import DofComparison
-from gcs_autotune.identify import AxisFit, Fit, Validation
+from gcs_autotune.identify import CONTRADICTION, AxisFit, Fit, Validation
 from gcs_autotune.models import FORMS
 from gcs_autotune.report.toolkit.axis_fit import explains, model_sentences, model_words
 from gcs_autotune.report.toolkit.wording import (
     Headline,
     Tone,
+    contradictions_in,
     format_error,
     format_number,
     format_percent,
@@ -198,8 +199,11 @@ def verdict_headline(study: Study) -> Headline:
     if unseen is not None:
         said += f" ({format_percent(fit.fit_percent)} of what it was fitted to)" if fit.fit_percent > 0.0 else ""
     said += "."
-    grave = [d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart")]
+    grave = [
+        d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION)
+    ]
     if percent < 40.0 or grave:
-        return Headline(said + " Read what to doubt before you use it.", "bad", answer_sentences(study))
+        first = contradictions_in(fit.doubts)
+        return Headline(said + " Read what to doubt before you use it.", "bad", (*first, *answer_sentences(study)))
     tone: Tone = "good" if percent >= 70.0 and not fit.doubts else "neutral"
     return Headline(said, tone, answer_sentences(study))

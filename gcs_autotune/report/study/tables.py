@@ -27,9 +27,10 @@ from gcs_autotune.report.toolkit.axis_fit import (
     short_name,
 )
 from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import STYLES, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.terminal import STYLES, contradictions_shown, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
+    contradictions_in,
     doubt_sentence,
     format_error,
     format_number,
@@ -224,7 +225,8 @@ def proposal_table(study: Study) -> Table:
 def study_summary(study: Study) -> Group:
     """Return model, validation, structure decision, methods side by side, what cannot be told, doubts, verdict."""
     fit, answer = study.fit, study.answer
-    parts: list[RenderableType] = [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
+    parts = contradictions_shown(contradictions_in(fit.doubts))
+    parts += [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if study.how_unseen:
         parts += [title("On data it has not seen"), paragraph(study.how_unseen)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import Group
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
 from gcs_autotune.identify import (
@@ -22,9 +22,10 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.terminal import contradictions_shown, doubts_shown, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
+    contradictions_in,
     doubt_sentence,
     format_error,
     format_number,
@@ -372,7 +373,8 @@ def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str,
 
 def fit_summary(fit: AxisFit) -> Group:
     """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
-    parts: list[RenderableType] = [title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})")]
+    parts = contradictions_shown(contradictions_in(fit.doubts))
+    parts.append(title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"))
     parts.append(grid(model_table(fit)))
     parts.extend(paragraph(s) for s in model_sentences(fit))
     parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))

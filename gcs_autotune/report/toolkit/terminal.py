@@ -18,7 +18,7 @@ from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.wording import Tone
 
-__all__ = ["STYLES", "bullet", "doubts_shown", "grid", "paragraph", "render_text", "title"]
+__all__ = ["STYLES", "bullet", "contradictions_shown", "doubts_shown", "grid", "paragraph", "render_text", "title"]
 
 
 STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
@@ -40,6 +40,14 @@ def doubts_shown(texts: Iterable[str], about: str = "fit") -> list[RenderableTyp
         return [paragraph(f"The {about} raises no doubts.")]
     heading = "What to doubt" if about == "fit" else f"What to doubt about the {about}"
     return [title(heading, "bold yellow"), *(bullet(text) for text in found)]
+
+
+def contradictions_shown(texts: Iterable[str]) -> list[RenderableType]:
+    """Return the block that heads an answer whose columns contradict each other; nothing where none do."""
+    found = list(texts)
+    if not found:
+        return []
+    return [title("Columns that contradict each other", STYLES["bad"]), *(bullet(text) for text in found)]
 
 
 def bullet(text: str) -> RichTable:

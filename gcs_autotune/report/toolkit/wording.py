@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
-from gcs_autotune.identify import AxisFit, Doubt
+from gcs_autotune.identify import CONTRADICTION, AxisFit, Doubt
 from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
 from gcs_autotune.sname import SIGNALS
 
@@ -19,6 +19,7 @@ __all__ = [
     "Headline",
     "Tone",
     "beside_telemetry",
+    "contradictions_in",
     "doubt_sentence",
     "format_change",
     "format_error",
@@ -182,6 +183,11 @@ class Headline:
     text: str
     tone: Tone
     sentences: tuple[str, ...]
+
+
+def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
+    """Return which columns contradict each other, a sentence each: what an answer begins with."""
+    return tuple(sentence(d.cause) for d in doubts if d.slug == CONTRADICTION)
 
 
 def doubt_sentence(doubt: Doubt) -> str:

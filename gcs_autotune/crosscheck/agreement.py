@@ -1,0 +1,322 @@
+"""How well a position and the integral of its rate agree: by what factor, how late, and whether at all.
+
+The slopes of both are compared over windows as short as the noise allows (:mod:`.windows`). The noisier side is
+regressed on the quieter one, which keeps noise from pulling the factor down. A constant offset of the rate (the bias of
+a gyro) belongs to the regression, with what such an offset usually is as its prior: a craft in a steady turn then still
+has a factor, and a craft at rest has none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.crosscheck.windows import Series, Windows, gaps_of, windows_on
+
+__all__ = ["Comparison", "Expected", "compare"]
+
+Array = NDArray[np.float64]
+
+Kind = Literal["agrees", "factor", "sign", "shift", "still-position", "still-rate", "unrelated", "unclear"]
+
+CLEAR = 8.0
+"""Chosen: a side of the comparison is precise when its slopes are so many times their noise."""
+LEAST_CLEAR = 5.0
+"""Chosen: below this on both sides too little moves."""
+FEWEST = 8
+"""Fewest windows of a comparison."""
+SHORTEST = 0.5
+"""Chosen [s]: no shorter window; sensors of one craft are late against each other by less."""
+SURE = 4.0
+"""Chosen: standard errors by which a factor or a shift must differ before it counts."""
+TOLERANCE = 0.12
+"""Chosen: a factor of 0.88 to 1.12 is what the filters and scales of good sensors do."""
+ALIKE, APART = 0.75, 0.5
+"""Chosen: coherence from which on two motions are the same but for a factor; below the second they are not."""
+STILL = 0.3
+"""Chosen: a side that moves by less than this share of the other stands still."""
+NOTHING = 0.03
+"""Chosen: a factor below which one side stands still, however it may look like the other."""
+LONGEST_SHIFT = 5.0
+"""Chosen [s]: shifts that are tried."""
+TURNED_ROUND, LATER = 0.5, 0.04
+"""Chosen: of an oscillation a half period and a change of sign look alike. A change of sign counts like a shift of so
+many seconds, and every second takes so much off the coherence."""
+SPREAD = 0.15
+"""Chosen: relative standard error up to which a longer window may contradict a shorter one."""
+BETTER = 0.6
+"""Chosen: a shift must leave less than this share of what stays unexplained without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What good sensors of this pair may do.
+
+    offset : standard deviation of a constant offset of the rate [unit of the rate]. floor : least motion, rms of the
+    rate. way : least that must be gone there and back in all, in the unit of the position: one short turn shows a
+    filter as well. shift : seconds by which one may be late against the other.
+    """
+
+    offset: float
+    floor: float
+    way: float
+    shift: float = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What a comparison found.
+
+    factor, std : the position moves so many times what the rate integrates to. shift, shift_std : seconds by which the
+    position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
+    of the rate's integral. clear : of the quieter side, in standard deviations of its noise.
+    """
+
+    kind: Kind
+    factor: float
+    std: float
+    shift: float
+    shift_std: float
+    coherence: float
+    moved: float
+    predicted: float
+    clear: float
+
+
+def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Comparison | None:
+    """Compare a *position* with *total* (n,), the integral of *rate* at its stamps; None when too little moves.
+
+    A filter takes quick motion out of one side. What contradicts itself over short windows must do so over longer ones
+    as well, as far as anything is clear there.
+    """
+    most = min(LONGEST_SHIFT, 0.1 * _common(position, rate))
+    first: Comparison | None = None
+    for windows in _windows(position, rate, total, most):
+        found = _compared(windows, position, rate, total, expected, most)
+        if found is None:
+            continue
+        if found.kind == "unclear":
+            continue
+        if first is None:
+            first = found
+            if first.kind in ("agrees", "shift"):
+                return first
+        elif found.kind == "agrees" and found.coherence > ALIKE and found.std < SPREAD * abs(found.factor):
+            return found
+    return first
+
+
+def _compared(
+    windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, most: float
+) -> Comparison | None:
+    x = windows.slopes(position.x)
+    least, (own, told) = 0.02 * expected.floor, _noises(windows, position, rate)
+    noise = max(own, least), max(told, least)
+    predicted = _predicted(windows, position, rate, total, 0.0)
+    if max(_rms(x), _rms(predicted)) < expected.floor:
+        return None
+    hop = windows.span / windows.overlap
+    if max(float(np.sum(np.abs(s))) for s in (x, predicted)) * hop < expected.way:
+        return None
+    sizes = [
+        _rms(s - min(max(float(np.mean(s)), -2.0 * expected.offset), 2.0 * expected.offset)) for s in (x, predicted)
+    ]
+    position_leads = sizes[0] / noise[0] >= sizes[1] / noise[1]
+    if max(sizes[0] / noise[0], sizes[1] / noise[1]) < LEAST_CLEAR:
+        return None
+    shift, shift_std, at_rest, best = _best_shift(windows, position, rate, total, x, most)
+    return _judge(windows, x, best, noise, expected, position_leads, (shift, shift_std, at_rest), position, rate)
+
+
+def _common(position: Series, rate: Series) -> float:
+    return float(min(position.t[-1], rate.t[-1]) - max(position.t[0], rate.t[0]))
+
+
+def _windows(position: Series, rate: Series, total: Array, margin: float) -> Iterator[Windows]:
+    """Yield the shortest windows over which one side is clear of its noise, and longer ones; the clearest if none."""
+    start = max(position.t[0], rate.t[0] + margin)
+    end = min(position.t[-1], rate.t[-1] - margin)
+    span = max(SHORTEST, 4.0 * position.beat, 3.0 * rate.beat)
+    clearest: tuple[float, Windows] | None = None
+    yielded = False
+    while span <= (end - start) / 4.0:
+        gaps = gaps_of(rate.t, max(0.4 * span, 3.0 * rate.beat))
+        windows = windows_on(position.t, span, start, end, gaps)
+        if windows is not None and len(windows) >= FEWEST:
+            noise = _noises(windows, position, rate)
+            x, predicted = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
+            clear = max(_rms(x) / noise[0], _rms(predicted) / noise[1])
+            clear = min(clear, max(_rms(x), _rms(predicted)) / max(noise) * 4.0)
+            if clear >= CLEAR:
+                yielded = True
+                yield windows
+            elif clearest is None or clear > clearest[0]:
+                clearest = clear, windows
+        span *= 2.0 if yielded else 1.5
+    if not yielded and clearest is not None and clearest[0] >= LEAST_CLEAR:
+        yield clearest[1]
+
+
+def _noises(windows: Windows, position: Series, rate: Series) -> tuple[float, float]:
+    """Return the standard deviations of a slope of the position, and of the one that the rate predicts."""
+    own = position.noise * float(np.median(windows.gain))
+    samples = max(windows.span / rate.beat, 1.0)
+    return max(own, 1e-12), max(rate.noise * math.sqrt(1.2 / samples), 1e-12)
+
+
+def _predicted(windows: Windows, position: Series, rate: Series, total: Array, shift: float) -> Array:
+    return windows.slopes(np.interp(position.t - shift, rate.t, total))
+
+
+def _rms(x: Array) -> float:
+    return math.sqrt(float(np.mean(x * x)))
+
+
+def _cosine(a: Array, b: Array) -> float:
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / size if size > 0.0 else 0.0
+
+
+def _best_shift(
+    windows: Windows, position: Series, rate: Series, total: Array, x: Array, most: float
+) -> tuple[float, float, tuple[float, float], Array]:
+    """Return the shift [s] at which both agree best, its standard error, the coherence of what changes without any and
+    with it, and the slopes predicted with it."""
+    step = max(0.05, 0.25 * min(position.beat, rate.beat))
+    shifts = step * np.arange(-math.floor(most / step), math.floor(most / step) + 1)
+    rows = [_predicted(windows, position, rate, total, float(s)) for s in shifts]
+    centred = x - float(np.mean(x))
+    cosines = np.array([_cosine(centred, row - float(np.mean(row))) for row in rows])
+    handicap = LATER * (np.abs(shifts) + TURNED_ROUND * (cosines < 0.0))
+    k = int(np.argmax(np.abs(cosines) - handicap))
+    zero = int(np.argmin(np.abs(shifts)))
+    best = rows[k]
+    shift = float(shifts[k])
+    if 0 < k < len(rows) - 1:  # the top of the parabola through three cosines
+        below, at, above = (abs(float(cosines[i])) for i in (k - 1, k, k + 1))
+        bend = below - 2.0 * at + above
+        if bend < 0.0:
+            shift += 0.5 * step * min(max((below - above) / bend, -1.0), 1.0)
+    change = rows[min(k + 1, len(rows) - 1)] - rows[max(k - 1, 0)]
+    factor = float(centred @ (best - best.mean())) / max(float(np.sum((best - best.mean()) ** 2)), 1e-300)
+    left = centred - factor * (best - best.mean())
+    slope = abs(factor) * math.sqrt(float(np.sum((change / (2.0 * step)) ** 2)))
+    std = _rms(left) * math.sqrt(windows.overlap) / slope if slope > 0.0 else math.inf
+    return shift, std, (float(cosines[zero]), float(cosines[k])), best
+
+
+def _judge(
+    windows: Windows,
+    x: Array,
+    predicted: Array,
+    noise: tuple[float, float],
+    expected: Expected,
+    position_leads: bool,
+    shifted: tuple[float, float, tuple[float, float]],
+    position: Series,
+    rate: Series,
+) -> Comparison:
+    """Return the agreement of the slopes of the position and those *predicted*, shifted as they agree best."""
+    shift, shift_std, (unshifted, changing) = shifted
+    leading, following = (x, predicted) if position_leads else (predicted, x)
+    slope, std, coherence = _regression(leading, following, windows.overlap, expected.offset)
+    noisy = noise[0 if position_leads else 1] / max(_rms(leading), 1e-300)
+    slope, std = (value / max(1.0 - noisy**2, 0.5) for value in (slope, std))
+    moved, told = _rms(x), _rms(predicted)
+    factor, factor_std = (1.0 / slope, std / slope**2) if position_leads and slope else (slope, std)
+    kind: Kind = "unclear"
+    high = abs(slope)
+    beats = 0.5 * (position.beat + rate.beat)
+    own_noise = noise[1 if position_leads else 0]
+    quiet = _rms(following) < max(STILL * _rms(leading), 2.0 * own_noise)
+    frozen = float(np.ptp(following)) <= 1e-9 * _rms(following)
+    nothing = high + SURE * std < (APART if frozen else NOTHING) and (frozen or _rms(following) < 3.0 * own_noise)
+    little = high < 0.5 * APART and high + SURE * std < 1.0 - 2.0 * TOLERANCE
+    if nothing or (little and (abs(coherence) < ALIKE or _is_flat(leading, following))):
+        still: Kind = "still-rate" if position_leads else "still-position"
+        kind, factor, factor_std = (still if quiet else "unrelated"), math.nan, math.nan
+    elif abs(coherence) >= ALIKE:
+        swing = _swing(windows, leading)
+        allowed = TOLERANCE + 1.0 - 1.0 / math.hypot(1.0, swing * shift) if abs(shift) <= expected.shift else TOLERANCE
+        away = abs(math.log(max(high, 1e-12)))
+        if slope < 0.0 and -slope > SURE * std:
+            kind = "sign"
+        elif away > math.log1p(allowed) and abs(slope - 1.0) > SURE * std:
+            kind = "factor"
+        elif (
+            abs(shift) > expected.shift + beats + SURE * shift_std
+            and changing >= ALIKE
+            and 1.0 - changing**2 < BETTER * (1.0 - unshifted**2)
+        ):
+            kind = "shift"
+        elif std < SPREAD:
+            kind = "agrees"
+    elif std < SPREAD and abs(slope - 1.0) < 2.0 * TOLERANCE:
+        kind = "agrees"
+    clear = _rms(leading) / noise[0 if position_leads else 1]
+    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)
+
+
+def _is_flat(leading: Array, following: Array) -> bool:
+    """Whether what follows is constant, or noise about a constant, while the other one changes."""
+    a, b = leading - float(np.mean(leading)), following - float(np.mean(following))
+    return abs(_cosine(a, b)) < APART and _rms(a) > 0.1 * _rms(leading)
+
+
+def _regression(a: Array, b: Array, overlap: float, offset: float) -> tuple[float, float, float]:
+    """Return slope of *b* (n,) on *a*, its standard error, and the coherence of both.
+
+    One window in ten may be an outlier. A constant *offset* (standard deviation) is fitted beside the slope.
+    """
+    keep = np.ones(len(a), dtype=bool)
+    slope = std = constant = 0.0
+    left = b
+    for _ in range(2):
+        n = int(keep.sum())
+        spread = max(float(np.mean(left[keep] ** 2)), 1e-300) if slope or constant else _variance_left(a[keep], b[keep])
+        prior = spread / max(offset**2, 1e-300)
+        matrix = np.array([[a[keep] @ a[keep], a[keep].sum()], [a[keep].sum(), n + prior]])
+        matrix[0, 0] += 1e-12 * float(matrix[0, 0]) + 1e-300
+        slope, constant = (float(v) for v in np.linalg.solve(matrix, np.array([a[keep] @ b[keep], b[keep].sum()])))
+        left = b - slope * a - constant
+        spread = max(float(np.mean(left[keep] ** 2)), 1e-300)
+        prior = spread / max(offset**2, 1e-300)
+        matrix[1, 1] = n + prior
+        inverse = np.linalg.inv(matrix)
+        std = math.sqrt(max(float(inverse[0, 0]), 0.0) * spread * overlap * _lasting(left[keep], overlap))
+        scale = 1.4826 * float(np.median(np.abs(left[keep])))
+        good = np.abs(left) <= max(4.0 * scale, 1e-300)
+        if good.all() or good.mean() < 0.9:
+            break
+        keep = good
+    return slope, std, _cosine(a[keep], b[keep] - constant)
+
+
+def _variance_left(a: Array, b: Array) -> float:
+    slope = float(a @ b) / max(float(a @ a), 1e-300)
+    return max(float(np.mean((b - slope * a) ** 2)), 1e-300)
+
+
+def _lasting(left: Array, overlap: float) -> float:
+    """Return by how much residuals that last longer than a window raise the variance of a mean."""
+    lag = max(round(overlap), 1)
+    if len(left) < 4 * lag:
+        return 1.0
+    rho = float(left[lag:] @ left[:-lag]) / max(float(left @ left), 1e-300)
+    rho = min(max(rho, 0.0), 0.9)
+    return (1.0 + rho) / (1.0 - rho)
+
+
+def _swing(windows: Windows, slopes: Array) -> float:
+    """Return about the frequency [rad/s] of what moves, by the rms of its change from window to window."""
+    hops = np.diff(windows.middle)
+    near = hops < 1.5 * float(np.median(hops))
+    if not near.any():
+        return 0.0
+    change = _rms(np.diff(slopes)[near] / hops[near])
+    return change / max(_rms(slopes), 1e-300)

@@ -1,0 +1,33 @@
+"""What a contradiction between two columns is, in numbers and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Contradiction"]
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """Two columns of one run that report the same motion differently.
+
+    Attributes
+    ----------
+    pair : the columns, joined with " against ", e.g. ``psi against r``.
+    kind : ``factor``, ``sign``, ``shift``, ``still``, ``unrelated`` or ``turned``.
+    value, std : the factor, the shift [s] or the angle [rad] with its standard error; NaN where there is none.
+    suspect : the column that is more likely wrong; empty where nothing shows which.
+    columns : every column that takes part.
+    unit : the unit whose factor it is; empty for any other factor.
+    cause, cure : in words.
+    """
+
+    pair: str
+    kind: str
+    value: float
+    std: float
+    suspect: str
+    columns: tuple[str, ...]
+    cause: str
+    cure: str
+    unit: str = ""

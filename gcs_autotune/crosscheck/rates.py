@@ -1,0 +1,140 @@
+"""Positions against the integrals of their rates: heading, roll, pitch and depth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
+from gcs_autotune.crosscheck.contradiction import Contradiction
+from gcs_autotune.crosscheck.windows import Series, integral, series
+from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["rate_contradictions"]
+
+FULL_TURN = 2.0 * math.pi
+_TURN = Expected(offset=math.radians(0.5), floor=math.radians(0.4), way=math.radians(45.0))
+_CLIMB = Expected(offset=0.03, floor=0.02, way=0.5, shift=0.6)
+
+Rates = Callable[[Trial], Channel | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """A position and its rate; ``verb`` is what the position does. ``earth`` is the rate turned by the attitude."""
+
+    position: str
+    rate: str
+    verb: str
+    expected: Expected
+    angle: bool
+    earth: Rates
+
+
+def _with(trial: Trial, main: str, *others: str) -> Mapping[str, np.ndarray] | None:
+    """Return channel *main* and, at its stamps, the *others*; None when one is missing."""
+    if any(n not in trial or len(trial[n]) < 2 for n in (main, *others)):
+        return None
+    t = trial[main].t
+    found = {main: trial[main].values}
+    for name in others:
+        other = trial[name]
+        good = np.isfinite(other.t) & np.isfinite(other.values)
+        if good.sum() < 2:
+            return None
+        found[name] = np.interp(t, other.t[good], other.values[good])
+    return found
+
+
+def _heading_rate(trial: Trial) -> Channel | None:
+    c = _with(trial, "r", "q", "phi", "theta")
+    if c is None:
+        return None
+    rate = (c["q"] * np.sin(c["phi"]) + c["r"] * np.cos(c["phi"])) / np.maximum(np.cos(c["theta"]), 0.2)
+    return replace(trial["r"], values=rate)
+
+
+def _roll_rate(trial: Trial) -> Channel | None:
+    c = _with(trial, "p", "q", "r", "phi", "theta")
+    if c is None:
+        return None
+    turning = c["q"] * np.sin(c["phi"]) + c["r"] * np.cos(c["phi"])
+    return replace(trial["p"], values=c["p"] + turning * np.tan(np.clip(c["theta"], -1.3, 1.3)))
+
+
+def _pitch_rate(trial: Trial) -> Channel | None:
+    c = _with(trial, "q", "r", "phi")
+    return None if c is None else replace(trial["q"], values=c["q"] * np.cos(c["phi"]) - c["r"] * np.sin(c["phi"]))
+
+
+def _climb(trial: Trial) -> Channel | None:
+    c = _with(trial, "w", "u", "theta")
+    if c is None:
+        return None
+    return replace(trial["w"], values=c["w"] * np.cos(c["theta"]) - c["u"] * np.sin(c["theta"]))
+
+
+_PAIRS = (
+    _Pair("psi", "r", "turns", _TURN, True, _heading_rate),
+    _Pair("phi", "p", "turns", _TURN, True, _roll_rate),
+    _Pair("theta", "q", "turns", _TURN, True, _pitch_rate),
+    _Pair("z", "w", "changes", _CLIMB, False, _climb),
+)
+
+
+def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) -> Iterator[Contradiction]:
+    """Yield what contradicts itself; *course* returns the course over ground [rad] of a run, to judge headings by."""
+    for pair in _PAIRS:
+        if pair.position not in trial or pair.rate not in trial:
+            continue
+        position = series(trial[pair.position], angle=pair.angle)
+        if position is None:
+            continue
+        found = _compared(position, trial[pair.rate], pair.expected)
+        if found is None or found.kind == "agrees":
+            continue
+        turned = pair.earth(trial)
+        other = None if turned is None else _compared(position, turned, pair.expected)
+        if other is not None and other.kind == "agrees":
+            continue
+        suspect = _suspect(trial, pair, found, position, course)
+        yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
+
+
+def _compared(position: Series, rate: Channel, expected: Expected) -> Comparison | None:
+    known = series(rate)
+    return None if known is None else compare(position, known, integral(known), expected)
+
+
+def _suspect(
+    trial: Trial, pair: _Pair, found: Comparison, position: Series, course: Callable[[Trial], Series | None]
+) -> str:
+    """Return the column that is more likely wrong: the one that stands still, or that a third one contradicts."""
+    if found.kind == "still-position":
+        return pair.position
+    if found.kind == "still-rate":
+        return pair.rate
+    if pair.position != "psi":
+        return ""
+    track = course(trial)
+    if track is not None:
+        rate = series(trial[pair.rate])
+        by_rate = None if rate is None else compare(track, rate, integral(rate), _TURN)
+        by_heading = compare(track, position, position.x, _TURN)
+        rate_agrees = by_rate is not None and by_rate.kind == "agrees" and by_rate.coherence > 0.5
+        heading_agrees = by_heading is not None and by_heading.kind == "agrees" and by_heading.coherence > 0.5
+        if rate_agrees != heading_agrees:
+            return pair.position if rate_agrees else pair.rate
+    if found.kind in ("factor", "sign") and _wraps(trial["psi"]):
+        return pair.rate if found.kind == "factor" and abs(found.coherence) > 0.9 else ""
+    return ""
+
+
+def _wraps(psi: Channel) -> bool:
+    """Whether the heading jumps by a full turn somewhere: its scale is then right."""
+    steps = np.abs(np.diff(psi.values[np.isfinite(psi.values)]))
+    return bool(np.any(np.abs(steps / FULL_TURN - 1.0) < 0.1))

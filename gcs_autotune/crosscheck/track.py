@@ -1,0 +1,302 @@
+"""Heading against the track over ground, and speeds against positions.
+
+The course of a craft differs from its heading by sideslip, by current, when it goes astern, and when its compass is
+mounted turned. The first is small where the craft does not turn; the second is a constant velocity over ground; the
+third shows in the throttle. What is left is the compass, or thrust that works the other way.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.crosscheck.agreement import Expected, compare
+from gcs_autotune.crosscheck.contradiction import Contradiction
+from gcs_autotune.crosscheck.windows import Series, Windows, integral, series, windows_on
+from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.trial import Channel, Trial
+
+__all__ = ["course_of", "heading_contradictions", "speed_contradictions"]
+
+Array = NDArray[np.float64]
+
+SPANS = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Chosen [s]: windows tried for the velocity over ground, the shortest that is clear first."""
+CLEAR = 6.0
+LEAST_SPEED = 0.3
+"""Chosen [m/s]: a slower craft drifts as much as it drives."""
+STRAIGHT = 0.35
+"""Chosen [rad]: a window in which the heading changes by more says little of the sideslip at rest."""
+CURRENT = 0.35
+"""Chosen [m/s]: standard deviation of currents; part of the regression."""
+MOST_CURRENT = 2.0 * CURRENT
+SLIP = 0.25
+"""Chosen: share of the speed that waves and manoeuvres leave across the heading."""
+LEAST_ANGLE = math.radians(35.0)
+"""Chosen [rad]: sideslip, deviation and wind account for less."""
+AHEAD, SIDEWAYS = 0.05, 0.3
+"""Chosen: share of full throttle that drives ahead, and of it that a sideways force may be."""
+FEWEST, LEAST_WAY, LEAST_TIME = 4, 8.0, 5.0
+"""Windows, metres and seconds below which too little was seen."""
+MOSTLY = 0.7
+"""Chosen: share of windows in which the craft must go the wrong way."""
+ANGLES = 72
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Track:
+    """Velocity over ground per window: north + 1j * east [m/s], heading [rad], turn within the window [rad]."""
+
+    windows: Windows
+    velocity: NDArray[np.complex128]
+    heading: Array
+    turn: Array
+    noise: float
+
+
+def _positions(trial: Trial) -> tuple[Series, Series] | None:
+    if "x" not in trial or "y" not in trial:
+        return None
+    x, y = series(trial["x"]), series(trial["y"])
+    return None if x is None or y is None else (x, y)
+
+
+def _velocities(trial: Trial) -> Iterator[tuple[Windows, NDArray[np.complex128], float]]:
+    """Yield the velocity over ground, over longer and longer windows."""
+    known = _positions(trial)
+    if known is None:
+        return
+    x, y = known
+    t = x.t
+    east = np.interp(t, y.t, y.x)
+    for span in SPANS:
+        span = max(span, 4.0 * min(x.beat, y.beat))
+        windows = windows_on(t, span, float(t[0]), float(t[-1]))
+        if windows is None or len(windows) < FEWEST:
+            continue
+        velocity = windows.slopes(x.x) + 1j * windows.slopes(east)
+        yield windows, velocity, math.hypot(x.noise, y.noise) * float(np.median(windows.gain))
+
+
+def course_of(trial: Trial) -> Series | None:
+    """Return the course over ground [rad], continuous, while the craft makes way; None when it does not."""
+    for windows, velocity, noise in _velocities(trial):
+        fast = np.abs(velocity) > max(LEAST_SPEED, CLEAR * noise)
+        if fast.mean() < 0.8:
+            continue
+        t, angle = windows.middle[fast], np.unwrap(np.angle(velocity[fast]))
+        return series(Channel("course", "rad", t, angle))
+    return None
+
+
+def _track(trial: Trial) -> _Track | None:
+    psi = series(trial["psi"], angle=True) if "psi" in trial else None
+    if psi is None:
+        return None
+    for windows, velocity, noise in _velocities(trial):
+        inside = (windows.middle >= psi.t[0]) & (windows.middle <= psi.t[-1])
+        fast = np.abs(velocity) > max(LEAST_SPEED, CLEAR * noise)
+        half = 0.5 * windows.span
+        ends = [np.interp(windows.middle + side * half, psi.t, psi.x) for side in (-1.0, 1.0)]
+        turn = np.abs(ends[1] - ends[0])
+        use = inside & fast & (turn < STRAIGHT) & _driven_ahead(trial, windows)
+        enough = use.sum() >= FEWEST and use.sum() >= 0.1 * inside.sum()
+        if enough and np.median(np.abs(velocity[use])) > CLEAR * noise:
+            heading = np.interp(windows.middle, psi.t, psi.x)
+            return _Track(windows, velocity[use], heading[use], turn[use], noise)
+    return None
+
+
+def _driven_ahead(trial: Trial, windows: Windows) -> NDArray[np.bool_]:
+    """Return the windows in which the throttle drives ahead, and nothing sideways; all where no throttle is known."""
+    keep = np.ones(len(windows), dtype=bool)
+    ahead = _held(trial, "X", windows)
+    aside = _held(trial, "Y", windows)
+    scale = 1.0
+    if ahead is not None:
+        scale = 1.0 if trial["X"].unit == "1" else max(float(np.max(np.abs(trial["X"].values), initial=0.0)), 1e-12)
+        keep &= np.min(ahead, axis=0) > AHEAD * scale
+        if aside is not None:
+            keep &= np.max(np.abs(aside), axis=0) < SIDEWAYS * np.min(ahead, axis=0)
+    elif aside is not None:
+        keep &= np.max(np.abs(aside), axis=0) == 0.0
+    return keep
+
+
+def _held(trial: Trial, name: str, windows: Windows) -> Array | None:
+    """Return what input *name* was before, in and at the end of every window (3, m)."""
+    if name not in trial or not len(trial[name]):
+        return None
+    channel = trial[name]
+    moments = [windows.middle + shift * windows.span for shift in (-1.0, -0.25, 0.5)]
+    at = [np.clip(np.searchsorted(channel.t, m, side="right") - 1, 0, len(channel) - 1) for m in moments]
+    return np.array([channel.values[i] for i in at])
+
+
+def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
+    """Yield that the craft goes along a track well off its heading, where nothing else explains that."""
+    track = _track(trial)
+    if track is None:
+        return
+    angle, std, speed, share = _angle(track)
+    way = float(np.sum(np.abs(track.velocity))) * track.windows.span / track.windows.overlap
+    seconds = len(track.velocity) * track.windows.span / track.windows.overlap
+    if way < LEAST_WAY or seconds < LEAST_TIME or share < MOSTLY:
+        return
+    if not abs(angle) >= LEAST_ANGLE + std or _is_told(trial, angle):
+        return
+    degrees = abs(math.degrees(angle))
+    side = "" if degrees > 170.0 else " to starboard" if angle > 0.0 else " to port"
+    throttle = " ahead" if "X" in trial else ""
+    cause = (
+        f"psi against the track over ground (run '{trial.name}'): the craft went {way:.0f} m{throttle} at {speed:.1f} "
+        f"m/s along a track {degrees:.0f} deg off its heading{side} (+- {max(math.degrees(std), 1.0):.0f}): the "
+        f"compass is mounted turned{' or the thrust is reversed' if degrees > 120.0 else ''}. psi is more likely wrong"
+    )
+    cure = (
+        "check COMPASS_ORIENT and AHRS_ORIENTATION"
+        f"{', and that the propellers drive it ahead (SERVOn_REVERSED)' if degrees > 120.0 else ''}; look before any "
+        f"GPS mode{'' if 'X' in trial else '. If it went that way on purpose (astern, sideways), record its X and Y'}"
+    )
+    yield Contradiction("psi against track", "turned", angle, std, "psi", ("psi", "x", "y"), cause, cure)
+
+
+def _is_told(trial: Trial, angle: float) -> bool:
+    """Whether speeds of the craft's own say that it went that way, and no throttle says otherwise."""
+    if "X" in trial or "u" not in trial or not len(trial["u"]):
+        return False
+    u = float(np.nanmedian(trial["u"].values))
+    v = float(np.nanmedian(trial["v"].values)) if "v" in trial and len(trial["v"]) else 0.0
+    return math.hypot(u, v) > 0.5 * LEAST_SPEED and abs(cmath.phase(cmath.exp(1j * (math.atan2(v, u) - angle)))) < 0.5
+
+
+def _angle(track: _Track) -> tuple[float, float, float, float]:
+    """Return the angle [rad] from heading to track that one current explains best, its standard error, the median speed
+    [m/s], and the share of windows that go that way.
+
+    A constant angle and a constant current: the velocity across the turned heading vanishes. What across it is left is
+    compared for every angle, the current a regression with a prior.
+    """
+    best = (math.inf, 0.0, 0j)
+    for angle in np.linspace(0.0, math.pi, ANGLES // 2, endpoint=False):
+        left, current = _across(track, float(angle))
+        if left < best[0]:
+            best = left, float(angle), current
+    step = 2.0 * math.pi / ANGLES
+    for angle in np.linspace(best[1] - step, best[1] + step, 21):
+        left, current = _across(track, float(angle))
+        if left < best[0]:
+            best = left, float(angle), current
+    left, angle, current = best
+    along = np.real((track.velocity - current) * np.exp(-1j * (track.heading + angle)))
+    if float(np.median(along)) < 0.0:
+        angle, along = angle + math.pi, -along
+    speed = float(np.median(np.abs(track.velocity)))
+    n = len(track.velocity) / track.windows.overlap
+    if abs(current) > MOST_CURRENT or _is_explained_ahead(track, speed, left):
+        return 0.0, math.inf, speed, 1.0
+    std = math.sqrt(left / max(n, 1.0)) / max(speed, 1e-9) + _remainder(track)
+    return math.remainder(angle, 2.0 * math.pi), std, speed, float(np.mean(along > 0.0))
+
+
+def _is_explained_ahead(track: _Track, speed: float, least: float) -> bool:
+    """Whether the craft may have gone ahead as it points, in a current that there may be. *least*: cost of the best
+    angle."""
+    left, current = _across(track, 0.0)
+    ahead = np.real((track.velocity - current) * np.exp(-1j * track.heading))
+    if abs(current) > MOST_CURRENT or left > max(9.0 * least, (SLIP * speed) ** 2):
+        return False
+    same_way = abs(complex(np.mean(np.exp(1j * track.heading)))) > 0.9
+    against = MOST_CURRENT if same_way else 0.0
+    return float(np.median(ahead)) > -against
+
+
+def _remainder(track: _Track) -> float:
+    """Return how far [rad] a usual current could turn a track on one heading; where headings vary it cannot."""
+    same_way = abs(complex(np.mean(np.exp(1j * track.heading))))
+    return math.atan2(CURRENT, float(np.median(np.abs(track.velocity)))) * same_way**4
+
+
+def _across(track: _Track, angle: float) -> tuple[float, complex]:
+    """Return the mean square left across the heading turned by *angle*, prior included, and the current for it."""
+    direction = track.heading + angle
+    across = np.imag(track.velocity * np.exp(-1j * direction))
+    design = np.column_stack([-np.sin(direction), np.cos(direction)])
+    n = len(across)
+    weight = max(track.noise, 0.05) ** 2 / CURRENT**2 * track.windows.overlap
+    normal = design.T @ design + weight * np.eye(2)
+    north, east = np.linalg.solve(normal, design.T @ across)
+    left = across - design @ np.array([north, east])
+    cost = float(left @ left + weight * (north**2 + east**2)) / n
+    return cost, complex(north, east)
+
+
+# --- speeds against positions -------------------------------------------------------------------------------
+
+_SPEED = Expected(offset=0.05, floor=0.1, way=8.0, shift=1.0)
+
+
+def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
+    """Yield that the track is longer or shorter than the speed over ground, or the speeds of the craft, say."""
+    known = _positions(trial)
+    speed, name = _speed(trial)
+    rate = None if speed is None else series(speed)
+    if known is None or rate is None:
+        return
+    along = _way(trial, *known, rate)
+    if along is None:
+        return
+    found = compare(along, rate, integral(rate), _SPEED)
+    if found is None or found.kind in ("agrees", "unrelated", "sign"):
+        return
+    if name != "U" and found.kind != "still-rate" and abs(found.factor * found.predicted - found.predicted) < CURRENT:
+        return
+    suspect = name if found.kind == "still-rate" else "x, y" if found.kind == "still-position" else ""
+    yield told(trial.name, "x, y", name, "moves", found, suspect)
+
+
+def _speed(trial: Trial) -> tuple[Channel | None, str]:
+    if "U" in trial and len(trial["U"]) > 1:
+        return trial["U"], "U"
+    if "u" not in trial or len(trial["u"]) < 2:
+        return None, ""
+    u = trial["u"]
+    if "v" not in trial or len(trial["v"]) < 2:
+        return None, ""
+    good = np.isfinite(trial["v"].values)
+    v = np.interp(u.t, trial["v"].t[good], trial["v"].values[good]) if good.any() else np.zeros(len(u))
+    return Channel("U", u.unit, u.t, np.hypot(u.values, v)), "u, v"
+
+
+def _way(trial: Trial, x: Series, y: Series, rate: Series) -> Series | None:
+    """Return the way made along the track [m]; over steps that the noise of the positions does not lengthen."""
+    east = np.interp(x.t, y.t, y.x)
+    noise = math.hypot(x.noise, y.noise)
+    reach = float(np.median(np.abs(rate.x)))
+    span = max(float(np.median(np.diff(x.t))), 0.5 * x.beat)
+    total = math.hypot(float(np.ptp(x.x)), float(np.ptp(east)))
+    if total < max(2.0, 20.0 * noise) and reach < LEAST_SPEED:
+        return None
+    pace = max(reach, total / max(float(x.t[-1] - x.t[0]), 1e-9), 0.05)
+    step = max(span, 8.0 * noise / pace)
+    if step > 20.0:
+        return None
+    ends = np.arange(x.t[0], x.t[-1], step)
+    if len(ends) < 20:
+        return None
+    smooth = max(round(0.5 * step / float(np.median(np.diff(x.t)))), 0)
+    north, east = (_smoothed(values, smooth) for values in (x.x, east))
+    moved = np.hypot(np.diff(np.interp(ends, x.t, north)), np.diff(np.interp(ends, x.t, east)))
+    return series(Channel("way", "m", ends, np.concatenate([[0.0], np.cumsum(moved)])))
+
+
+def _smoothed(values: Array, half: int) -> Array:
+    if half < 1:
+        return values
+    kernel = np.ones(2 * half + 1) / (2 * half + 1)
+    return np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")

@@ -1,0 +1,151 @@
+"""Slopes of a signal over short windows, as one linear operator that is applied to both sides of a comparison.
+
+The slope of a position over a window is a weighted sum of its samples. The same weights applied to the integral of the
+rate give the slope that the rate predicts, whatever the stamps. Gaps and filters then spoil both sides alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.trial import Channel
+
+__all__ = ["Series", "Windows", "integral", "series", "windows_on"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+FEWEST = 20
+"""Chosen: a channel with fewer samples is not compared."""
+MOST = 20000
+"""Chosen: samples of one channel that are looked at; of longer ones every n-th, which leaves slow motion as it is."""
+MOST_WINDOWS = 600
+LEAST_IN_WINDOW = 4
+FILLED, GAP = 0.7, 0.4
+"""Chosen: shares of a window that its samples must span, and that may lie between two of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """One channel made fit for a comparison.
+
+    t, x : (n,) stamps [s], strictly increasing, and values, angles continuous.
+    beat : seconds between two *different* values; noise : standard deviation of what changes from sample to sample.
+    """
+
+    name: str
+    t: Array
+    x: Array
+    beat: float
+    noise: float
+
+
+def series(channel: Channel, *, angle: bool = False) -> Series | None:
+    """Return *channel* as a series; None when it has too few samples to compare."""
+    good = np.isfinite(channel.t) & np.isfinite(channel.values)
+    t, first = np.unique(channel.t[good], return_index=True)
+    x = channel.values[good][first]
+    if angle:
+        x = np.unwrap(x)
+    if len(t) > MOST:
+        every = -(-len(t) // MOST)
+        t, x = t[::every], x[::every]
+    if len(t) < FEWEST:
+        return None
+    steps = np.diff(x)
+    changes = int(np.count_nonzero(steps))
+    nominal = float(np.median(np.diff(t)))
+    span = float(np.sum(np.diff(t)[np.diff(t) < 10.0 * nominal]))
+    beat = max(nominal, span / changes) if changes else nominal
+    return Series(channel.name, t, x, min(beat, 10.0 * nominal), _noise(x, steps))
+
+
+def _noise(x: Array, steps: Array) -> float:
+    """Return the noise by second differences, at least that of the scale a coarse sensor shows."""
+    second = np.abs(np.diff(x, n=2))
+    noise = float(np.mean(np.minimum(second, 10.0 * float(np.median(second)) + 1e-300))) * 1.2533 / math.sqrt(6.0)
+    moving = np.abs(steps[steps != 0.0])
+    if len(moving) and len(moving) < 0.7 * len(steps):
+        noise = max(noise, float(np.median(moving)) / math.sqrt(12.0))
+    return noise
+
+
+def integral(rate: Series) -> Array:
+    """Return the integral (n,) of *rate* from its first stamp on."""
+    steps = 0.5 * (rate.x[1:] + rate.x[:-1]) * np.diff(rate.t)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Windows of ``span`` [s] on stamps; ``slopes`` is the operator.
+
+    middle : (m,) their centres [s]. gain : (m,) standard deviation of a slope per standard deviation of a sample.
+    overlap : how many of them hold the same sample.
+    """
+
+    span: float
+    middle: Array
+    gain: Array
+    overlap: float
+    which: Indices
+    weights: Array
+    starts: Indices
+
+    def __len__(self) -> int:
+        return len(self.middle)
+
+    def slopes(self, x: Array) -> Array:
+        """Return the slope (m,) of *x* (n,), given at the stamps, over each window."""
+        found: Array = np.add.reduceat(self.weights * x[self.which], self.starts)
+        return found
+
+
+def windows_on(t: Array, span: float, start: float, end: float, gaps: Array | None = None) -> Windows | None:
+    """Return windows of *span* [s] on the stamps *t* (n,) between *start* and *end*; None when there are none.
+
+    gaps : (k, 2) stretches of time that no window may touch.
+    """
+    hop = max(0.5 * span, (end - start - span) / MOST_WINDOWS)
+    if end - start < span:
+        return None
+    begin = np.arange(start, end - span + 1e-9, hop)
+    low, high = np.searchsorted(t, begin), np.searchsorted(t, begin + span, side="right")
+    keep = high - low >= LEAST_IN_WINDOW
+    if gaps is not None and len(gaps):
+        touching = np.searchsorted(gaps[:, 0], begin + span) - np.searchsorted(gaps[:, 1], begin)
+        keep &= touching <= 0
+    low, high, begin = low[keep], high[keep], begin[keep]
+    if not len(low):
+        return None
+    keep = (t[high - 1] - t[low] >= FILLED * span) & (_longest(t, low, high) <= GAP * span)
+    low, high, begin = low[keep], high[keep], begin[keep]
+    if not len(low):
+        return None
+    counts = high - low
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    which = np.repeat(low - starts, counts) + np.arange(int(counts.sum()))
+    middle = np.add.reduceat(t[which], starts) / counts
+    offset = t[which] - np.repeat(middle, counts)
+    spread = np.add.reduceat(offset**2, starts)
+    weights = offset / np.repeat(spread, counts)
+    return Windows(span, middle, 1.0 / np.sqrt(spread), max(span / hop, 1.0), which, weights, starts)
+
+
+def _longest(t: Array, low: Indices, high: Indices) -> Array:
+    """Return the longest step between samples of each window."""
+    counts = high - low - 1
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    which = np.repeat(low - starts, counts) + np.arange(int(counts.sum()))
+    longest: Array = np.maximum.reduceat(np.diff(t)[which], starts)
+    return longest
+
+
+def gaps_of(t: Array, longest: float) -> Array:
+    """Return the stretches (k, 2) without a sample that are longer than *longest* [s]."""
+    wide = np.flatnonzero(np.diff(t) > longest)
+    return np.column_stack([t[wide], t[wide + 1]])

@@ -1,0 +1,100 @@
+"""Contradictions in words: what was found, which column is more likely wrong, what to check and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gcs_autotune.crosscheck.agreement import Comparison
+from gcs_autotune.crosscheck.contradiction import Contradiction
+
+__all__ = ["told"]
+
+UNITS: Mapping[str, Mapping[float, str]] = {
+    "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
+    "length": {1000.0: "mm", 100.0: "cm", 3.6: "km/h", 1.0 / 0.3048: "feet", 3600.0 / 1852.0: "knots"},
+}
+"""Kind -> factor that a forgotten unit leaves, and the unit."""
+CLOSE = 0.08
+"""Chosen: how near to the factor of a unit."""
+_LENGTHS = ("x", "y", "z", "U", "u", "v", "w")
+
+_CHECKS: Mapping[str, str] = {
+    "psi": "the compass (COMPASS_ORIENT, its calibration, iron and motor currents near it)",
+    "r": "the turn rate (its unit and scale, AHRS_ORIENTATION, the mount of the gyro)",
+    "phi": "the roll angle (AHRS_ORIENTATION)",
+    "p": "the roll rate (its unit and scale, AHRS_ORIENTATION)",
+    "theta": "the pitch angle (AHRS_ORIENTATION)",
+    "q": "the pitch rate (its unit and scale, AHRS_ORIENTATION)",
+    "z": "the depth sensor (its unit, BARO_SPEC_GRAV, water in the sensor)",
+    "w": "the vertical speed (its unit and sign, down is positive)",
+    "x, y": "the positions (the GPS, the unit and the projection of x and y)",
+    "U": "the speed (its unit, and whether it is over ground)",
+    "u": "the speed (its unit, the scale of the log, and whether it is over ground)",
+    "u, v": "the speeds (their unit, the scale of the log, and whether they are over ground)",
+}
+
+
+def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
+    """Return what a comparison *found* as a contradiction; *verb* is what the position does."""
+    does = verb if "," not in position else verb.removesuffix("s")
+    said, value, std, kind = _said(position, rate, does, found)
+    factor, unit = _unit(position, found) if kind in ("factor", "sign") else (1.0, "")
+    cause = f"{said} (run '{run}')"
+    if unit:
+        cause += (
+            f": {factor:.3g} is the factor of {unit}, so one of the columns is in {unit} and its head says otherwise"
+        )
+    elif suspect and kind == "still":
+        cause += f". {suspect} is more likely wrong: a dead, disturbed or wrongly scaled sensor"
+    elif suspect:
+        other = rate if suspect == position else position
+        cause += f". {suspect} is more likely wrong, for the rest of the run agrees with {other}"
+    else:
+        cause += f". Nothing else in the run shows which of {position} and {rate} is wrong"
+    pair, columns = f"{position} against {rate}", _columns(position, rate)
+    return Contradiction(pair, kind, value, std, suspect, columns, cause, _cure(position, rate, suspect, kind), unit)
+
+
+def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
+    if found.kind == "still-rate":
+        return f"{rate} stands still while {position} {does}", 0.0, found.std, "still"
+    if found.kind == "still-position":
+        still = "stands" if "," not in position else "stand"
+        moves = "turns" if does.startswith("turn") else "moves"
+        return f"{position} {still} still while {rate} {moves}", found.factor, found.std, "still"
+    if found.kind == "unrelated":
+        return f"{position} and {rate} move, but not together", math.nan, math.nan, "unrelated"
+    if found.kind == "shift":
+        late = f"{abs(found.shift):.2g} s {'later' if found.shift > 0.0 else 'earlier'}"
+        does_not = f"{position} {does} {late} than {rate} integrates to (+- {max(found.shift_std, 0.01):.2g} s)"
+        return does_not, found.shift, found.shift_std, "shift"
+    digits = f"{found.factor:.3g} times what {rate} integrates to (+- {max(found.std, 0.0005 * abs(found.factor)):.1g})"
+    if found.kind == "sign":
+        return f"{position} {does} {digits}, so they have opposite signs", found.factor, found.std, "sign"
+    return f"{position} {does} {digits}", found.factor, found.std, "factor"
+
+
+def _unit(position: str, found: Comparison) -> tuple[float, str]:
+    """Return the factor and name of the unit that explains what was found; (1, "") for none."""
+    kind = "length" if position[0] in _LENGTHS else "angle"
+    for factor, unit in UNITS[kind].items():
+        for value in (factor, 1.0 / factor):
+            if abs(abs(found.factor) / value - 1.0) < CLOSE:
+                return factor, unit
+    return 1.0, ""
+
+
+def _cure(position: str, rate: str, suspect: str, kind: str) -> str:
+    checks = [_CHECKS[n] for n in ((suspect,) if suspect else (position, rate)) if n in _CHECKS]
+    check = f"check {' and '.join(checks)}"
+    if kind == "shift":
+        check = f"check the stamps of {position} and {rate}, and the filters of both"
+    kept = rate if suspect == position else position
+    wrong = suspect or "the wrong column"
+    use = f"--use {kept}" if suspect and "," not in kept else "--use with the others"
+    return f"{check}; until then leave {wrong} out ({use})"
+
+
+def _columns(*names: str) -> tuple[str, ...]:
+    return tuple(part.strip() for name in names for part in name.split(","))

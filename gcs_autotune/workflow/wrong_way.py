@@ -1,0 +1,160 @@
+"""What a flown record shows of outputs that work the wrong way, and of sensors that contradict each other.
+
+A craft that turns away from where it is steered, or that throttle alone spins, trips a limit sooner or later. The limit
+is right then, and raising it helps nobody: the record shows which servo function or direction is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.crosscheck import contradictions
+from gcs_autotune.errors import GuardTripped, PreconditionFailed
+from gcs_autotune.firmware import Firmware, ServoMap
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.preflight import crooked, cure_of
+
+__all__ = ["SPUN", "contradiction_in", "why_tripped"]
+
+Array = NDArray[np.float64]
+
+LOOKED_AT = 8.0
+"""Chosen [s]: the end of a record that shows why a limit tripped."""
+STEERED, IDLE, FELT = 0.04, 0.02, 0.15
+"""Chosen: rms steering, as a share of full, that counts as steered, the least throttle, and what
+steering a spinning craft would have felt."""
+SAME = 0.6
+"""Chosen: correlation of turn rate and steering, about zero, from which on one follows the other."""
+FEWEST = 30
+"""Fewest samples of a regression with three unknowns."""
+SPUN = ("heading excursion", "turn rate")
+"""Limits that a craft trips which turns the wrong way."""
+REACTION = (0.0, 0.4, 0.8, 1.5)
+"""Chosen [s]: how late a craft may turn after it is steered."""
+LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
+"""Chosen [rad]: a turn that is no swing of the bow; and the share of it that is made without steering."""
+
+
+def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:
+    """Return the error that says why a heading limit tripped, where the record of the manoeuvre shows it; else None."""
+    if error.guard not in SPUN or "N" not in trial or "psi" not in trial:
+        return None
+    limit = f"safety limit '{error.guard}' tripped because of that. The actuators were brought to neutral"
+    late = _stretch(trial, LOOKED_AT)
+    size = math.sqrt(float(np.mean(late.steering**2))) if len(late.t) else 0.0
+    follows = max((_alike(late, seconds) for seconds in REACTION), key=abs)
+    whole = _stretch(trial, math.inf)
+    by_thrust = len(servos.driving("X")) > 1 and _turned_by_thrust(whole)
+    if size >= STEERED and follows < -SAME and abs(late.turned) >= LEAST_TURN and not by_thrust:
+        to, steered = ("starboard", "port") if late.turned > 0.0 else ("port", "starboard")
+        cure = cure_of(firmware, [o for o, _ in servos.driving("N")])
+        return PreconditionFailed(
+            f"{trial.name}: the craft turned {_degrees(late.turned)} to {to} in {late.seconds:.0f} s while it was "
+            f"steered to {steered}: it turns away from where it is steered. {cure}. {limit}"
+        )
+    idle = np.abs(whole.throttle) > IDLE
+    if not by_thrust:
+        idle &= np.abs(whole.steering) < STEERED
+    steps = np.gradient(whole.t) if len(whole.t) > 1 else whole.t
+    by_throttle = float(np.sum((whole.rate * steps)[idle]))
+    if abs(by_throttle) < LEAST_TURN or by_throttle * whole.turned < MOSTLY * whole.turned**2:
+        return None
+    throttle, seconds = float(np.mean(whole.throttle[idle])), float(np.sum(steps[idle]))
+    cure = _wrong_thruster(firmware, servos, by_throttle) if throttle > 0.0 else ""
+    cure = cure or crooked(firmware, [o for o, _ in servos.driving("X")])
+    to = "starboard" if by_throttle > 0.0 else "port"
+    steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
+    return PreconditionFailed(
+        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
+        f"{seconds:.0f} s instead of driving it ahead: {cure}. {limit}"
+    )
+
+
+def _turned_by_thrust(s: _Stretch) -> bool:
+    """Whether the throttle turned the craft and not the steering, by a regression of the turn rate on both, and on
+    itself for the drag."""
+    if len(s.t) < FEWEST or s.seconds <= 0.0:
+        return False
+    steps = np.diff(s.t, prepend=s.t[0])
+    parts = [np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)]
+    design = np.column_stack(parts)
+    found = np.linalg.lstsq(design, s.rate - s.rate[0], rcond=None)[0]
+    steered, driven = (
+        abs(float(found[i])) * math.sqrt(float(np.mean(x**2))) for i, x in ((0, s.steering), (1, s.throttle))
+    )
+    return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and found[0] > -STEERED * abs(found[1])
+
+
+def _degrees(angle: float) -> str:
+    return f"{abs(math.degrees(angle)):.0f} deg"
+
+
+def _wrong_thruster(firmware: Firmware, servos: ServoMap, turned: float) -> str:
+    """Return which of two thrusters works the wrong way: thrust ahead turned the craft to its side."""
+    if firmware.frame_parameter or len(servos.driving("X")) < 2:
+        return ""
+    pulls = [o for o, factor in servos.driving("N") if factor * turned < 0.0]
+    if len(pulls) != 1:
+        return ""
+    output = pulls[0]
+    now = int(output.sign < 0.0)
+    return (
+        f"one of the two thrusters runs the wrong way or is dead, most likely the one on SERVO{output.channel}: set "
+        f"SERVO{output.channel}_REVERSED to {1 - now} (it is {now}), or mend it"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """Stamps [s], steering and throttle (shares of full) and turn rate [rad/s] of the end of a record, (n,) each."""
+
+    t: Array
+    steering: Array
+    throttle: Array
+    rate: Array
+
+    @property
+    def seconds(self) -> float:
+        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+
+    @property
+    def turned(self) -> float:
+        return float(np.trapezoid(self.rate, self.t)) if len(self.t) else 0.0
+
+
+def _stretch(trial: Trial, seconds: float) -> _Stretch:
+    """Return the last *seconds* of *trial*; empty where there are too few samples."""
+    psi = trial["psi"]
+    good = np.isfinite(psi.values) & (psi.t >= psi.t[-1] - seconds)
+    t, first = np.unique(psi.t[good], return_index=True)
+    if len(t) < 5:
+        return _Stretch(*(np.empty(0) for _ in range(4)))
+    rate = np.gradient(np.unwrap(psi.values[good][first]), t)
+    steering, throttle = (
+        np.array([trial[n].held_at(float(moment)) if n in trial and len(trial[n]) else 0.0 for moment in t])
+        for n in ("N", "X")
+    )
+    return _Stretch(t, steering, throttle, rate)
+
+
+def _alike(s: _Stretch, late: float) -> float:
+    """Return how well the rate follows the steering *late* [s] before, about zero: -1..1."""
+    if not len(s.t):
+        return 0.0
+    before = np.interp(s.t - late, s.t, s.steering)
+    size = math.sqrt(float(before @ before) * float(s.rate @ s.rate))
+    return float(before @ s.rate) / size if size > 0.0 else 0.0
+
+
+GRAVE = ("psi against r", "psi against track", "z against w")
+"""Pairs that loops are closed over."""
+
+
+def contradiction_in(trial: Trial) -> str:
+    """Return in words which sensors that loops are closed over contradict each other in a flown record; empty: none."""
+    found = next((c for c in contradictions(trial) if c.pair in GRAVE), None)
+    return "" if found is None else f"{found.cause}. {found.cure[0].upper()}{found.cure[1:]}"
