@@ -12,7 +12,6 @@ Schemas that both programs read are in :mod:`gcs_autotune_files.model`.
 from __future__ import annotations
 
 import json
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -21,7 +20,21 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-__all__ = ["DEEPEST", "LARGEST", "MOST_BYTES", "Refused", "Unreadable", "conform", "number", "parse", "read", "shown"]
+__all__ = [
+    "DEEPEST",
+    "LARGEST",
+    "MOST_BYTES",
+    "Refused",
+    "Unreadable",
+    "clipped",
+    "conform",
+    "number",
+    "parse",
+    "read",
+    "read_text",
+    "shown",
+    "whole",
+]
 
 T = TypeVar("T")
 Kind = Literal["json", "toml"]
@@ -34,6 +47,7 @@ LARGEST = 1e100
 """Chosen: size of a number. Its cube is still a double; nothing we read is larger than 1e38, the largest float32."""
 _LONGEST_NUMBER = 400
 """Chosen: characters of a number; a double written in full has at most 330."""
+_LONGEST_WHOLE = 20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WORDS: Mapping[str, str] = {
     "float": "a number",
@@ -71,6 +85,8 @@ def number(text: str) -> float:
         It is written in another way (``1_0``, other digits, ``inf``), is too long, or too large.
     """
     stripped = text.strip(" \t")
+    if stripped.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+        raise Refused(f"{shown(text)} is no finite number")
     if len(stripped) > _LONGEST_NUMBER or _NUMBER.fullmatch(stripped) is None:
         raise Refused(f"{shown(text)} is no number")
     value = float(stripped)
@@ -79,10 +95,28 @@ def number(text: str) -> float:
     return value
 
 
-def shown(text: object, most: int = 40) -> str:
-    """Return *text* in quotation marks with nothing in it that a terminal obeys, cut off after *most* characters."""
+def whole(text: str, most: int) -> int:
+    """Return the whole number from 0 to *most* written as *text* in ASCII digits.
+
+    Raises
+    ------
+    Refused
+        It is written in another way, or larger.
+    """
+    if not (text.isascii() and text.isdecimal() and len(text) <= _LONGEST_WHOLE and int(text) <= most):
+        raise Refused(f"{shown(text)} is no whole number from 0 to {most}")
+    return int(text)
+
+
+def clipped(text: object, most: int = 40) -> str:
+    """Return *text* with nothing in it that a terminal obeys, cut off after *most* characters."""
     safe = str(text)[: most + 1].encode("unicode_escape").decode()
-    return f"'{safe}'" if len(safe) <= most else f"'{safe[:most]}...'"
+    return safe if len(safe) <= most else f"{safe[:most]}..."
+
+
+def shown(text: object, most: int = 40) -> str:
+    """Return *text* in quotation marks, as :func:`clipped`."""
+    return f"'{clipped(text, most)}'"
 
 
 def read(path: Path, kind: Kind = "json") -> Any:
@@ -93,6 +127,15 @@ def read(path: Path, kind: Kind = "json") -> Any:
     Refused
         It cannot be read, or is not of that *kind*.
     """
+    return parse(_bytes_of(path), kind)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file of lines, without a byte order mark; errors as those of :func:`read`."""
+    return _decoded(_bytes_of(path))
+
+
+def _bytes_of(path: Path) -> bytes:
     try:
         with path.open("rb") as stream:
             data = stream.read(MOST_BYTES + 1)
@@ -100,7 +143,16 @@ def read(path: Path, kind: Kind = "json") -> Any:
         raise Unreadable(error.strerror or str(error)) from error
     except ValueError as error:  # a NUL in the name
         raise Unreadable(str(error)) from error
-    return parse(data, kind)
+    if len(data) > MOST_BYTES:
+        raise Refused(f"it is larger than {MOST_BYTES // 1024 // 1024} MB")
+    return data
+
+
+def _decoded(data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise Refused(f"byte {error.start + 1} is not UTF-8 text") from error
 
 
 def parse(text: bytes | str, kind: Kind = "json") -> Any:
@@ -111,14 +163,10 @@ def parse(text: bytes | str, kind: Kind = "json") -> Any:
     Refused
         It is not of that *kind*, or beyond the bounds of this module.
     """
-    if len(text) > MOST_BYTES:
-        raise Refused(f"it is larger than {MOST_BYTES // 1024 // 1024} MB")
+    if isinstance(text, bytes):
+        text = _decoded(text)
     try:
-        if isinstance(text, bytes):
-            text = text.decode("utf-8-sig")
         data = tomllib.loads(text) if kind == "toml" else _json(text)
-    except UnicodeDecodeError as error:
-        raise Refused(f"byte {error.start + 1} is not UTF-8 text") from error
     except RecursionError as error:
         raise Refused(f"it is nested more than {DEEPEST} levels deep") from error
     except Refused:
@@ -177,13 +225,13 @@ def _bounded(data: Any) -> None:
 
 
 def _see_value(place: str, value: object) -> None:
-    at = f"{shown(place, 100)[1:-1]}: " if place else ""
+    at = f"{clipped(place, 100)}: " if place else ""
     if isinstance(value, str):
         try:
             value.encode("utf-8")
         except UnicodeEncodeError:
             raise Refused(f"{at}{shown(value)} holds half a character (a lone surrogate)") from None
-    elif isinstance(value, (int, float)) and not (math.isfinite(value) and abs(value) <= LARGEST):
+    elif isinstance(value, (int, float)) and not abs(value) <= LARGEST:
         large = "a whole number of more than 100 digits" if isinstance(value, int) else f"{value:g}"
         raise Refused(f"{at}{large} is no finite number")
 
@@ -226,7 +274,7 @@ def _place(path: str, data: Any, expected: list[str]) -> str:
             name = next((n for n, v in data.items() if not _fits(v, expected)), "...")
         else:
             name = step.strip(".[]")
-        names.append(name if name == "..." else shown(name)[1:-1])
+        names.append(name if name == "..." else clipped(name))
         try:
             data = data[int(name)] if isinstance(data, list) else data[name]
         except (KeyError, IndexError, ValueError, TypeError):

@@ -25,7 +25,7 @@ from gcs_autotune.documents import load_toml
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.registry import lookup
-from gcs_autotune_files import shown
+from gcs_autotune_files import clipped
 
 __all__ = ["CONFIG_NAME", "CONFIG_VARIABLE", "NO_CONFIG", "ConfigFile", "find_config", "read_config", "shown_value"]
 
@@ -148,10 +148,10 @@ def _value(name: str, value: object, folder: Path) -> Any:
     """Return a value as the command line would have it."""
     if name in _TEXTS or name in _PATHS:
         if not isinstance(value, str) or not value:
-            raise UsageError(f"a text in quotation marks is needed, not {shown(value)}")
+            raise UsageError(f"a text in quotation marks is needed, not {clipped(repr(value))}")
         return folder / Path(value).expanduser() if name in _PATHS else value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError(f"a number is needed, not {shown(value)}")
+        raise UsageError(f"a number is needed, not {clipped(repr(value))}")
     return limit_of(name).check(float(value))
 
 

@@ -158,7 +158,8 @@ def _see_outline(points: Sequence[Point], where: str) -> None:
         raise UsageError(
             f"{where}: it reaches across 180 degrees of longitude; give an area on one side of it, or two flights"
         )
-    metres = [flat(lat, lon, points[0]) for lat, lon in points]
+    middle = sum(lat for lat, _ in points) / len(points), points[0][1]
+    metres = [flat(lat, lon, middle) for lat, lon in points]
     sides = list(zip(metres, (*metres[1:], metres[0]), strict=True))
     doubled = next((k + 1 for k, (a, b) in enumerate(sides) if a == b), None)
     far = max(metres, key=lambda p: math.dist(metres[0], p))
