@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import uvicorn
 from gcs_autotune.errors import CannotOpenLink, UsageError
 from gcs_autotune.web.access import Access, is_loopback
 from gcs_autotune.web.app import Control, make_app
+from gcs_autotune.web.crowd import Seldom, guarded
 from gcs_autotune.web.job import CommandLine
 
 __all__ = ["ServeSettings", "serve"]
@@ -56,8 +58,11 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
     app = make_app(settings.runs.absolute(), access, program)
     for line in told(settings.host, port, access.token):
         say(line)
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(Seldom())
     config = uvicorn.Config(
         app,
+        http=guarded(),
         log_level="warning",
         access_log=False,
         ws="websockets-sansio",
