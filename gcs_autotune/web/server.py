@@ -22,6 +22,15 @@ from gcs_autotune.web.job import CommandLine
 __all__ = ["ServeSettings", "serve"]
 
 
+BACKLOG = 100
+"""Chosen: connections accepted in one turn of the event loop, before any of them is counted or closed; with uvicorn's
+2048 a crowd takes all file descriptors in a single turn."""
+
+
+QUEUE = 2048
+"""Chosen: connections that the system holds until they are accepted; with fewer a caller tries again after a second."""
+
+
 @dataclass(frozen=True, slots=True)
 class ServeSettings:
     """Where the page is: *host* and *port* to listen on, the folder of *runs*, other names the server is called by.
@@ -63,6 +72,7 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
     config = uvicorn.Config(
         app,
         http=guarded(),
+        backlog=BACKLOG,
         log_level="warning",
         access_log=False,
         ws="websockets-sansio",
@@ -95,6 +105,12 @@ class _Server(uvicorn.Server):
             "still putting things back; please wait" if self._wanted else "stopping: putting things back as found"
         )
         self._wanted = True
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to accept; the system keeps more in its queue than are accepted in one turn."""
+        await super().startup(sockets)
+        for each in sockets or ():
+            each.listen(QUEUE)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Let go of who looks first: an open stream would be waited for, then cut off with a complaint."""
