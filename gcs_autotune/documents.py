@@ -1,17 +1,18 @@
-"""Files of others as bounded plain data and as the types of a schema; what is wrong is a :class:`BadFile` in one line.
+"""The folder of a new run, and files of others as bounded plain data and as the types of a schema; what is wrong is a :class:`BadFile` in one line.
 
 The loader itself is :mod:`gcs_autotune_files`.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gcs_autotune.errors import BadFile
+from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["conformed", "load_json", "load_toml"]
+__all__ = ["conformed", "load_json", "load_toml", "see_run_folder"]
 
 T = TypeVar("T")
 
@@ -52,3 +53,20 @@ def conformed(data: Any, form: type[T], where: object) -> T:
         return conform(data, form)
     except Refused as error:
         raise BadFile(f"{where}: {error}") from error
+
+
+def see_run_folder(path: Path) -> None:
+    """See that a run can be kept at *path*; nothing is made yet.
+
+    Raises
+    ------
+    UsageError
+        It already holds a run, or cannot be made.
+    """
+    if (path / "trials").exists():
+        raise UsageError(f"{path} already holds a run; give another --out")
+    above = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not above.is_dir():
+        raise UsageError(f"cannot make the run directory {path}: {above} is no directory; give another --out")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise UsageError(f"cannot make the run directory {path}: {above} may not be written to; give another --out")

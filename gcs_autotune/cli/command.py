@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.documents import load_json
+from gcs_autotune.documents import load_json, see_run_folder
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -42,6 +42,7 @@ __all__ = [
     "see_axis_limits",
     "see_files",
     "see_model_file",
+    "see_output",
     "uri_of",
     "watching",
 ]
@@ -335,6 +336,18 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
     signing = signing_of(args, uri)
     with open_link(uri, baud=args.baud, seed=args.seed, backend=args.backend) as transport:
         yield replace(_connection(args, uri, signing), opened=transport)
+
+
+def see_output(args: argparse.Namespace) -> None:
+    """See that the run can be kept in ``--out``, before anything is opened or imported that flies.
+
+    Raises
+    ------
+    UsageError
+        It already holds a run, or cannot be made.
+    """
+    if args.out is not None:
+        see_run_folder(args.out)
 
 
 def see_files(*paths: Path | None) -> None:
