@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.csv_table import (
@@ -28,6 +29,7 @@ from gcs_autotune.csv_table import (
     shares_of_pulses,
     since_1970,
 )
+from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.notebook import pandas_module
@@ -440,13 +442,33 @@ def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[t
 
 
 def _with_side_file(trial: Trial, path: Path) -> Trial:
+    """Return *trial* with what the file beside it says; one that is no side file of ours is left alone."""
     if not path.exists():
         return trial
-    try:
-        side = json.loads(path.read_text(encoding="utf-8"))
-        marks = tuple(Mark(float(m["t"]), str(m["kind"]), dict(m["detail"])) for m in side["marks"])
-        meta = {**trial.meta, **side["meta"]}
-        name, reason = (visible(str(side[key])) for key in ("name", "reason"))
-        return replace(trial, name=name, ending=side["ending"], reason=reason, meta=meta, marks=marks)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadFile(f"{path} beside the run cannot be read: {error}") from error
+    data = load_json(path, "the side file of a run")
+    if not (isinstance(data, dict) and ("marks" in data or {"ending", "meta"} <= set(data))):
+        return trial
+    side = conformed(data, _SideFile, f"{path} beside the run cannot be read")
+    marks = tuple(Mark(m.t, m.kind, m.detail) for m in side.marks)
+    meta = {**trial.meta, **side.meta}
+    name, reason = visible(side.name), visible(side.reason)
+    return replace(trial, name=name, ending=side.ending, reason=reason, meta=meta, marks=marks)
+
+
+class _MarkData(Struct, frozen=True):
+    """An event of a run, as the side file has it; its ``detail`` is numbers, text, or lists of numbers."""
+
+    t: float
+    kind: str
+    detail: dict[str, Any]
+
+
+class _SideFile(Struct, frozen=True):
+    """What :func:`save_trial` writes beside the samples."""
+
+    name: str
+    ending: Literal["completed", "stopped", "aborted", "imported"]
+    reason: str
+    meta: dict[str, Any]
+    marks: list[_MarkData]
+    schema: Literal[1]

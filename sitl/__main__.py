@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
+from gcs_autotune_files import Refused, clipped, number, whole
 from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.ardupilot_json import add_options, run_json, write_parameters
 from sitl.autopilot import GENERATIONS
@@ -28,6 +28,14 @@ _OK, _USAGE, _IN_USE = 0, 2, 3
 _SLOWEST, _QUICKEST = 0.01, 1000.0
 """Chosen: simulated seconds per second that may be asked for."""
 _DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
+
+
+def _seed(text: str) -> int:
+    """Return a seed typed on the command line."""
+    try:
+        return whole(text, 2**32 - 1)
+    except Refused as error:
+        raise _Usage(f"--seed: {error}") from None
 
 
 class _Stopped(BaseException):
@@ -53,9 +61,9 @@ def _make_parser() -> argparse.ArgumentParser:
         help="udp:HOST:PORT (waits to be called), udpout:HOST:PORT (calls), tcp:HOST:PORT (server), "
         f"serial:DEVICE[,BAUD]; default {_DEFAULT_ADDRESS}",
     )
-    parser.add_argument("--speedup", type=float, default=1.0, help="simulated seconds per second; default 1")
+    parser.add_argument("--speedup", default="1", help="simulated seconds per second; default 1")
     parser.add_argument("--lockstep", action="store_true", help="time by grants on standard input (decision 1)")
-    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise; default 0")
+    parser.add_argument("--seed", default="0", help="of the sensors' noise; default 0")
     parser.add_argument(
         "--param",
         action="append",
@@ -104,24 +112,30 @@ def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
     for argument in arguments:
         name, _, value = argument.partition("=")
         try:
-            presets[name] = float(value)
-        except ValueError as error:
-            raise _Usage(f"--param {argument}: give NAME=VALUE with a number") from error
-        if not math.isfinite(presets[name]):
-            raise _Usage(f"--param {argument}: give NAME=VALUE with a finite number")
+            presets[name] = number(value)
+        except Refused as error:
+            raise _Usage(f"--param {clipped(argument)}: give NAME=VALUE with a finite number") from error
     return presets
+
+
+def _speedup(text: str) -> float:
+    try:
+        speedup = number(text)
+        if _SLOWEST <= speedup <= _QUICKEST:
+            return speedup
+    except Refused:
+        pass
+    raise _Usage(
+        f"--speedup {clipped(text)}: give {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second; it runs as fast "
+        "as this machine can where that is less"
+    )
 
 
 def _open(args: argparse.Namespace) -> Server:
     if args.vehicle is None:
         raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
-    if not _SLOWEST <= args.speedup <= _QUICKEST:
-        raise _Usage(
-            f"--speedup {args.speedup:g}: give {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second; it runs as "
-            "fast as this machine can where that is less"
-        )
-    if args.seed < 0:
-        raise _Usage(f"--seed {args.seed}: give a whole number of 0 or more")
+    args.speedup = _speedup(args.speedup)
+    args.seed = _seed(args.seed)
     load_vehicle(args.vehicle)
     presets = dict(read_parameters(args.eeprom)) if args.eeprom else {}
     presets.update(_read_presets(args.param))
@@ -172,7 +186,7 @@ def _run_under_ardupilot(args: argparse.Namespace) -> None:
     if args.ardupilot_json:
         effects = [parse_effect(text) for text in args.effect]
         model = read_model(args.model) if args.model else None
-        run_json(data, args.ardupilot_json, args.ardupilot_params, seed=args.seed, effects=effects, model=model)
+        run_json(data, args.ardupilot_json, args.ardupilot_params, seed=_seed(args.seed), effects=effects, model=model)
 
 
 def _show_vehicles() -> None:

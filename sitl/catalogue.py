@@ -12,12 +12,12 @@ faces a wall.
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from gcs_autotune_files import Unreadable, read
 from sitl.actuators import (
     FRAMES,
     Actuators,
@@ -29,6 +29,7 @@ from sitl.actuators import (
 )
 from sitl.hull import AxisDynamics, Body, Coupling, World, coupling_of
 from sitl.sensors import Rangefinder, SensorData
+from sitl.vehicle_file import see_vehicle_tables
 
 __all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
 
@@ -171,11 +172,11 @@ def load_vehicle(name: str) -> VehicleData:
         data = _read(Path(name).stem, Path(name))
         data.make_body()
         data.make_actuators()
-    except OSError as error:
-        raise BadVehicle(f"the vehicle file {name} cannot be read: {error.strerror}") from error
+    except Unreadable as error:
+        raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:
         raise BadVehicle(f"the vehicle file {name} lacks {error}; begin with a copy of one in {_FOLDER}") from error
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, ArithmeticError) as error:
         raise BadVehicle(f"{name} is no vehicle file: {error}") from error
     if data.firmware not in _FIRMWARE:
         raise BadVehicle(f"the vehicle file {name} has firmware '{data.firmware}'; there are {', '.join(_FIRMWARE)}")
@@ -184,15 +185,15 @@ def load_vehicle(name: str) -> VehicleData:
 
 def _tables(path: Path) -> dict[str, Any]:
     """Return the tables of a file, what it does not say from the vehicle it is ``like``."""
-    own = tomllib.loads(path.read_text(encoding="utf-8"))
-    if "like" not in own:
-        return own
-    name = str(own.pop("like"))
-    if name not in VEHICLES:
+    own = read(path, "toml")
+    name = own.get("like")
+    if isinstance(name, str) and name not in VEHICLES:
         raise ValueError(str(UnknownVehicle(name)))
-    tables = _tables(_FOLDER / VEHICLES[name])
+    tables = _tables(_FOLDER / VEHICLES[name]) if isinstance(name, str) else {}
     for heading, table in own.items():
         tables[heading] = {**tables.get(heading, {}), **table} if isinstance(table, dict) else table
+    tables.pop("like", None)
+    see_vehicle_tables(own, tables)
     return tables
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from gcs_autotune_files import Refused, number, read_text, shown
 from sitl.autopilot import ParameterDialect
 
 __all__ = ["keep_parameters", "read_parameters"]
@@ -21,15 +22,22 @@ def read_parameters(path: Path) -> Mapping[str, float]:
     if not path.exists():
         return {}
     values: dict[str, float] = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for row, line in enumerate(_lines(path), start=1):
         name, _, value = line.partition(",")
         try:
-            values[name] = float(value)
-        except ValueError as error:
+            values[name] = number(value)
+        except Refused as error:
             raise ValueError(
-                f"{path}, line {number}: '{line}' is not NAME,VALUE; delete the file or the line"
+                f"{path}, line {row}: {shown(line)} is not NAME,VALUE; delete the file or the line"
             ) from error
     return values
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return read_text(path).splitlines()
+    except Refused as error:
+        raise ValueError(f"{path} cannot be read: {error}") from error
 
 
 def keep_parameters(store: ParameterDialect, path: Path) -> None:
@@ -39,7 +47,7 @@ def keep_parameters(store: ParameterDialect, path: Path) -> None:
     def save(name: str, value: float) -> None:
         changed[name] = value
         fresh = path.with_name(path.name + ".part")
-        fresh.write_text("".join(f"{key},{number!r}\n" for key, number in changed.items()), encoding="utf-8")
+        fresh.write_text("".join(f"{key},{held!r}\n" for key, held in changed.items()), encoding="utf-8")
         fresh.replace(path)
 
     store.on_change = save

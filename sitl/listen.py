@@ -9,6 +9,7 @@ from typing import Protocol
 
 import serial
 
+from gcs_autotune_files import Refused, shown, whole
 from sitl.clock import Pacer
 from sitl.mavlink import Server
 
@@ -195,16 +196,22 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
 def host_and_port(rest: str) -> tuple[str, int]:
     """Return host and port of ``HOST:PORT``. ``AddressError`` when it is none."""
     host, _, port = rest.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535:
-        raise AddressError(f"'{rest}' is not HOST:PORT, for example 127.0.0.1:14550")
-    return host, int(port)
+    try:
+        if host:
+            return host, whole(port, 65535)
+    except Refused:
+        pass
+    raise AddressError(f"{shown(rest)} is not HOST:PORT, for example 127.0.0.1:14550")
 
 
 def _open_serial(rest: str) -> Link:
     device, _, baud = rest.partition(",")
-    if not device or (baud and not baud.isdecimal()):
-        raise AddressError(f"'{rest}' is not DEVICE or DEVICE,BAUD, for example /dev/ttyUSB0,57600")
-    return SerialLink(device, int(baud) if baud else _DEFAULT_BAUD)
+    try:
+        if device:
+            return SerialLink(device, whole(baud, 100_000_000) if baud else _DEFAULT_BAUD)
+    except Refused:
+        pass
+    raise AddressError(f"{shown(rest)} is not DEVICE or DEVICE,BAUD, for example /dev/ttyUSB0,57600")
 
 
 LINKS: Mapping[str, Callable[[str], Link]] = {

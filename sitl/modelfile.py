@@ -6,12 +6,20 @@ The file's inputs are in its own units; full output of an axis is the largest co
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from gcs_autotune_files import Refused, read
+from gcs_autotune_files.model import (
+    CoupledData,
+    EffectData,
+    ExtendedData,
+    FormData,
+    ModelData,
+    SingleDofData,
+    model_data,
+)
 from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
 from sitl.hull import Coupling, coupling_of
 
@@ -67,79 +75,69 @@ def read_model(path: Path) -> FlownModel:
         It cannot be read or flown.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise BadModel(f"{path}: not a model file ({error})") from error
-    try:
-        return _model_from(data)
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise BadModel(f"{path}: not a model file as 'gcs-autotune diagnose' writes it ({error!r})") from error
+        return _model_from(model_data(read(path)))
+    except Refused as error:
+        raise BadModel(f"{path} is not a model file: {error}") from error
     except (BadModel, BadEffect) as error:
         raise BadModel(f"{path}: {error}") from error
 
 
-def _model_from(data: Mapping[str, Any]) -> FlownModel:
-    if data.get("model") == "single-dof":
+def _model_from(data: ModelData) -> FlownModel:
+    if isinstance(data, SingleDofData):
         data = _of_one_axis(data)
-    if data.get("model") not in ("extended", "coupled"):
-        raise BadModel(
-            f"a model of kind '{data.get('model')}' cannot be flown; 'single-dof', 'coupled' and 'extended' ones can"
-        )
-    base = data["base"] if data["model"] == "extended" else data
-    form = base["form"]
-    values = {str(name): float(value) for name, value in base["values"].items()}
-    dofs = tuple(form["dofs"])
-    strange = [dof for dof in dofs if dof not in _FORCES]
+    if isinstance(data, CoupledData):
+        data = ExtendedData(data)
+    form, values = data.base.form, data.base.values
+    strange = [dof for dof in form.dofs if dof not in _FORCES]
     if strange:
         raise BadModel(f"the simulator does not model {', '.join(strange)}")
-    swing = {channel: _swing(data, channel) for channel in form["inputs"]}
+    lacking = [name for name in (*form.free, *form.known) if name not in values]
+    if lacking:
+        raise BadModel(f"values lack {', '.join(lacking[:5])}")
+    swing = {channel: _swing(data, channel) for channel in form.inputs}
     gains = {
         channel: {force: swing[channel] * _gain(gain, values) for force, gain in pairs.items()}
-        for channel, pairs in form["inputs"].items()
+        for channel, pairs in form.inputs.items()
     }
-    used = {str(g).lstrip("-") for pairs in form["inputs"].values() for g in pairs.values()}
+    used = {str(g).lstrip("-") for pairs in form.inputs.values() for g in pairs.values()}
+    dofs: tuple[str, ...] = tuple(form.dofs)
     axes = {dof: _axis(dof, values) for dof in dofs}
     left = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
-    coupling = _coupling(left, values, bool(form.get("coriolis", True))) if "sway" in dofs else None
+    coupling = _coupling(left, values, form.coriolis) if "sway" in dofs else None
     if coupling is None and left:
         raise BadModel(f"the simulator cannot fly {', '.join(left)} without sway")
-    effects = [*_built_in(values, swing), *(_effect_from(e, swing) for e in data.get("effects", ()))]
+    effects = [*_built_in(values, swing), *(_effect_from(e, swing) for e in data.effects)]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
     return FlownModel(axes, forces, gains, tuple(effects), coupling, swing)
 
 
-def _of_one_axis(data: Mapping[str, Any]) -> Mapping[str, Any]:
+def _of_one_axis(data: SingleDofData) -> ExtendedData:
     """Return ``alpha nu_dot + (beta + beta_quadratic |nu|) nu = tau + delta`` as derivatives, its delay an effect."""
-    dof = str(data["dof"])
-    if dof not in _FORCES:
-        raise BadModel(f"the simulator does not model {dof}")
-    force, speed = _FORCES[dof], _SPEEDS[dof]
-    channel = "delta" if data.get("input_unit") == "rad" else force
+    if data.dof not in _FORCES:
+        raise BadModel(f"the simulator does not model {data.dof}")
+    force, speed = _FORCES[data.dof], _SPEEDS[data.dof]
+    channel = "delta" if data.input_unit == "rad" else force
     names = (f"{force}_{speed}dot", f"{force}_{speed}", f"{force}_{speed}{speed}")
-    numbers = (data["alpha"], data["beta"], data["beta_quadratic"])
-    values = {n: -float(v) for n, v in zip(names, numbers, strict=True)} | {f"{force}_0": float(data["delta"])}
-    base = {"form": {"dofs": [dof], "inputs": {channel: {force: 1.0}}, "coriolis": False}, "values": values}
-    delay = float(data.get("delay", 0.0))
-    late = [{"slug": "input-delay", "place": channel, "values": {"delay": delay}}] if delay > 0.0 else []
-    return {"model": "extended", "base": base, "effects": late}
+    numbers = (data.alpha, data.beta, data.beta_quadratic)
+    values = {n: -v for n, v in zip(names, numbers, strict=True)} | {f"{force}_0": data.delta}
+    form = FormData("one axis", [data.dof], list(values), inputs={channel: {force: 1.0}}, coriolis=False)
+    late = [EffectData("input-delay", {"delay": data.delay}, channel)] if data.delay > 0.0 else []
+    return ExtendedData(CoupledData(form, values), late)
 
 
-def _swing(data: Mapping[str, Any], channel: str) -> float:
+def _swing(data: ExtendedData, channel: str) -> float:
     """Return the largest command of *channel* the file knows of, or 1."""
-    known = [data, data.get("constants", {}), *(e.get("constants", {}) for e in data.get("effects", ()))]
-    for place in known:
-        swing = place.get("swing")
-        if isinstance(swing, Mapping):
-            swing = swing.get(channel)
-        if swing:
-            return abs(float(swing))
-    return 1.0
+    known = [data.constants.swing.get(channel, 0.0), *(e.constants.get("swing", 0.0) for e in data.effects)]
+    return abs(next((swing for swing in known if swing), 1.0))
 
 
 def _gain(gain: float | str, values: Mapping[str, float]) -> float:
     if not isinstance(gain, str):
         return float(gain)
-    return -values[gain[1:]] if gain.startswith("-") else values[gain]
+    name = gain.removeprefix("-")
+    if name not in values:
+        raise BadModel(f"values lack {name}, the gain of an input")
+    return -values[name] if gain.startswith("-") else values[name]
 
 
 def _axis(dof: str, values: Mapping[str, float]) -> tuple[float, float, float]:
@@ -187,17 +185,15 @@ def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[H
     return found
 
 
-def _effect_from(entry: Mapping[str, Any], swing: Mapping[str, float]) -> HiddenEffect:
+def _effect_from(entry: EffectData, swing: Mapping[str, float]) -> HiddenEffect:
     """Return one effect of the file, numbers in units of the input made shares of full."""
-    slug, place = str(entry["slug"]), str(entry.get("place", ""))
-    values = {str(name): float(value) for name, value in entry["values"].items()}
-    if slug in EFFECTS:
-        known = {p.name: p.unit for p in EFFECTS[slug].parameters}
-        constants = entry.get("constants", {})
-        values.update({str(name): float(value) for name, value in constants.items() if name in known})
-        unit = _unit_of(place, swing)
+    values = dict(entry.values)
+    if entry.slug in EFFECTS:
+        known = {p.name: p.unit for p in EFFECTS[entry.slug].parameters}
+        values.update({name: value for name, value in entry.constants.items() if name in known})
+        unit = _unit_of(entry.place, swing)
         values = {n: v / unit if "input unit" in known.get(n, "") else v for n, v in values.items()}
-    return make_effect(slug, place, values)
+    return make_effect(entry.slug, entry.place, values)
 
 
 def _unit_of(place: str, swing: Mapping[str, float]) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
+from gcs_autotune.documents import load_json, see_run_folder
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -42,6 +42,7 @@ __all__ = [
     "see_axis_limits",
     "see_files",
     "see_model_file",
+    "see_output",
     "uri_of",
     "watching",
 ]
@@ -337,6 +338,18 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
         yield replace(_connection(args, uri, signing), opened=transport)
 
 
+def see_output(args: argparse.Namespace) -> None:
+    """See that the run can be kept in ``--out``, before anything is opened or imported that flies.
+
+    Raises
+    ------
+    UsageError
+        It already holds a run, or cannot be made.
+    """
+    if args.out is not None:
+        see_run_folder(args.out)
+
+
 def see_files(*paths: Path | None) -> None:
     """See that what is to be read is there at all: a typo waits for no import of what reads it.
 
@@ -361,11 +374,7 @@ def see_model_file(path: Path | None) -> None:
     if path is None:
         return
     see_files(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BadFile(f"{path} cannot be read as a model file: {error}") from error
-    if not isinstance(data, dict):
+    if not isinstance(load_json(path, "a model file"), dict):
         raise BadFile(f"{path} is no model file: it holds no object with the model's data")
 
 

@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import argparse
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gcs_autotune.cli.command import GUARDING
+from gcs_autotune.documents import load_toml
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.registry import lookup
+from gcs_autotune_files import clipped
 
 __all__ = ["CONFIG_NAME", "CONFIG_VARIABLE", "NO_CONFIG", "ConfigFile", "find_config", "read_config", "shown_value"]
 
@@ -118,9 +119,9 @@ def read_config(path: Path | None) -> ConfigFile:
     if path is None:
         return NO_CONFIG
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BadFile(f"{path} cannot be read: {error}; {CONFIG_VARIABLE}={NONE} goes without it") from error
+        tables = load_toml(path, "settings")
+    except BadFile as error:
+        raise BadFile(f"{error}; {CONFIG_VARIABLE}={NONE} goes without it") from error
     values: dict[str, Any] = {}
     for table, pairs in tables.items():
         known = _found(TABLES, table, f"table in {path}")
@@ -147,10 +148,10 @@ def _value(name: str, value: object, folder: Path) -> Any:
     """Return a value as the command line would have it."""
     if name in _TEXTS or name in _PATHS:
         if not isinstance(value, str) or not value:
-            raise UsageError(f"a text in quotation marks is needed, not {value!r}")
+            raise UsageError(f"a text in quotation marks is needed, not {clipped(repr(value))}")
         return folder / Path(value).expanduser() if name in _PATHS else value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError(f"a number is needed, not {value!r}")
+        raise UsageError(f"a number is needed, not {clipped(repr(value))}")
     return limit_of(name).check(float(value))
 
 

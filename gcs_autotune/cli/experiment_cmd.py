@@ -22,6 +22,7 @@ from gcs_autotune.cli.command import (
     envelope_from,
     run_directory,
     see_axis_limits,
+    see_output,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -50,6 +51,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     see_axis_limits(args, ("relay-hysteresis",))
+    see_output(args)
     with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
         return _experiment(args, connection)
 

@@ -25,6 +25,7 @@ from gcs_autotune.cli.command import (
     envelope_from,
     run_directory,
     see_model_file,
+    see_output,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -112,6 +113,7 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
 def _run(args: argparse.Namespace) -> int:
     if args.list:
         return _list()
+    see_output(args)
     if args.until is None and (args.form or args.total_time is not None):
         raise UsageError(f"--{'form' if args.form else 'total-time'} goes with --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
@@ -135,6 +137,7 @@ def _see_it_is_known(args: argparse.Namespace) -> None:
 
 def run_flight(args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION) -> int:
     """Open the link (*otherwise* where none is given), fly, and tell of it."""
+    see_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection)
 

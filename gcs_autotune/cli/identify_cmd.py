@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +18,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
+from gcs_autotune_files import Refused, clipped, parse
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import ModelFile
@@ -254,16 +254,22 @@ def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
     for pair in pairs:
         key, sign, value = pair.partition("=")
         if not sign or not key:
-            raise UsageError(f"{flag} {pair}: write it as name=value")
+            raise UsageError(f"{flag} {clipped(pair)}: write it as name=value")
         if value.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
-            raise UsageError(f"{flag} {pair}: a finite number is needed")
-        try:
-            found[key] = json.loads(value)
-        except (ValueError, RecursionError):
-            found[key] = value
+            raise UsageError(f"{flag} {clipped(pair)}: a finite number is needed")
+        found[key] = _value(flag, pair, value)
         if isinstance(found[key], (int, float)) and not abs(found[key]) <= MOST:
-            raise UsageError(f"{flag} {pair}: the number is too large; at most {MOST:g}")
+            raise UsageError(f"{flag} {clipped(pair)}: the number is too large; at most {MOST:g}")
     return found
+
+
+def _value(flag: str, pair: str, text: str) -> Any:
+    try:
+        return parse(text)
+    except Refused as error:
+        if text.strip()[:1] in tuple("-+.0123456789[{"):
+            raise UsageError(f"{flag} {clipped(pair)}: {error}") from None
+        return text
 
 
 def _list(methods: Any) -> None:

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import add_number
 from gcs_autotune.errors import UsageError
+from gcs_autotune.limits import finite
+from gcs_autotune_files import clipped
 
 if TYPE_CHECKING:
     from gcs_autotune.trial import Trial
 
 __all__ = ["add_parameters", "add_reading", "add_runs", "full_scale", "read_others", "read_parameters", "read_runs"]
+
+
+_STRETCH = re.compile("0*[1-9][0-9]{0,5}")
+"""Number of a stretch of a log; no log has a million."""
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
@@ -111,16 +118,18 @@ def full_scale(text: str) -> dict[str, float]:
     for piece in text.split(",") if text else ():
         name, _, value = piece.strip().partition("=")
         try:
-            found[name] = float(value)
-        except ValueError:
+            found[name] = finite(value)
+        except UsageError:
             found[name] = math.nan
         if len(name) != 1 or name not in "XYZKMN" or not 0.0 < found[name] < math.inf:
-            raise UsageError(f"--full-scale {text}: write the force at full output of each input, as X=85,N=23")
+            raise UsageError(
+                f"--full-scale {clipped(text)}: write the force at full output of each input, as X=85,N=23"
+            )
     return found
 
 
 def _stretches(text: str) -> tuple[int, ...]:
     pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
-    if not all(piece.isascii() and piece.isdigit() and 0 < int(piece) for piece in pieces):
-        raise UsageError(f"--pick {text}: give the numbers of stretches, counted from 1, e.g. --pick 2,3")
+    if not all(_STRETCH.fullmatch(piece) for piece in pieces):
+        raise UsageError(f"--pick {clipped(text)}: give the numbers of stretches, counted from 1, e.g. --pick 2,3")
     return tuple(int(piece) for piece in pieces)

@@ -9,6 +9,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import UsageError
 from gcs_autotune.foreign_text import visible
+from gcs_autotune_files import Refused, shown, whole
 
 __all__ = ["COMMAND"]
 
@@ -43,9 +44,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"'{text[:20]}' is no port: 0 to 65535")
-    return int(text)
+    try:
+        return whole(text, 65535)
+    except Refused:
+        raise argparse.ArgumentTypeError(f"{shown(text, 20)} is no port: 0 to 65535") from None
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.errors import UsageError
+from gcs_autotune.limits import finite
 from gcs_autotune.plain_json import json_text
+from gcs_autotune_files import clipped
 
 __all__ = ["COMMAND"]
 
@@ -76,12 +77,11 @@ def _pulls(text: str | None) -> list[float] | None:
     if text is None:
         return None
     try:
-        found = [float(piece) for piece in text.split(",")]
-    except ValueError:
-        found = [math.nan]
-    if not all(math.isfinite(f) for f in found):
-        raise UsageError(f"--forces {text}: give the pull of each row in newtons, with commas between")
-    return found
+        return [finite(piece) for piece in text.split(",")]
+    except UsageError as error:
+        raise UsageError(
+            f"--forces {clipped(text)}: {error}; give the pull of each row in newtons, with commas between"
+        ) from None
 
 
 COMMAND = Command(

@@ -27,6 +27,7 @@ from gcs_autotune.cli.command import (
     see_axis_limits,
     see_files,
     see_model_file,
+    see_output,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
@@ -91,6 +92,7 @@ def _run(args: argparse.Namespace) -> int:
 def _see(args: argparse.Namespace) -> None:
     """See that the options agree, before anything is opened."""
     see_axis_limits(args, ("step", "relay-hysteresis"))
+    see_output(args)
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
     if args.model is not None and str(args.model) in FUNCTIONS:

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.documents import conformed
 from gcs_autotune.effects.effect import Drive, EffectInstance, Observed
 from gcs_autotune.effects.table import EFFECTS
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Channel
+from gcs_autotune_files.model import CoupledData, ExtendedData
 
 __all__ = ["SCHEMA", "STEP", "ExtendedModel", "ExtendedSimulator", "Passage", "in_order", "passage_of"]
 
@@ -322,27 +324,19 @@ class ExtendedModel:
         BadFile
             Something is missing or of the wrong kind. UnknownName: an effect that is not in the table.
         """
-        try:
-            if data.get("model") == "coupled":
-                return cls(CoupledModel.from_dict(data))
-            effects = tuple(
-                EffectInstance(
-                    str(e["slug"]),
-                    str(e["place"]),
-                    {str(k): float(v) for k, v in e["values"].items()},
-                    {str(k): float(v) for k, v in e.get("constants", {}).items()},
-                )
-                for e in data["effects"]
-            )
-            base = CoupledModel.from_dict(data["base"])
-            constants = data.get("constants", {})
-            amplitude = {str(k): float(v) for k, v in constants.get("swing", {}).items()}
-            units = {str(k): str(v) for k, v in constants.get("units", {}).items()}
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BadFile(f"not a model file with effects: {error!r}") from error
+        told: CoupledData | ExtendedData = conformed(data, CoupledData | ExtendedData, "model")  # type: ignore[arg-type]
+        return cls.of_data(told)
+
+    @classmethod
+    def of_data(cls, told: CoupledData | ExtendedData) -> ExtendedModel:
+        """Return the model that a file holds; errors as those of :meth:`from_dict`."""
+        if isinstance(told, CoupledData):
+            return cls(CoupledModel.of_data(told))
+        base = CoupledModel.of_data(told.base)
+        effects = tuple(EffectInstance(e.slug, e.place, dict(e.values), dict(e.constants)) for e in told.effects)
         for effect in effects:
-            lookup(EFFECTS, effect.slug, "effect")
-        return cls(base, in_order(effects), amplitude, units)
+            _check_effect(effect)
+        return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
         """Return every signal at its own stamps from *initial* states (0 where not given); None if it runs away."""
@@ -350,3 +344,13 @@ class ExtendedModel:
         x_0 = np.array([initial.get(n, 0.0) for n in simulator.states])
         found = simulator.run(self.base.theta, self.effects, x_0, passage)
         return None if found is None else {n: y for n, (y, _) in found.items()}
+
+
+def _check_effect(effect: EffectInstance) -> None:
+    """Refuse an effect that is not in the table, or whose numbers are not its own."""
+    own = [q.name for q in lookup(EFFECTS, effect.slug, "effect").parameters]
+    missing = [n for n in own if n not in effect.values and n not in effect.constants]
+    strange = [n for n in effect.values if n not in own]
+    if missing or strange:
+        what = f"lacks {', '.join(missing)}" if missing else f"has no parameter {', '.join(strange)}"
+        raise BadFile(f"effect {effect.slug} {what}")

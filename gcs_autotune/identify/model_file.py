@@ -7,7 +7,6 @@ what its numbers rest on: units of the inputs, noise, parameters with covariance
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,16 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
 from gcs_autotune.models import CoupledModel, SingleDof
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.sname import DOFS
+from gcs_autotune_files import Refused
+from gcs_autotune_files.model import KnownFrom, SingleDofData, model_data
 
 __all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_model", "whole_model"]
 
 Array = NDArray[np.float64]
+
+_SLIGHT = 1e-3
+"""Chosen: by which a correlation may miss being one; rounding in the fit makes 1e-6."""
 
 KINDS = ("extended", "coupled", "single-dof")
 
@@ -63,7 +69,7 @@ def save_model(fit: Fit, path: Path) -> None:
     ...     load_model(Path(folder) / "craft.json").name
     'craft'
     """
-    path.write_text(json.dumps(model_document(fit), indent=1) + "\n", encoding="utf-8")
+    path.write_text(json_text(model_document(fit)), encoding="utf-8")
 
 
 def model_document(fit: Fit) -> dict[str, Any]:
@@ -100,11 +106,7 @@ def load_model(path: Path) -> ModelFile:
     ...     load_model(Path(folder) / "craft.json").inputs
     {'N': '1'}
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise BadFile(f"{path} cannot be read as a model file: {error}") from error
-    return _file(data, path)
+    return _file(load_json(path, "a model file"), path)
 
 
 def model_file_of(fit: Fit) -> ModelFile:
@@ -115,11 +117,12 @@ def model_file_of(fit: Fit) -> ModelFile:
 def _file(data: Any, path: Path) -> ModelFile:
     inner, around = _model_in(data, path)
     model, axis = _built(inner, path)
-    names, covariance = _uncertainty(around, model.base.form.dofs, path)
-    inputs = dict(model.units) or {str(k): str(v) for k, v in (around.get("inputs") or {}).items()}
+    known = conformed(around, KnownFrom, path)
+    names, covariance = _uncertainty(known, model.base.form.dofs, path)
+    inputs = dict(model.units) or dict(known.inputs or {})
     if axis is not None:
         inputs = dict.fromkeys(model.base.form.inputs, axis.input_unit)
-    noise = {str(k): float(v) for k, v in (around.get("noise") or {}).items() if isinstance(v, (int, float))}
+    noise = {name: value for name, value in (known.noise or {}).items() if value is not None}
     return ModelFile(path.stem, model, axis, inputs, noise, names, covariance)
 
 
@@ -135,16 +138,16 @@ def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, An
 
 
 def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDof | None]:
-    if data["model"] != "single-dof":
-        try:
-            return ExtendedModel.from_dict(data), None
-        except BadFile as error:
-            raise BadFile(f"{path}: {error}") from error
     try:
-        axis = SingleDof.from_dict(data)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"{path}: not a model of one degree of freedom: {error!r}") from error
-    return as_extended(axis), axis
+        told = model_data(data)
+        if not isinstance(told, SingleDofData):
+            return ExtendedModel.of_data(told), None
+        axis = SingleDof.of_data(told)
+        model = as_extended(axis)
+        CoupledModel.from_dict(model.base.to_dict())  # the same checks
+    except (BadFile, Refused) as error:
+        raise BadFile(f"{path}: {error}") from error
+    return model, axis
 
 
 def as_extended(axis: SingleDof) -> ExtendedModel:
@@ -161,19 +164,18 @@ def as_extended(axis: SingleDof) -> ExtendedModel:
     return ExtendedModel(base, delay)
 
 
-def _uncertainty(around: Mapping[str, Any], dofs: Sequence[str], path: Path) -> tuple[tuple[str, ...], Array]:
+def _uncertainty(known: KnownFrom, dofs: Sequence[str], path: Path) -> tuple[tuple[str, ...], Array]:
     """Return the names of what was fitted, as derivatives, and its covariance (p, p)."""
-    parameters, correlation = around.get("parameters"), around.get("correlation")
-    if not isinstance(parameters, dict) or correlation is None:
+    parameters, rows = known.parameters, known.correlation
+    if parameters is None or rows is None:
         return (), np.zeros((0, 0))
-    try:
-        std = np.array([float(p["std"] or 0.0) for p in parameters.values()])
-        covariance = np.nan_to_num(np.array(correlation, dtype=np.float64)) * np.outer(std, std)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"{path}: parameters or correlation are damaged: {error!r}") from error
-    if covariance.shape != (len(std),) * 2:
-        raise BadFile(f"{path}: {len(std)} parameters, but a correlation of {covariance.shape}")
-    return _as_derivatives(tuple(parameters), covariance, dofs)
+    std = np.array([p.std or 0.0 for p in parameters.values()])
+    if len(rows) != len(std) or any(len(row) != len(std) for row in rows):
+        raise BadFile(f"{path}: its {len(std)} parameters need a correlation of {len(std)} rows and columns")
+    correlation = np.array([[value or 0.0 for value in row] for row in rows]).reshape(len(std), len(std))
+    if not np.allclose(correlation, correlation.T, atol=_SLIGHT) or np.any(np.linalg.eigvalsh(correlation) < -_SLIGHT):
+        raise BadFile(f"{path}: its correlation is not symmetric and positive: the file is damaged")
+    return _as_derivatives(tuple(parameters), correlation * np.outer(std, std), dofs)
 
 
 def _as_derivatives(names: tuple[str, ...], covariance: Array, dofs: Sequence[str]) -> tuple[tuple[str, ...], Array]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune_files import Refused, number
 
 __all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "Slip", "finite"]
 
@@ -15,7 +16,7 @@ _TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0,
 """Unit as typed -> factor to SI; the others are SI."""
 _TIMES: Mapping[str, float] = {"s": 1.0, "min": 60.0, "h": 3600.0}
 """Unit of time -> how many seconds it has; a time may be typed with any of them."""
-_WITH_UNIT = re.compile(r"(.+?) ?(s|min|h)")
+_WITH_UNIT = re.compile(r"([^a-z]+(?:e[+-]?\d+)?) ?(s|min|h)")
 _ROUNDING = 1e-9
 """Share of a limit by which a value may miss it: radians and back."""
 
@@ -91,14 +92,15 @@ class Limit:
             It is no number, not finite, or out of range; the message says what was probably meant.
         """
         try:
-            return self.check(float(text) if self.unit not in _TIMES else self._time(text))
-        except ValueError:
-            raise UsageError(f"'{_quoted(text)}' is no number; {self._wanted}{self._comma(text)}") from None
+            value = number(text) if self.unit not in _TIMES else self._time(text)
+        except Refused as error:
+            raise UsageError(f"{error}; {self._wanted}{self._comma(text)}") from None
+        return self.check(value)
 
     def _time(self, text: str) -> float:
-        """Return a time in ``unit``, typed so or with a unit of its own (``90s``, ``30min``); ``ValueError``: none."""
+        """Return a time in ``unit``, typed so or with a unit of its own (``90s``, ``30min``); ``Refused``: none."""
         found = _WITH_UNIT.fullmatch(text.strip())
-        return float(text) if found is None else float(found[1]) * _TIMES[found[2]] / _TIMES[self.unit]
+        return number(text) if found is None else number(found[1]) * _TIMES[found[2]] / _TIMES[self.unit]
 
     def check(self, value: float) -> float:
         """Return *value* (as typed, in ``unit``) when it may be used.
@@ -145,8 +147,8 @@ class Limit:
 
     def _comma(self, text: str) -> str:
         try:
-            value = float(text.replace(",", "."))
-        except ValueError:
+            value = number(text.replace(",", "."))
+        except Refused:
             return ""
         return f". Did you mean {text.replace(',', '.')}?" if self._holds(value) else ""
 
@@ -160,17 +162,10 @@ def finite(text: str) -> float:
         It is no finite number.
     """
     try:
-        value = float(text)
-    except ValueError:
-        raise UsageError(f"'{_quoted(text)}' is no number") from None
-    if not math.isfinite(value):
-        raise UsageError(f"{text.strip()} is no finite number")
-    return value
+        return number(text)
+    except Refused as error:
+        raise UsageError(str(error)) from None
 
 
 def _shown(value: float) -> str:
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e12 else f"{value:.6g}"
-
-
-def _quoted(text: str) -> str:
-    return text.encode("unicode_escape").decode()[:40]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.foreign_text import visible
@@ -17,6 +17,7 @@ from gcs_autotune.logs.sample_store import Recording
 from gcs_autotune.logs.segmentation import runs_of
 from gcs_autotune.sname import DOFS, INPUTS, Dof
 from gcs_autotune.trial import Purpose, Trial, load_trial
+from gcs_autotune_files import Refused, conform, read
 
 __all__ = ["TRIALS_FOLDER", "load_runs", "record"]
 
@@ -181,11 +182,17 @@ def _holds(folder: Path) -> str:
     return f"; it holds {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}" if names else "; it is empty"
 
 
+class _FitData(Struct):
+    """What is wanted of ``fit.json``: the names of the runs that were fitted."""
+
+    used: list[str]
+
+
 def _fitted_to(place: Path) -> set[str]:
     """Return the names of the runs that the model beside them was fitted to, empty where none says."""
     try:
-        return set(json.loads((place / "fit.json").read_text(encoding="utf-8"))["used"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return set(conform(read(place / "fit.json"), _FitData).used)
+    except Refused:
         return set()
 
 

@@ -5,19 +5,26 @@ Latitudes and longitudes are what people and vehicles give; :meth:`Area.around` 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+from msgspec import Meta, Struct
+
+from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.frames import flat
+from gcs_autotune_files import number, shown
 
 __all__ = ["Area", "Zone", "how_far", "read_area"]
 
 Point = tuple[float, float]
+MOST_CORNERS = 2000
+"""Chosen: an outline is looked at with every sample."""
+_THINNEST = 1e-4
+"""Chosen: width in shares of length below which corners count as lying on one line: 10 cm in a kilometre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +129,11 @@ def read_area(text: str) -> Area:
     corners = []
     for pair in text.replace(";", " ").split():
         try:
-            lat, lon = (float(number) for number in pair.split(","))
+            lat, lon = (number(piece) for piece in pair.split(","))
         except ValueError:
             raise UsageError(
-                f"--area: '{pair}' is no corner; write 'lat,lon lat,lon lat,lon' in degrees, or name a .geojson file"
+                f"--area: {shown(pair)} is no corner; write 'lat,lon lat,lon lat,lon' in degrees, or name a .geojson "
+                "file"
             ) from None
         corners.append((lat, lon))
     return Area((_zone(corners, "--area"),), "--area")
@@ -135,35 +143,147 @@ def _zone(corners: Sequence[Point], where: str, *, inside: bool = True) -> Zone:
     points = tuple(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners)
     if len(points) < 3:
         raise UsageError(f"{where}: {len(points)} corners hold no water; give three or more")
+    if len(points) > MOST_CORNERS:
+        raise UsageError(f"{where}: {len(points)} corners are too many; simplify the outline to at most {MOST_CORNERS}")
     for lat, lon in points:
         if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
             raise UsageError(f"{where}: {lat:g},{lon:g} is no latitude and longitude in degrees")
+    _see_outline(points, where)
     return Zone(points, inside=inside)
 
 
+def _see_outline(points: Sequence[Point], where: str) -> None:
+    """Refuse an outline that goes round the back of the world, holds no water, or crosses itself."""
+    if max(lon for _, lon in points) - min(lon for _, lon in points) > 180.0:
+        raise UsageError(
+            f"{where}: it reaches across 180 degrees of longitude; give an area on one side of it, or two flights"
+        )
+    middle = sum(lat for lat, _ in points) / len(points), points[0][1]
+    metres = [flat(lat, lon, middle) for lat, lon in points]
+    sides = list(zip(metres, (*metres[1:], metres[0]), strict=True))
+    doubled = next((k + 1 for k, (a, b) in enumerate(sides) if a == b), None)
+    far = max(metres, key=lambda p: math.dist(metres[0], p))
+    wide = max(abs(_turn(metres[0], far, p)) for p in metres)
+    if doubled is not None or wide <= _THINNEST * math.dist(metres[0], far) ** 2:
+        why = "its corners lie on one line" if doubled is None else f"corner {doubled} is given twice"
+        raise UsageError(f"{where}: {why}; give the corners of the water in order, once each")
+    crossing = _crossing(sides)
+    if crossing is not None:
+        one, two = (f"corner {k + 1} to {(k + 1) % len(sides) + 1}" for k in crossing)
+        raise UsageError(f"{where}: the side from {one} meets the one from {two}; give the corners in order around it")
+
+
+def _crossing(sides: Sequence[tuple[Point, Point]]) -> tuple[int, int] | None:
+    """Return the first two sides, not neighbours, that have a point in common; None when no two have.
+
+    Only pairs whose extents from south to north overlap are looked at.
+    """
+    extent = [(min(a[0], b[0]), max(a[0], b[0])) for a, b in sides]
+    order = sorted(range(len(sides)), key=lambda k: extent[k][0])
+    for place, i in enumerate(order):
+        for j in order[place + 1 :]:
+            if extent[j][0] > extent[i][1]:
+                break
+            neighbours = abs(i - j) in (1, len(sides) - 1)
+            if not neighbours and _meet(*sides[i], *sides[j]):
+                return min(i, j), max(i, j)
+            if neighbours and _folds_back(sides[min(i, j)], sides[max(i, j)], first=abs(i - j) != 1):
+                return min(i, j), max(i, j)
+    return None
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Whether the segments ab and cd have a point in common."""
+    one, two, three, four = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
+    if one * two < 0.0 and three * four < 0.0:
+        return True
+    touching = ((one, a, b, c), (two, a, b, d), (three, c, d, a), (four, c, d, b))
+    return any(turn == 0.0 and _between(p, q, r) for turn, p, q, r in touching)
+
+
+def _between(a: Point, b: Point, c: Point) -> bool:
+    """Whether c, on the line through a and b, lies on the segment."""
+    return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
+
+
+def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point], *, first: bool) -> bool:
+    """Whether two neighbouring sides lie on each other: a spike. *first*: they meet where the outline begins."""
+    (a, b), (c, d) = (two, one) if first else (one, two)
+    return _turn(a, b, d) == 0.0 and (b[0] - a[0]) * (d[0] - c[0]) + (b[1] - a[1]) * (d[1] - c[1]) < 0.0
+
+
 def _of_file(path: Path) -> Area:
+    told: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
+    rings = next(iter(_polygons(told)), None)
+    if not rings:
+        raise BadFile(f"{path} has no polygon: draw the water as a GeoJSON Polygon")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        rings = next(iter(_polygons(data)), None)
-        if not rings:
-            raise BadFile(f"{path} has no polygon: draw the water as a GeoJSON Polygon")
-        zones = [
-            _zone([(float(p[1]), float(p[0])) for p in ring], str(path), inside=k == 0) for k, ring in enumerate(rings)
-        ]
-    except (OSError, UnicodeDecodeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise BadFile(f"{path} cannot be read as GeoJSON: {error}") from error
+        zones = [_zone([(p[1], p[0]) for p in ring], str(path), inside=k == 0) for k, ring in enumerate(rings)]
+    except UsageError as error:
+        raise BadFile(str(error)) from error
     return Area(tuple(zones), path.name)
 
 
-def _polygons(thing: Any) -> list[Any]:
+_Position = Annotated[list[float], Meta(min_length=2, max_length=4)]
+_Ring = Annotated[list[_Position], Meta(min_length=4)]
+_Rings = Annotated[list[_Ring], Meta(min_length=1)]
+
+
+class _Polygon(Struct, tag_field="type", tag="Polygon"):
+    coordinates: _Rings
+
+
+class _MultiPolygon(Struct, tag_field="type", tag="MultiPolygon"):
+    coordinates: list[_Rings]
+
+
+class _Point(Struct, tag_field="type", tag="Point"):
+    coordinates: _Position
+
+
+class _MultiPoint(Struct, tag_field="type", tag="MultiPoint"):
+    coordinates: list[_Position]
+
+
+class _LineString(Struct, tag_field="type", tag="LineString"):
+    coordinates: list[_Position]
+
+
+class _MultiLineString(Struct, tag_field="type", tag="MultiLineString"):
+    coordinates: list[list[_Position]]
+
+
+class _GeometryCollection(Struct, tag_field="type", tag="GeometryCollection"):
+    geometries: list[_Geometry]
+
+
+_Geometry = _Polygon | _MultiPolygon | _Point | _MultiPoint | _LineString | _MultiLineString | _GeometryCollection
+
+
+class _Feature(Struct, tag_field="type", tag="Feature"):
+    geometry: _Geometry | None
+
+
+class _FeatureCollection(Struct, tag_field="type", tag="FeatureCollection"):
+    features: list[_Feature]
+
+
+_GeoJson = _Geometry | _Feature | _FeatureCollection
+"""RFC 7946; what it calls foreign members is left alone."""
+
+
+def _polygons(thing: _GeoJson) -> list[_Rings]:
     """Return the rings of every polygon in a GeoJSON object."""
-    kind = thing.get("type")
-    if kind == "FeatureCollection":
-        return [rings for feature in thing["features"] for rings in _polygons(feature)]
-    if kind == "Feature":
-        return _polygons(thing["geometry"])
-    if kind == "GeometryCollection":
-        return [rings for one in thing["geometries"] for rings in _polygons(one)]
-    if kind == "MultiPolygon":
-        return list(thing["coordinates"])
-    return [thing["coordinates"]] if kind == "Polygon" else []
+    if isinstance(thing, _FeatureCollection):
+        return [rings for feature in thing.features for rings in _polygons(feature)]
+    if isinstance(thing, _Feature):
+        return [] if thing.geometry is None else _polygons(thing.geometry)
+    if isinstance(thing, _GeometryCollection):
+        return [rings for one in thing.geometries for rings in _polygons(one)]
+    if isinstance(thing, _MultiPolygon):
+        return list(thing.coordinates)
+    return [thing.coordinates] if isinstance(thing, _Polygon) else []

@@ -7,17 +7,19 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from gcs_autotune.errors import BadFile
+from gcs_autotune_files import Refused, conform, number, parse, read_text, shown
 
 __all__ = ["load_params", "save_params", "save_qgc_params"]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,15}")
 _QGC_COLUMNS = 5
+_COUNT = re.compile("[0-9]{1,3}")
+_LARGEST = 3.4028235e38
 _REAL32 = 9
 """MAV_PARAM_TYPE_REAL32."""
 
@@ -83,8 +85,8 @@ def load_params(path: Path) -> dict[str, float]:
         Unreadable, empty, or a line that is no parameter; the message has the line's number.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)
+    except Refused as error:
         raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
     values = _from_json(path, text) if text.lstrip().startswith("{") else _from_lines(path, text)
     if not values:
@@ -94,34 +96,42 @@ def load_params(path: Path) -> dict[str, float]:
 
 def _from_json(path: Path, text: str) -> dict[str, float]:
     try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise BadFile(f"{path} is not valid JSON: {error}") from error
+        data = parse(text)
+    except Refused as error:
+        raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
     table = data.get("parameters", data)
     if not isinstance(table, dict):
         raise BadFile(f"{path}: 'parameters' must be an object of names and numbers")
-    return {str(name): _number(path, f"'{name}'", str(name), value) for name, value in table.items()}
+    return {name: _checked(path, shown(name), name, value) for name, value in table.items()}
 
 
 def _from_lines(path: Path, text: str) -> dict[str, float]:
     values: dict[str, float] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    lines: dict[str, int] = {}
+    for row, line in enumerate(text.splitlines(), start=1):
         cells = [cell for cell in re.split(r"[,\s]+", line.partition("#")[0].strip()) if cell]
         if not cells:
             continue
-        if len(cells) == _QGC_COLUMNS and cells[0].isdigit() and cells[1].isdigit():
+        if len(cells) == _QGC_COLUMNS and _COUNT.fullmatch(cells[0]) and _COUNT.fullmatch(cells[1]):
             cells = cells[2:4]
         if len(cells) != 2:
-            raise BadFile(f"{path}, line {number}: '{line.strip()}' is not NAME,VALUE")
-        values[cells[0]] = _number(path, f"line {number}", cells[0], cells[1])
+            raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE")
+        name = cells[0]
+        if name in lines:
+            raise BadFile(
+                f"{path}, line {row}: {shown(name)} is named in line {lines[name]} already; take one of them out"
+            )
+        lines[name] = row
+        values[name] = _checked(path, f"line {row}", name, cells[1])
     return values
 
 
-def _number(path: Path, where: str, name: str, value: object) -> float:
+def _checked(path: Path, where: str, name: str, value: object) -> float:
+    """Return a parameter's value, a float32 as every autopilot keeps it."""
     try:
-        number = float(value) if isinstance(value, (int, float, str)) else math.nan
-    except ValueError:
-        number = math.nan
-    if not _NAME.fullmatch(name) or not math.isfinite(number):
-        raise BadFile(f"{path}, {where}: '{name}' = {value!r} is not a parameter and a number")
-    return number
+        found = number(value) if isinstance(value, str) else conform(value, float)
+        if abs(found) <= _LARGEST and _NAME.fullmatch(name):
+            return found
+    except Refused:
+        pass
+    raise BadFile(f"{path}, {where}: {shown(name)} = {shown(value)} is not a parameter and a number")

@@ -11,7 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gcs_autotune.documents import conformed
 from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune_files.model import SingleDofData
 
 __all__ = ["SCHEMA", "SingleDof"]
 
@@ -80,6 +82,17 @@ class SingleDof:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SingleDof:
-        """Rebuild from :meth:`to_dict`."""
-        numbers = {k: float(data[k]) for k in ("alpha", "beta", "beta_quadratic", "delta", "delay")}
-        return cls(dof=str(data["dof"]), input_unit=str(data["input_unit"]), **numbers)
+        """Rebuild from :meth:`to_dict`.
+
+        Raises
+        ------
+        BadFile
+            Something is missing, of the wrong kind, or a number out of range.
+        """
+        return cls.of_data(conformed(data, SingleDofData, "model"))
+
+    @classmethod
+    def of_data(cls, told: SingleDofData) -> SingleDof:
+        """Return the model that a file holds."""
+        numbers = (told.alpha, told.beta, told.beta_quadratic, told.delta, told.delay)
+        return cls(told.dof, told.input_unit, *numbers)

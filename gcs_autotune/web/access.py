@@ -10,7 +10,7 @@ import hmac
 import ipaddress
 import secrets
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,6 +18,8 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gcs_autotune_files import shown
 
 __all__ = ["JOYSTICK_STOP", "TOKEN_HEADER", "Access", "AccessMiddleware", "is_loopback"]
 
@@ -28,6 +30,10 @@ JOYSTICK_STOP = "joystick-stop"
 WRONG, WITHIN = 10, 60.0
 """Chosen: wrong tokens from one address within so many seconds, after which more of them are not looked at."""
 _ADDRESSES = 1000
+AT_ONCE, ALL_AT_ONCE = 48, 128
+"""Chosen: requests and viewers without the token under way at once, from one address and in all: behind BlueOS everyone
+comes from one. A STOP and who has the token are not counted."""
+_STOPS = ("stop", JOYSTICK_STOP)
 _SAFE = ("GET", "HEAD")
 
 HEADERS: Mapping[str, str] = {
@@ -66,6 +72,7 @@ class Access:
     ) -> None:
         self.token = token
         self.stop_key = stop_key
+        self.seat = self.new_token() if token else ""
         self._hosts = {host.lower() for host in hosts}
         self._now = now
         self._wrong: OrderedDict[str, list[float]] = OrderedDict()
@@ -75,23 +82,27 @@ class Access:
         """Return a token of 128 random bits."""
         return secrets.token_urlsafe(16)
 
+    def may_sit(self, key: str) -> bool:
+        """Whether *key* is the one to a seat of its own, told to who has shown the token; it opens nothing else."""
+        return bool(self.seat) and hmac.compare_digest(key.encode(errors="replace"), self.seat.encode())
+
     def may_stop(self, key: str) -> bool:
         """Whether *key* is the one for STOP; nobody's is where none is offered."""
-        return bool(self.stop_key) and hmac.compare_digest(key.encode(), self.stop_key.encode())
+        return bool(self.stop_key) and hmac.compare_digest(key.encode(errors="replace"), self.stop_key.encode())
 
     def trouble_with_host(self, headers: Headers, *, origin_too: bool = True) -> str:
         """Return what is wrong with ``Host`` and ``Origin``; empty when nothing is."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
-            return f"this server is not called '{host}'; give --allow-host where that is its name"
+            return f"this server is not called {shown(host, 100)}; give --allow-host where that is its name"
         return self._trouble_with_origin(host, headers) if origin_too else ""
 
     def _trouble_with_origin(self, host: str, headers: Headers) -> str:
         origin = headers.get("origin")
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
             return "a page elsewhere sent this; only this server's own page may"
-        if origin is not None and not (urlsplit(origin).netloc == host or _name_of(origin) in self._hosts):
-            return f"a page of '{origin}' sent this; only this server's own page may"
+        if origin is not None and not (_netloc_of(origin) == host or _name_of(origin) in self._hosts):
+            return f"a page of {shown(origin, 100)} sent this; only this server's own page may"
         return ""
 
     def _is_ours(self, name: str) -> bool:
@@ -100,6 +111,11 @@ class Access:
         except ValueError:
             return name == "localhost" or name.endswith(".local") or name in self._hosts
         return True
+
+    def has_token(self, headers: Headers) -> bool:
+        """Whether the right token is shown, where there is one."""
+        given = headers.get(TOKEN_HEADER, "")
+        return bool(self.token and given) and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 
     def refusal(self, headers: Headers, address: str) -> tuple[int, str] | None:
         """Return HTTP status and reason why who sent *headers* from *address* may not touch; None when he may.
@@ -110,7 +126,7 @@ class Access:
         if not self.token:
             return None
         given = headers.get(TOKEN_HEADER, "")
-        if given and hmac.compare_digest(given.encode(), self.token.encode()):
+        if self.has_token(headers):
             return None
         if not given:
             return 401, "you may look, but not touch: open the link with the token that the server showed"
@@ -132,12 +148,20 @@ def _name_of(url: str) -> str:
         return ""
 
 
+def _netloc_of(url: str) -> str:
+    try:
+        return urlsplit(url).netloc
+    except ValueError:
+        return ""
+
+
 class AccessMiddleware:
-    """ASGI middleware: refuses strangers, lets nobody but the token's owner touch, and sets the headers."""
+    """ASGI middleware: refuses strangers and crowds, lets nobody but the token's owner touch, and sets the headers."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
         self._access = access
+        self._busy: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass it on."""
@@ -147,11 +171,33 @@ class AccessMiddleware:
         headers = Headers(scope=scope)
         refused = self._refused(scope, headers)
         if refused is None:
-            await self._app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
+            await self._count(scope, headers, receive, send)
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": refused[1][:120]})
         else:
             await JSONResponse({"error": refused[1]}, refused[0])(scope, receive, _with_headers(send))
+
+    async def _count(self, scope: Scope, headers: Headers, receive: Receive, send: Send) -> None:
+        """Pass it on, while its address and all together have not too much under way; a STOP always goes through."""
+        sending = send if scope["type"] == "websocket" else _with_headers(send)
+        stop = scope["type"] == "http" and scope["method"] == "POST" and scope["path"].rpartition("/")[2] in _STOPS
+        if stop or self._access.has_token(headers):
+            await self._app(scope, receive, sending)
+            return
+        address = _address_of(scope)
+        if self._busy[address] >= AT_ONCE or self._busy.total() >= ALL_AT_ONCE:
+            if scope["type"] == "websocket":
+                await send({"type": "websocket.close", "code": 1013, "reason": "too many look already"})
+            else:
+                await JSONResponse({"error": "too much at once: try again in a moment"}, 503)(scope, receive, sending)
+            return
+        self._busy[address] += 1
+        try:
+            await self._app(scope, receive, sending)
+        finally:
+            self._busy[address] -= 1
+            if not self._busy[address]:
+                del self._busy[address]
 
     def _refused(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
         keyed = scope["type"] == "http" and scope["method"] == "POST" and scope["path"].endswith(f"/{JOYSTICK_STOP}")
@@ -164,7 +210,11 @@ class AccessMiddleware:
             return None
         if TOKEN_HEADER not in headers:
             return 401 if self._access.token else 403, "the page's own header is missing: open the page's link again"
-        return self._access.refusal(headers, (scope.get("client") or ("nobody", 0))[0])
+        return self._access.refusal(headers, _address_of(scope))
+
+
+def _address_of(scope: Scope) -> str:
+    return str((scope.get("client") or ("nobody", 0))[0])
 
 
 def _with_headers(send: Send) -> Send:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -26,6 +26,7 @@ from gcs_autotune.web.desk import DOFS, Desk, archive_routes
 from gcs_autotune.web.job import CommandLine, Job
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
+from gcs_autotune_files import conform, parse
 
 __all__ = ["Control", "make_app"]
 
@@ -44,6 +45,8 @@ FILES = {
 }
 """What the page is made of, besides ``index.html``."""
 _LONGEST_BODY = 1 << 16
+BODY_WITHIN = 10.0
+"""Chosen [s]: in which the body of a request has come."""
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
@@ -136,7 +139,7 @@ def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> 
             *blueos_routes(access, control.stop),
             *_looking(control, access),
             *looking,
-            *_touching(control, drop, work),
+            *_touching(control, access, drop, work),
         ],
         middleware=[Middleware(AccessMiddleware, access=access)],
         lifespan=lifespan,
@@ -164,15 +167,19 @@ def _looking(control: Control, access: Access) -> list[BaseRoute]:
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()
-        sending = asyncio.create_task(_send_all(socket, control.live))
+        owner = access.may_sit(socket.query_params.get("seat", ""))
+        sending = asyncio.create_task(_send_all(socket, control.live, owner=owner))
         with suppress(WebSocketDisconnect, RuntimeError):
-            while True:  # a viewer has nothing to say; this is how his leaving is noticed
-                await socket.receive_text()
+            # a viewer has nothing to say; this is how his leaving is noticed
+            while (await socket.receive())["type"] != "websocket.disconnect":
+                pass
         sending.cancel()
 
     async def events(request: Request) -> Response:
+        owner = access.may_sit(request.query_params.get("seat", ""))
+
         async def lines() -> AsyncIterator[str]:
-            async for text in control.live.watch():
+            async for text in control.live.watch(owner=owner):
                 yield f"data: {text}\n\n"
 
         return StreamingResponse(lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
@@ -180,23 +187,26 @@ def _looking(control: Control, access: Access) -> list[BaseRoute]:
     return [Route("/about", about), WebSocketRoute("/live", live), Route("/events", events)]
 
 
-async def _send_all(socket: WebSocket, live: Live) -> None:
+async def _send_all(socket: WebSocket, live: Live, *, owner: bool) -> None:
     with suppress(WebSocketDisconnect, RuntimeError, OSError):
-        async for text in live.watch():
+        async for text in live.watch(owner=owner):
             await socket.send_text(text)
         await socket.close(1013)
 
 
-def _touching(control: Control, drop: Handler, do: Callable[[dict[str, Any]], Response]) -> list[BaseRoute]:
+def _touching(
+    control: Control, access: Access, drop: Handler, do: Callable[[dict[str, Any]], Response]
+) -> list[BaseRoute]:
     async def token(request: Request) -> Response:
-        return JSONResponse({"ok": True})  # the middleware has seen it
+        return JSONResponse({"ok": True, "seat": access.seat})  # the middleware has seen it
 
     async def stop(request: Request) -> Response:
         return JSONResponse({"stopping": control.stop()})
 
     async def answer(request: Request) -> Response:
         told = await _body(request)
-        counted = control.answer(int(told["id"]), yes=told["yes"] is True)
+        answered = conform(told, _Answer)
+        counted = control.answer(answered.id, yes=answered.yes)
         return JSONResponse({"counted": counted})
 
     async def start(request: Request) -> Response:
@@ -220,7 +230,9 @@ def _answered(handler: Handler) -> Handler:
             return await handler(request)
         except UsageError as error:
             return JSONResponse({"error": str(error)}, 400)
-        except (ValueError, KeyError, TypeError):
+        except TimeoutError:
+            return JSONResponse({"error": "the rest of the request did not come; try again"}, 408)
+        except (ValueError, KeyError, TypeError, ArithmeticError):
             return JSONResponse({"error": "the request was not understood; reload the page"}, 400)
 
     return answering
@@ -229,11 +241,19 @@ def _answered(handler: Handler) -> Handler:
 async def _body(request: Request) -> dict[str, Any]:
     """Return the JSON object in a request (``ValueError`` for anything else)."""
     body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > _LONGEST_BODY:
-            raise ValueError("too long")
-    told = json.loads(body)
+    async with asyncio.timeout(BODY_WITHIN):
+        async for piece in request.stream():
+            body += piece
+            if len(body) > _LONGEST_BODY:
+                raise ValueError("too long")
+    told = parse(body)
     if not isinstance(told, dict):
         raise TypeError("no object")
     return told
+
+
+class _Answer(Struct):
+    """Whether the operator says yes to question *id*."""
+
+    id: int
+    yes: bool

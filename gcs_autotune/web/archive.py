@@ -7,12 +7,16 @@ import re
 import shutil
 from collections.abc import AsyncIterator, Mapping
 from datetime import datetime
+from io import BufferedWriter
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.foreign_text import visible
 from gcs_autotune.web.job import page_of, read_json
+from gcs_autotune_files import Refused, conform, read
 
 __all__ = ["KINDS", "Archive"]
 
@@ -54,7 +58,7 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "report": page_of(folder),
             "log": visible(logs[0]) if logs else "",
-            "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder))],
+            "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
         }
 
     def entry(self, name: str) -> dict[str, Any]:
@@ -66,7 +70,7 @@ class Archive:
             There is none.
         """
         folder = self.path(name)
-        found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS]
+        found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
         files = [p.relative_to(folder).as_posix() for p in found]
         trials = [f for f in files if f.startswith("trials/") and f.endswith(".csv") and "-with-lead-in" not in f]
         return {**self._entry(folder), "files": files, "trials": [_trial(folder, file) for file in trials]}
@@ -105,8 +109,7 @@ class Archive:
             raise UsageError(_too_large())
         folder = self.root / f"{now:%Y%m%d-%H%M%S-%f}-{Path(clean).stem}"
         try:
-            if shutil.disk_usage(self.root).free < (size or 0) + _SPARE:
-                raise UsageError("the disk is nearly full: nothing was kept. Free some space first")
+            _see_spare(self.root, size or 0)
             folder.mkdir()
             await _write(folder / clean, pieces)
         except OSError as error:
@@ -118,6 +121,11 @@ class Archive:
         return folder.name
 
 
+def _plain(path: Path) -> bool:
+    """Whether a file's name is text that can be sent."""
+    return str(path) == visible(str(path))
+
+
 def _models(folder: Path) -> list[Path]:
     """Return the model files that ``tune``, ``experiment``, ``fly``, or the desk's work has left in a run."""
     return [p for p in (*folder.glob("model*.json"), *folder.glob("diagnosis/model*.json")) if p.is_file()]
@@ -127,32 +135,64 @@ def _too_large() -> str:
     return f"it is larger than {MOST_BYTES // (1024 * 1024)} MB: cut it, or use the command line"
 
 
+def _see_spare(folder: Path, size: int) -> None:
+    """See that *size* more bytes leave room on the disk for a run that may be recording."""
+    if shutil.disk_usage(folder).free < size + _SPARE:
+        raise UsageError("the disk is nearly full: nothing was kept. Free some space first")
+
+
 async def _write(path: Path, pieces: AsyncIterator[bytes]) -> None:
-    """Write what comes, never more than there may be."""
+    """Write what comes, never more than there may be, nor more than leaves the disk its spare."""
     count = 0
     with path.open("xb") as stream:
         async for piece in pieces:
             count += len(piece)
             if count > MOST_BYTES:
                 raise UsageError(_too_large())
-            await asyncio.to_thread(stream.write, piece)  # a slow card must not keep a STOP waiting
+            await asyncio.to_thread(_append, stream, piece, path.parent)  # a slow card must not keep a STOP waiting
+
+
+def _append(stream: BufferedWriter, piece: bytes, folder: Path) -> None:
+    _see_spare(folder, len(piece))
+    stream.write(piece)
+    stream.flush()
 
 
 def _trial(folder: Path, file: str) -> dict[str, Any]:
     """Return what the page needs to replay a recorded trial: its signal, its actuator, and what was wanted when."""
-    told = read_json((folder / file).with_suffix(".json"))
-    meta = told.get("meta") or {}
-    targets = []
-    for mark in told.get("marks") or ():
-        value = mark.get("detail", {}).get("value")
-        if mark.get("kind") == "target" and isinstance(value, (int, float)):
-            targets.append([mark.get("t"), value])
+    try:
+        told = conform(read((folder / file).with_suffix(".json")), _Replayed)
+    except Refused:  # it is replayed without
+        told = _Replayed()
+    values = [(mark.t, mark.detail.get("value")) for mark in told.marks if mark.kind == "target"]
     return {
         "file": file,
-        "name": visible(str(told.get("name") or Path(file).stem)),
-        "signal": str(meta.get("signal", "psi")),
-        "force": str(meta.get("force", "")),
-        "reference": meta.get("reference"),
-        "targets": targets,
-        "ending": visible(f"{told.get('ending', '')}: {told.get('reason', '')}".strip(": ")),
+        "name": visible(told.name or Path(file).stem),
+        "signal": visible(told.meta.signal),
+        "force": visible(told.meta.force),
+        "reference": told.meta.reference,
+        "targets": [[t, value] for t, value in values if isinstance(value, (int, float))],
+        "ending": visible(f"{told.ending}: {told.reason}".strip(": ")),
     }
+
+
+class _Meta(Struct, frozen=True):
+    signal: str = "psi"
+    force: str = ""
+    reference: float | None = None
+
+
+class _Target(Struct, frozen=True):
+    t: float
+    kind: str
+    detail: dict[str, Any] = {}
+
+
+class _Replayed(Struct, frozen=True):
+    """What the page needs of the side file of a trial."""
+
+    name: str = ""
+    ending: str = ""
+    reason: str = ""
+    meta: _Meta = _Meta()
+    marks: list[_Target] = []

@@ -19,12 +19,15 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.web.archive import KINDS, Archive
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live
+from gcs_autotune_files import whole
 
 __all__ = ["DOFS", "Desk", "archive_routes"]
 
 DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
 LONGEST = 1800.0
 """Chosen [s]: that a piece of work may take."""
+PIECE_WITHIN = 30.0
+"""Chosen [s]: in which the next piece of a dropped file has come."""
 _TEXT = 40_000
 """Chosen: characters kept of what it printed."""
 VERBS: Mapping[str, Callable[[Path, Path, str], list[str]]] = {
@@ -138,14 +141,21 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         return FileResponse(path, media_type=kind, headers=headers)
 
     async def drop(request: Request) -> Response:
-        announced = request.headers.get("content-length")
+        announced = request.headers.get("content-length", "")
         name = request.query_params.get("name", "")
 
         async def pieces() -> AsyncIterator[bytes]:
-            async for piece in request.stream():
+            stream = aiter(request.stream())
+            while True:
+                async with asyncio.timeout(PIECE_WITHIN):
+                    try:
+                        piece = await anext(stream)
+                    except StopAsyncIteration:
+                        return
                 yield piece
 
-        kept = await archive.take_in(name, int(announced) if announced else None, pieces(), datetime.now())
+        size = whole(announced, 2**62) if announced else None
+        kept = await archive.take_in(name, size, pieces(), datetime.now())
         return JSONResponse({"name": kept})
 
     def work(told: Mapping[str, Any]) -> Response:

@@ -17,6 +17,7 @@ from typing import Any
 
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.web.live import Live
+from gcs_autotune_files import Refused, read
 
 __all__ = ["CommandLine", "Job", "page_of", "read_json"]
 
@@ -132,11 +133,15 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
         "code": code,
         "meaning": _MEANINGS.get(code, f"it ended by itself, with code {code}"),
         "reason": reason,
-        "flown": [str(line) for line in summary.get("verdict_reasons") or []],
+        "flown": [str(line) for line in _listed(summary.get("verdict_reasons"))],
         "fine": fine,
         "report": page_of(directory),
         "put_back": [craft, *_as_to_parameters(directory)],
     }
+
+
+def _listed(thing: Any) -> list[Any]:
+    return thing if isinstance(thing, list) else []
 
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
@@ -157,7 +162,7 @@ def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool,
 
 
 def _as_to_parameters(directory: Path) -> list[str]:
-    before, after = (read_json(directory / f"parameters_{when}.json") for when in ("before", "after"))
+    before, after = (_numbers_in(directory / f"parameters_{when}.json") for when in ("before", "after"))
     if not before:
         return []
     if not after:
@@ -168,6 +173,10 @@ def _as_to_parameters(directory: Path) -> list[str]:
     return [f"Parameters read again: all {len(before)} as they were before."]
 
 
+def _numbers_in(path: Path) -> dict[str, float]:
+    return {name: value for name, value in read_json(path).items() if isinstance(value, (int, float))}
+
+
 def page_of(directory: Path) -> str:
     """Return the page that a run left, its report or else its preview; empty when there is none."""
     return next((name for name in ("report.html", "preview.html") if (directory / name).is_file()), "")
@@ -176,7 +185,7 @@ def page_of(directory: Path) -> str:
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in a file, empty where there is none that can be read."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        data = read(path)
+    except Refused:
         return {}
     return data if isinstance(data, dict) else {}

@@ -25,6 +25,7 @@ ROWS, WORDS = 4000, 300
 BEHIND = 30
 """Chosen: deltas that a viewer may be behind before he gets everything again."""
 MOST_VIEWERS = 32
+"""Chosen: who may look at once. Who has the token takes the seat of one without it when all are taken."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
 """What is kept as it came, the last one counting."""
 _LONGEST = 2000
@@ -40,7 +41,7 @@ class Live:
     """
 
     def __init__(self) -> None:
-        self._viewers: set[asyncio.Queue[str | None]] = set()
+        self._viewers: dict[asyncio.Queue[str | None], bool] = {}
         self._state: dict[str, Any] = {"run": None}
         self._legs: list[dict[str, Any]] = []
         self._rows: deque[list[Any]] = deque(maxlen=ROWS)
@@ -92,7 +93,7 @@ class Live:
                 self.put(key, {"id": int(value["id"]), "text": visible(str(value["text"]))})
             elif key in _KEPT:
                 self.put(key, value)
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError):
             return
 
     def _sample(self, value: dict[str, Any]) -> None:
@@ -112,12 +113,18 @@ class Live:
         lists = {"legs": self._legs, "rows": list(self._rows), "words": list(self._words)}
         return _packed({"whole": {**self._state, **lists}})
 
-    async def watch(self) -> AsyncIterator[str]:
-        """Yield the whole document, then what changes of it, for as long as somebody looks."""
+    async def watch(self, *, owner: bool = False) -> AsyncIterator[str]:
+        """Yield the whole document, then what changes of it, for as long as somebody looks.
+
+        Nothing comes when all seats are taken, but an *owner* of the token gets one of those without it.
+        """
         queue: asyncio.Queue[str | None] = asyncio.Queue(BEHIND)
         if len(self._viewers) >= MOST_VIEWERS:
-            return
-        self._viewers.add(queue)
+            guest = next((viewer for viewer, owns in self._viewers.items() if not owns), None)
+            if not owner or guest is None:
+                return
+            self._let_go(guest)
+        self._viewers[queue] = owner
         try:
             yield self._anew(queue)
             while True:
@@ -126,14 +133,19 @@ class Live:
                     return
                 yield self._anew(queue) if told is None else told
         finally:
-            self._viewers.discard(queue)
+            self._viewers.pop(queue, None)
 
     def close(self) -> None:
         """Let every viewer go: the server ends."""
-        for queue in self._viewers:
-            while not queue.empty():
-                queue.get_nowait()
-            queue.put_nowait(_OVER)
+        for queue in list(self._viewers):
+            self._let_go(queue)
+
+    def _let_go(self, queue: asyncio.Queue[str | None]) -> None:
+        """Tell a viewer that nothing more comes, and give his seat away."""
+        del self._viewers[queue]
+        while not queue.empty():
+            queue.get_nowait()
+        queue.put_nowait(_OVER)
 
     def _anew(self, queue: asyncio.Queue[str | None]) -> str:
         """Return the whole document for a viewer, who is owed no delta before it."""

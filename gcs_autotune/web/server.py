@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import sys
 from collections.abc import Callable
@@ -15,9 +16,19 @@ import uvicorn
 from gcs_autotune.errors import CannotOpenLink, UsageError
 from gcs_autotune.web.access import Access, is_loopback
 from gcs_autotune.web.app import Control, make_app
+from gcs_autotune.web.crowd import Seldom, guarded
 from gcs_autotune.web.job import CommandLine
 
 __all__ = ["ServeSettings", "serve"]
+
+
+BACKLOG = 100
+"""Chosen: connections accepted in one turn of the event loop, before any of them is counted or closed; with uvicorn's
+2048 a crowd takes all file descriptors in a single turn."""
+
+
+QUEUE = 2048
+"""Chosen: connections that the system holds until they are accepted; with fewer a caller tries again after a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +67,12 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
     app = make_app(settings.runs.absolute(), access, program)
     for line in told(settings.host, port, access.token):
         say(line)
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(Seldom())
     config = uvicorn.Config(
         app,
+        http=guarded(),
+        backlog=BACKLOG,
         log_level="warning",
         access_log=False,
         ws="websockets-sansio",
@@ -90,6 +105,12 @@ class _Server(uvicorn.Server):
             "still putting things back; please wait" if self._wanted else "stopping: putting things back as found"
         )
         self._wanted = True
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to accept; the system keeps more in its queue than are accepted in one turn."""
+        await super().startup(sockets)
+        for each in sockets or ():
+            each.listen(QUEUE)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Let go of who looks first: an open stream would be waited for, then cut off with a complaint."""

@@ -24,7 +24,6 @@ from __future__ import annotations
 import itertools
 import math
 import random
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,6 +38,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune_files import Refused, clipped, parse, read_text
 
 __all__ = ["FlightLeg", "FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
 
@@ -228,15 +228,16 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
         Not readable, not TOML, or not a plan: the message says which run and why, with the nearest spellings.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        text = read_text(path)
+        data = parse(text, "toml")
+    except Refused as error:
         raise BadFile(f"{path} cannot be read as a plan: {error}") from error
     try:
         _see_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
         conditions = _table(data, "conditions")
         _see_keys(conditions, _CONDITIONS, "[conditions]")
-        order = lookup(dict.fromkeys(_ORDERS, True), str(data.get("order", "listed")), "order")
+        order = lookup(dict.fromkeys(_ORDERS, True), _text(data, "order", "listed"), "order")
+        title = _text(data, "title", path.stem)
         runs = list(_runs(data, common, model, full_scale))
     except (AutotuneError, TypeError, ValueError) as error:
         raise BadFile(f"{path}: {error}") from error
@@ -248,16 +249,16 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
     depth = conditions.get("min-depth")
     calm = conditions.get("calm", False)
     if not isinstance(calm, bool):
-        raise BadFile(f"{path}: calm is true or false, not {calm!r}")
+        raise BadFile(f"{path}: calm is true or false, not {clipped(repr(calm))}")
     try:
-        least = None if depth is None else limit_of("min-depth").check(float(depth))
+        least = None if depth is None else limit_of("min-depth").check(_number(depth))
     except (UsageError, TypeError, ValueError) as error:
         raise BadFile(f"{path}: min-depth: {error}") from error
     try:
-        area = read_area(str(data["area"])) if "area" in data else None
+        area = read_area(_text(data, "area")) if "area" in data else None
     except UsageError as error:
         raise BadFile(f"{path}: {error}") from error
-    return FlightPlan(str(data.get("title", path.stem)), tuple(_named(runs)), calm, least, text, area)
+    return FlightPlan(title, tuple(_named(runs)), calm, least, text, area)
 
 
 def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
@@ -275,6 +276,19 @@ def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return value
 
 
+def _text(data: Mapping[str, Any], key: str, default: str = "") -> str:
+    value = data.get(key, default)
+    if not isinstance(value, str):
+        raise UsageError(f"{key} is text in quotation marks, not {clipped(repr(value))}")
+    return value
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"a number is needed, not {clipped(repr(value))}")
+    return float(value)
+
+
 def _runs(
     data: Mapping[str, Any], common: TuneSettings, model: ModelFile | None, full_scale: float | None
 ) -> Iterator[PlannedRun]:
@@ -283,11 +297,16 @@ def _runs(
     _see_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
         raise UsageError("runs are written as [[run]]")
+    left = MOST_RUNS
     for number, entry in enumerate(listed, start=1):
         try:
-            yield from _of_entry(entry, defaults, common, model, full_scale)
+            if not isinstance(entry, dict):
+                raise UsageError("runs are written as [[run]]")
+            made = list(_of_entry(entry, defaults, common, model, full_scale, left))
         except AutotuneError as error:
             raise UsageError(f"run {number}: {error}") from None
+        left -= len(made)
+        yield from made
 
 
 def _of_entry(
@@ -296,25 +315,33 @@ def _of_entry(
     common: TuneSettings,
     model: ModelFile | None,
     full_scale: float | None,
+    left: int,
 ) -> Iterator[PlannedRun]:
+    """Yield the runs of a ``[[run]]``, one for each combination of its levels, sides and repeats, at most *left*."""
     if "manoeuvre" not in entry:
         raise UsageError('it names no manoeuvre (manoeuvre = "zig-zag"); `gcs-autotune fly --list` tells them')
-    kind = lookup(MANOEUVRES, str(entry["manoeuvre"]), "manoeuvre")
+    kind = lookup(MANOEUVRES, _text(entry, "manoeuvre"), "manoeuvre")
     _see_keys(entry, (*_RUN, *kind.options), kind.name)
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
-    force = str(given.get("force", ""))
+    force = _text(given, "force")
     kind = kind.of(force)
     asked = given.get("sides", "starboard")
-    named = [lookup(_SIDES, str(name), "side") for name in (asked if isinstance(asked, list) else [asked])]
+    named = [lookup(_SIDES, str(name)[:40], "side") for name in (asked if isinstance(asked, list) else [asked])]
     sides = dict.fromkeys(itertools.chain.from_iterable(named))
     repeat = given.get("repeat", 1)
-    if not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
-        raise UsageError(f"repeat is a whole number from 1 to {MOST_RUNS}, not {repeat!r}")
+    if isinstance(repeat, bool) or not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
+        raise UsageError(f"repeat is a whole number from 1 to {MOST_RUNS}, not {clipped(repr(repeat))}")
     held_out = given.get("hold-out", False)
     if not isinstance(held_out, bool):
-        raise UsageError(f"hold-out is true or false, not {held_out!r}")
+        raise UsageError(f"hold-out is true or false, not {clipped(repr(held_out))}")
     numbers = {k: _levels(k, v, kind.axis) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
     own = [k for k in entry if k in numbers]
+    count = len(sides) * repeat * math.prod(len(values) for values in numbers.values())
+    if not 0 < count <= left:
+        raise UsageError(
+            f"its lists, sides and repeats make {count:.4g} runs; a plan has 1 to {MOST_RUNS}, and {left} are left: "
+            "give fewer levels"
+        )
     for values in itertools.product(*numbers.values()):
         typed = dict(zip(numbers, values, strict=True))
         options = {k: v * limit_of(k, kind.axis).factor for k, v in typed.items() if k in kind.options}
@@ -328,9 +355,9 @@ def _of_entry(
 
 def _levels(name: str, value: Any, axis: str) -> list[float]:
     try:
-        return [limit_of(name, axis).check(float(v)) for v in (value if isinstance(value, list) else [value])]
+        return [limit_of(name, axis).check(_number(v)) for v in (value if isinstance(value, list) else [value])]
     except (TypeError, ValueError):
-        raise UsageError(f"{name} is a number, or a list of numbers, not {value!r}") from None
+        raise UsageError(f"{name} is a number, or a list of numbers, not {clipped(repr(value))}") from None
     except UsageError as error:
         raise UsageError(f"{name}: {error}") from None
 

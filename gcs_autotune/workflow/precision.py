@@ -11,6 +11,7 @@ from gcs_autotune.identify import derivative_names
 from gcs_autotune.models import FORMS
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
+from gcs_autotune_files import Refused, number, shown
 
 __all__ = ["Precision", "precision_of"]
 
@@ -71,8 +72,11 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
     for item in text.split(","):
         found = _ITEM.fullmatch(item)
         if found is None:
-            raise UsageError(f"'{item.strip()}' is no parameter with a precision: write --until 'N_r 5%, Y_v 10%'")
-        asked[found[1]] = float(found[2]) / 100.0
+            raise UsageError(f"{shown(item.strip())} is no parameter with a precision: write --until 'N_r 5%, Y_v 10%'")
+        try:
+            asked[found[1]] = number(found[2]) / 100.0
+        except Refused as error:
+            raise UsageError(f"{error}: write --until 'N_r 5%, Y_v 10%'") from None
     wrong = [n for n, share in asked.items() if not 0.0 < 100.0 * share <= MOST_PERCENT]
     if wrong:
         raise UsageError(f"the precision of {wrong[0]} is above 0 and at most {MOST_PERCENT:g} %")

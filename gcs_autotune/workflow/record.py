@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
+from gcs_autotune.documents import see_run_folder
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.plain_json import json_text
@@ -41,13 +41,7 @@ class RunDirectory:
         self.path = path
         self.is_made = False
         self._count = 0
-        if (path / "trials").exists():
-            raise UsageError(f"{path} already holds a run; give another --out")
-        above = next(p for p in (path, *path.absolute().parents) if p.exists())
-        if not above.is_dir():
-            raise UsageError(f"cannot make the run directory {path}: {above} is no directory; give another --out")
-        if not os.access(above, os.W_OK | os.X_OK):
-            raise UsageError(f"cannot make the run directory {path}: {above} may not be written to; give another --out")
+        see_run_folder(path)
 
     def make(self) -> None:
         """Make the directory.

@@ -7,12 +7,14 @@ makes a flight safe, the sign check and the dive, is always flown again.
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gcs_autotune.errors import BadFile, GuardTripped, PreconditionFailed, UsageError, WrongVehicle
+from msgspec import Struct
+
+from gcs_autotune.documents import conformed, load_json
+from gcs_autotune.errors import GuardTripped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of, same_float32
 from gcs_autotune.manoeuvres import GUARDS
 from gcs_autotune.trial import Trial, load_trial
@@ -71,6 +73,15 @@ def way_on(settings: TuneSettings, finished: list[str], error: BaseException) ->
     )
 
 
+class _SetOut(Struct, frozen=True):
+    """What :func:`note_setting_out` writes."""
+
+    settings: dict[str, float | str | bool | None] = {}
+    vehicle: dict[str, int | str | None] = {}
+    fingerprint: dict[str, float] = {}
+    parameters: dict[str, float] = {}
+
+
 class Earlier:
     """The finished trials of an earlier run (``settings.resume``) that are called *names*; none without it.
 
@@ -89,19 +100,16 @@ class Earlier:
     def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
         self._run = settings.resume
         self._names = names
-        self._told: dict[str, Any] = {}
+        self._told = _SetOut()
         self._trials: dict[str, Trial] = {}
         if self._run is None:
             return
         path = self._run / SETTING_OUT
         if not path.exists():
             raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} in it")
-        try:
-            self._told = json.loads(path.read_text(encoding="utf-8"))
-            if alike:
-                self._check_settings(_shape(settings))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise BadFile(f"{path} cannot be read: {error}") from error
+        self._told = conformed(load_json(path, "what a run set out with"), _SetOut, path)
+        if alike:
+            self._check_settings(_shape(settings))
         journal = self._run / JOURNAL
         if journal.exists() and not Journal.read(journal).is_settled:
             raise PreconditionFailed(
@@ -115,7 +123,7 @@ class Earlier:
                     self._trials[trial.name] = trial
 
     def _check_settings(self, wanted: Mapping[str, Any]) -> None:
-        then = self._told["settings"]
+        then = self._told.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
             shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} there, {wanted[name]} here" for name in other)
@@ -148,13 +156,13 @@ class Earlier:
             return
         here = craft.session.vehicle
         assert here is not None
-        then = self._told["vehicle"]
-        strange = difference(then, self._told["fingerprint"], here, craft.parameters)
+        then = self._told.vehicle
+        strange = difference(then, self._told.fingerprint, here, craft.parameters)
         if not strange and then.get("version") != here.version:
             strange = f"its firmware is {then.get('version') or 'untold'} there, {here.version or 'untold'} here"
         if strange:
             raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}): start anew, without --resume")
-        held = self._told["parameters"]
+        held = self._told.parameters
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
             shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))

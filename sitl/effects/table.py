@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 
+from gcs_autotune_files import Refused, number
 from sitl.effects.actuator import (
     SimulatedAdvanceSpeedLoss,
     SimulatedAsymmetricThrust,
@@ -129,9 +130,9 @@ def parse_effect(text: str) -> HiddenEffect:
     slug, _, place = head.partition("@")
     values: dict[str, float] = {}
     for pair in tail.split(",") if tail else ():
-        name, _, number = pair.partition("=")
+        name, _, value = pair.partition("=")
         try:
-            values[name.strip().removeprefix(f"{slug}.")] = float(number)
-        except ValueError as error:
-            raise BadEffect(f"--effect {text}: give SLUG.PARAMETER=NUMBER, '{pair}' is not") from error
+            values[name.strip().removeprefix(f"{slug}.")] = number(value)
+        except Refused as error:
+            raise BadEffect(f"--effect {text}: {error}; give SLUG.PARAMETER=NUMBER") from error
     return make_effect(slug.strip(), place.strip(), values)

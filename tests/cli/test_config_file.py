@@ -81,7 +81,6 @@ def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, wo
         ("[limits]\nmax-distance = 0.001\n", "max-distance: 0.001 is out of range"),
         ("[limits]\nmax-distance = true\n", "a number is needed, not True"),
         ("[limits]\nmax-distance = '40'\n", "a number is needed, not '40'"),
-        ("[limits]\nmax-distance = nan\n", "no finite number"),
         ("[link]\nsystem-id = 1.5\n", "no whole number"),
         ("[link]\nconnect = 14550\n", "a text in quotation marks"),
         ("limits = 3\n", "is a table"),
@@ -113,3 +112,9 @@ def test_the_folder_counts_before_the_users_own_and_the_environment_before_both(
     monkeypatch.setenv(CONFIG_VARIABLE, str(tmp_path / "gone.toml"))
     with pytest.raises(UsageError, match="is no file"):
         find_config()
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e999", "9" * 5000, "0x" + "f" * 5000])
+def test_a_value_that_is_no_finite_number_is_refused_by_its_place(tmp_path, number):
+    with pytest.raises(BadFile, match=r"no finite number|cannot be read as settings"):
+        read_config(written(tmp_path, f"[limits]\nmax-distance = {number}\n"))

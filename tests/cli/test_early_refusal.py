@@ -47,6 +47,7 @@ for line in sys.argv[1:]:
 
 def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_nothing(tmp_path):
     (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "run" / "trials").mkdir(parents=True)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = str(taken.getsockname()[1])
@@ -57,6 +58,7 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
         lines += ["identify nowhere.csv", "identify broken.json --validate nowhere.csv"]
         lines += ["diagnose nowhere.csv", "diagnose broken.json --simulation nowhere.csv", "figures nowhere.csv"]
         lines += ["logs show nowhere.bin", "restore nowhere", "export nowhere.json --to csv"]
+        lines += [f"{verb} --out run" for verb in ("tune heading", "experiment yaw", "fly zig-zag", "recheck heading")]
         lines += ["fly zig-zg", "fly zig-zag --heading nan", "fly --form yaw zig-zag"]
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM, *lines],
@@ -72,7 +74,7 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
     assert len(told) == len(lines)
     assert {line.split()[0] for line in told} <= {"2", "3", "6"}
     assert {line.partition(" ")[2] for line in told} == {"[]"}
-    assert [p.name for p in tmp_path.iterdir()] == ["broken.json"]
+    assert {p.name for p in tmp_path.iterdir()} == {"broken.json", "run"}
 
 
 def test_the_motions_that_identify_refuses_by_are_those_of_the_tables():

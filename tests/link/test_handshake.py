@@ -187,7 +187,8 @@ class Steps:
                 return act
 
         craft = SimpleNamespace(
-            latency="latency", keep_rates=lambda: steps.done.append(("keep",)), learn_failsafes=lambda: None, session=self.session,
+            latency="latency", keep_rates=lambda: steps.done.append(("keep",)), learn_failsafes=lambda: None,
+            session=self.session,
             telemetry=self.telemetry, clock=self.clock, other_stations=SimpleNamespace(radio=self.radio),
         )  # fmt: skip
         config = SimpleNamespace(loop_period=0.02, rate_lag=0.05)

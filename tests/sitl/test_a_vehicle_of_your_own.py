@@ -37,8 +37,16 @@ def test_it_moves_by_its_own_numbers(mine: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text.replace("[sensors]", "[senses]"), "lacks 'sensors'; begin with a copy of one in"),
-        (lambda text: text.replace("arm = {", "leg = {"), "lacks 'arm'"),
+        (lambda text: text.replace("[sensors]", "[senses]"), "unknown entry 'senses'"),
+        (lambda text: text.replace("arm = {", "leg = {"), "thruster: unknown entry 'leg'"),
+        (lambda text: text.replace("arm = {", "# {"), "lacks 'arm'; begin with a copy of one in"),
+        (lambda text: text.replace("value = 41.77", "value = -41.77"), r"surge.alpha.value: expected a number > 0"),
+        (lambda text: text.replace("value = 41.77", "value = inf"), "surge.alpha.value: inf is no finite number"),
+        (lambda text: text.replace("value = 41.77", 'value = "41.77"'), "surge.alpha.value: expected a number, got"),
+        (lambda text: text.replace('unit = "kg"', 'unit = "lb"'), "surge.alpha is in 'lb'; give it in kg"),
+        (lambda text: text.replace("value = 29.35", "value = -29.35"), "drag below 0 makes it run away"),
+        (lambda text: text.replace("[start]", "[start]\nx = " + "[" * 5000), "nested more than"),
+        (lambda text: text.replace("value = 41.77", "value = " + "9" * 5000), "is no vehicle file"),
         (lambda text: text + "= 3", "is no vehicle file"),
         (
             lambda text: text.replace('firmware = "rover"', 'firmware = "plane"'),

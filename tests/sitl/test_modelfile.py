@@ -131,8 +131,8 @@ def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"model": "nomoto"}, "a model of kind 'nomoto' cannot be flown"),
-        ({"base": {}}, "not a model file as 'gcs-autotune diagnose' writes it"),
+        ({"model": "nomoto"}, "model: invalid value 'nomoto'"),
+        ({"base": {}}, "is not a model file: base: missing entry 'form'"),
         ({"effects": [{"slug": "dead-zon", "place": "N", "values": {}}]}, "did you mean dead-zone?"),
         ({"effects": [{"slug": "dead-zone", "place": "N", "values": {}}]}, "dead-zone needs width"),
         ({"effects": [{"slug": "coriolis-coupling", "place": "", "values": {"X_vr": 1.0}}]}, "needs a hull that sways"),

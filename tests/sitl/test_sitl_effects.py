@@ -449,7 +449,7 @@ def test_columns_can_have_the_wrong_unit_sign_or_label(truth):
         ("dead-zone.width=-1", "at least 0"),
         ("dead-zone.width=nan", "finite"),
         ("actuator-lag.time_constant=0", "at least"),
-        ("compass-deviation.B=nan", r"compass-deviation\.B: nan is no finite number$"),
+        ("compass-deviation.B=nan", r"compass-deviation\.B=nan: 'nan' is no finite number;"),
         ("compass-deviation.B=5", r"at most 1 rad\. Did you mean 0\.0873 \(5 degrees\)\?"),
         ("compass-deviation.C=-5", r"at least -1 rad\. Did you mean -0\.0873"),
     ],

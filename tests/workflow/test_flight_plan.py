@@ -78,6 +78,16 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("title = 'empty'\n", "this has 0"),
         ("[[run]\n", "cannot be read as a plan"),
         (ZIG_ZAG + "repeat = 101\n", "repeat is a whole number from 1 to 100"),
+        (ZIG_ZAG + "repeat = true\n", "repeat is a whole number from 1 to 100"),
+        (ZIG_ZAG.replace("10", "true"), "heading is a number, or a list of numbers"),
+        (ZIG_ZAG.replace("10", '"10"'), "heading is a number, or a list of numbers"),
+        (ZIG_ZAG.replace("10", "[10, 20]") + "throttle = 0.5\nrepeat = 51\n", "make 102 runs"),
+        (
+            ZIG_ZAG.replace("10", str([10 + k / 1000 for k in range(2000)]))
+            + "throttle = "
+            + str([0.2 + k / 10000 for k in range(2000)]),
+            "run 1: its lists, sides and repeats make 4e+06 runs",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: str, tmp_path: Path) -> None:

@@ -26,27 +26,62 @@ A plan is a TOML file::
 from __future__ import annotations
 
 import fnmatch
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from msgspec import Meta, Struct
+
+from gcs_autotune.documents import conformed, load_toml
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import Form, form_from
 from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
+from gcs_autotune_files import parse
+from gcs_autotune_files.model import Dof, Name, Numbers, Seconds
 
 __all__ = ["PLANS", "Final", "Plan", "PlanStep", "load_plan", "plan_from"]
 
-_STEP = {
-    "name", "title", "manoeuvre", "runs", "dofs", "isolated", "shared", "held", "local", "known", "start", "inputs",
-    "signals", "validate", "method", "coriolis", "delay",
-}  # fmt: skip
-_FINAL = {"manoeuvre", "runs", "dofs", "inputs", "signals", "coriolis"}
-_PLAN = {"name", "title", "known", "start", "step", "final"}
+
+class _Motion(Struct, forbid_unknown_fields=True, frozen=True):
+    """What a step and the final model say alike."""
+
+    dofs: list[Dof]
+    manoeuvre: str | list[Name] = ""
+    runs: list[Name] = []
+    inputs: dict[Name, dict[Name, float | Name]] = {}
+    signals: list[Name] = []
+    coriolis: bool = True
+
+
+class _StepData(_Motion, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A ``[[step]]``."""
+
+    name: Name
+    title: str = ""
+    isolated: list[Name] = []
+    shared: list[Name] = []
+    held: list[Name] = []
+    local: list[Name] = []
+    known: Numbers = {}
+    start: Numbers = {}
+    validate: Annotated[int, Meta(ge=0, le=1000)] = 1
+    method: Name = "output-error"
+    delay: Seconds = 0.0
+
+
+class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
+    """A plan file."""
+
+    name: Name
+    step: list[_StepData]
+    title: str = ""
+    known: Numbers = {}
+    start: Numbers = {}
+    final: _Motion | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,102 +181,76 @@ def load_plan(path: Path | str) -> Plan:
     place = Path(path)
     if place.suffix != ".toml":
         return lookup(PLANS, str(path), "plan")
-    try:
-        data = tomllib.loads(place.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadFile(f"{place} cannot be read as a plan: {error}") from error
-    return plan_from(data, str(place))
+    return plan_from(load_toml(place, "a plan"), str(place))
 
 
 def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
     """Build a plan from plain data; errors as those of :func:`load_plan`."""
-    _only(data, _PLAN, origin)
-    try:
-        known = {str(k): float(v) for k, v in data.get("known", {}).items()}
-        start = {str(k): float(v) for k, v in data.get("start", {}).items()}
-        steps = tuple(_step(s, known, start, origin) for s in data["step"])
-        final = None if "final" not in data else _final(data["final"], steps, known, origin)
-        plan = Plan(str(data["name"]), str(data.get("title", data["name"])), known, start, steps, final, data)
-    except KeyError as error:
-        raise BadFile(f"{origin}: entry {error} is missing") from error
-    except (TypeError, ValueError, AttributeError) as error:
-        raise BadFile(f"{origin}: {error}") from error
+    told = conformed(data, _PlanData, origin)
+    steps = tuple(_step(step, told, origin) for step in told.step)
+    final = None if told.final is None else _final(told.final, steps, told.known, origin)
+    plan = Plan(told.name, told.title or told.name, told.known, told.start, steps, final, data)
     _check_order(plan, origin)
     return plan
 
 
-def _only(data: Mapping[str, Any], known: set[str], where: str) -> None:
-    unknown = set(data) - known
-    if unknown:
-        raise BadFile(f"{where}: unknown entries {', '.join(sorted(unknown))}; known: {', '.join(sorted(known))}")
-
-
-def _chosen(data: Mapping[str, Any], where: str) -> Chosen:
-    named = data.get("manoeuvre", ())
-    manoeuvres = (named,) if isinstance(named, str) else _names(data, "manoeuvre")
-    chosen = Chosen(manoeuvres, _names(data, "runs"), _names(data, "dofs"))
+def _chosen(told: _Motion, where: str) -> Chosen:
+    manoeuvres = (told.manoeuvre,) if isinstance(told.manoeuvre, str) else tuple(told.manoeuvre)
+    chosen = Chosen(manoeuvres, tuple(told.runs), tuple(told.dofs))
     if not any(chosen.manoeuvres) and not chosen.runs:
         raise BadFile(f'{where}: say which runs, with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 
-def _names(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
-    return tuple(str(n) for n in data.get(key, ()))
-
-
-def _step(data: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float], origin: str) -> PlanStep:
-    where = f"{origin}, step '{data['name']}'"
-    _only(data, _STEP, where)
-    isolated, shared, held, local = (_names(data, k) for k in ("isolated", "shared", "held", "local"))
-    own = {str(k): float(v) for k, v in data.get("known", {}).items()}
-    both = [n for n in held if n in (*isolated, *shared, *local)]
-    if both or not (isolated or shared):
+def _step(told: _StepData, plan: _PlanData, origin: str) -> PlanStep:
+    where = f"{origin}, step '{told.name}'"
+    identified = (*told.isolated, *told.shared, *told.local)
+    both = [n for n in told.held if n in identified]
+    if both or not (told.isolated or told.shared):
         raise BadFile(f"{where}: {', '.join(both)} both held and identified" if both else f"{where} identifies nothing")
-    free = (*isolated, *shared, *local)
-    ashore = [n for n in held if n in known]
+    ashore = [n for n in told.held if n in plan.known]
     form = form_from(
         {
-            "name": str(data["name"]),
-            "dofs": data["dofs"],
-            "free": [*free, *(n for n in held if n not in ashore)],
-            "known": {**{n: known[n] for n in ashore}, **own},
-            "inputs": data.get("inputs", {}),
-            "coriolis": data.get("coriolis", True),
-            "start": {n: v for n, v in {**start, **data.get("start", {})}.items() if n in free or n in held},
+            "name": told.name,
+            "dofs": told.dofs,
+            "free": [*identified, *(n for n in told.held if n not in ashore)],
+            "known": {**{n: plan.known[n] for n in ashore}, **told.known},
+            "inputs": told.inputs,
+            "coriolis": told.coriolis,
+            "start": {n: v for n, v in {**plan.start, **told.start}.items() if n in identified or n in told.held},
         },
         where,
     )
     return PlanStep(
-        name=str(data["name"]),
-        chosen=_chosen(data, where),
+        name=told.name,
+        chosen=_chosen(told, where),
         form=form,
-        isolated=isolated,
-        shared=shared,
-        held=tuple(n for n in held if n not in ashore),
-        local=local,
-        signals=_names(data, "signals"),
-        validate=int(data.get("validate", 1)),
-        method=str(data.get("method", "output-error")),
-        delay=float(data.get("delay", 0.0)),
+        isolated=tuple(told.isolated),
+        shared=tuple(told.shared),
+        held=tuple(n for n in told.held if n not in ashore),
+        local=tuple(told.local),
+        signals=tuple(told.signals),
+        validate=told.validate,
+        method=told.method,
+        delay=told.delay,
     )
 
 
-def _final(data: Mapping[str, Any], steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
+def _final(told: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
     where = f"{origin}, final"
-    _only(data, _FINAL, where)
     found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
     form = form_from(
         {
             "name": "final",
-            "dofs": data["dofs"],
+            "dofs": told.dofs,
             "free": [n for n in found if n not in known],
             "known": known,
-            "inputs": data.get("inputs", {}),
-            "coriolis": data.get("coriolis", True),
+            "inputs": told.inputs,
+            "coriolis": told.coriolis,
         },
         where,
     )
-    return Final(_chosen(data, where), form, _names(data, "signals"))
+    return Final(_chosen(told, where), form, tuple(told.signals))
 
 
 def _check_order(plan: Plan, origin: str) -> None:
@@ -269,7 +278,7 @@ def _check_order(plan: Plan, origin: str) -> None:
 def _shipped() -> dict[str, Plan]:
     folder = resources.files("gcs_autotune.identify.plan") / "plans"
     files = sorted((f for f in folder.iterdir() if f.name.endswith(".toml")), key=lambda f: f.name)
-    plans = [plan_from(tomllib.loads(f.read_text(encoding="utf-8")), f.name) for f in files]
+    plans = [plan_from(parse(f.read_bytes(), "toml"), f.name) for f in files]
     return {p.name: p for p in plans}
 
 

@@ -14,13 +14,16 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
+
+from msgspec import Meta, Struct
 
 from gcs_autotune.errors import BadFile, PreconditionFailed
 from gcs_autotune.mavlink import VehicleIdentity
+from gcs_autotune_files import Refused, clipped, conform, parse
 
 __all__ = ["Journal", "JournalState", "good_length", "read_journal"]
 
@@ -88,47 +91,98 @@ def good_length(data: bytes) -> int:
 def _event(line: bytes) -> dict[str, Any] | None:
     """Return the event of a line; None when it is damaged or empty."""
     try:
-        event = json.loads(line.decode("utf-8"))
-    except (ValueError, RecursionError):
+        event = parse(line)
+    except Refused:
         return None
     return event if isinstance(event, dict) and isinstance(event.get("event"), str) else None
 
 
+Value = Annotated[float, Meta(ge=-3.4028235e38, le=3.4028235e38)]
+Name = Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")]
+
+
+class _Opened(Struct, frozen=True, tag_field="event", tag="opened"):
+    vehicle: dict[str, int | str | None] = {}
+    link: str = ""
+    mode: str = ""
+    armed: bool | None = None
+    fingerprint: dict[Name, Value] = {}
+    schema: Literal[1] = 1
+
+
+class _Lent(Struct, frozen=True, tag_field="event", tag="lent"):
+    name: Name
+    value: Value
+
+
+class _Writing(Struct, frozen=True, tag_field="event", tag="writing"):
+    name: Name
+    value: Value
+
+
+class _Written(Struct, frozen=True, tag_field="event", tag="written"):
+    name: Name
+    value: Value
+
+
+class _Returned(Struct, frozen=True, tag_field="event", tag="returned"):
+    name: Name
+    value: Value | None = None
+
+
+class _Kept(Struct, frozen=True, tag_field="event", tag="kept"):
+    values: dict[Name, Value]
+
+
+class _Closed(Struct, frozen=True, tag_field="event", tag="closed"):
+    pass
+
+
+class _Resumed(Struct, frozen=True, tag_field="event", tag="resumed"):
+    pass
+
+
+_Event = _Opened | _Lent | _Writing | _Written | _Returned | _Kept | _Closed | _Resumed
+
+
 def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
-    head: dict[str, Any] = {}
+    head: _Opened | None = None
     lent: dict[str, float] = {}
     debts: dict[str, float] = {}
     written: dict[str, tuple[float, ...]] = {}
-    closed = opened = False
+    closed = False
     try:
-        for event in events:
-            closed = event["event"] == "closed"
-            match event["event"]:
-                case "opened":
-                    head, opened = head or event, True
-                case "lent":
-                    lent[str(event["name"])] = float(event["value"])
-                case "writing":
-                    name = str(event["name"])
-                    debts.setdefault(name, lent[name])
-                    written[name] = (*written.get(name, ()), float(event["value"]))
-                case "returned":
-                    debts.pop(event["name"], None)
-                    written.pop(event["name"], None)
-                case "kept":
-                    for name in event["values"]:
+        for told in events:
+            event: _Event = conform(told, _Event)  # type: ignore[arg-type]
+            closed = isinstance(event, _Closed)
+            match event:
+                case _Opened():
+                    head = head or event
+                case _Lent() | _Writing() | _Written() | _Returned() | _Kept() if head is None:
+                    raise Refused("it does not begin with how things were found")
+                case _Lent():
+                    lent[event.name] = event.value
+                case _Writing():
+                    if event.name not in lent:
+                        raise Refused(f"{event.name} is written, and no event says what it was")
+                    debts.setdefault(event.name, lent[event.name])
+                    written[event.name] = (*written.get(event.name, ()), event.value)
+                case _Returned():
+                    debts.pop(event.name, None)
+                    written.pop(event.name, None)
+                case _Kept():
+                    for name in event.values:
                         debts.pop(name, None)
                         written.pop(name, None)
-        found = JournalState(
-            dict(head.get("vehicle", {})),
-            str(head.get("link", "")),
-            str(head.get("mode", "")),
-            head.get("armed"),
-            {str(n): float(v) for n, v in head.get("fingerprint", {}).items()},
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"the journal {path} holds an event that makes no sense: {error!r}") from error
-    return replace(found, debts=debts, written=written, closed=closed, opened=opened)
+    except Refused as error:
+        raise BadFile(
+            f"the journal {path} holds an event '{clipped(told['event'])}' that makes no sense: {error}"
+        ) from error
+    if head is None:
+        return JournalState(closed=closed)
+    return JournalState(
+        head.vehicle, head.link, head.mode, head.armed, head.fingerprint, debts, written, closed, opened=True
+    )
 
 
 try:

@@ -20,6 +20,7 @@ from gcs_autotune.link.transports.tcp import TcpIn, TcpOut
 from gcs_autotune.link.transports.transport import Transport
 from gcs_autotune.link.transports.udp import UdpIn, UdpOut
 from gcs_autotune.registry import lookup
+from gcs_autotune_files import Refused, whole
 
 __all__ = ["BACKENDS", "TRANSPORTS", "LinkOptions", "open_link"]
 
@@ -52,6 +53,9 @@ def _flow_controlled(rest: str, options: LinkOptions) -> SerialName:
     return parse_serial(rest, default_baud=options.baud, flow_control=True)
 
 
+_MOST_SEED = 2**32 - 1
+
+
 def _sitl(rest: str, options: LinkOptions) -> Transport:
     name, _, query = rest.partition("?")
     given: dict[str, list[str]] = {key: [] for key in ("seed", "effect", "param", "model", "names")}
@@ -66,9 +70,10 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
     for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
             raise UsageError(f"'sitl:{rest}': give one {key} only")
-    if any(not re.fullmatch(r"\d+", seed) for seed in given["seed"]):
-        raise UsageError(f"'sitl:{rest}': a seed is a whole number of 0 or more, not '{given['seed'][0]}'")
-    seed = int(given["seed"][0]) if given["seed"] else options.seed
+    try:
+        seed = whole(given["seed"][0], _MOST_SEED) if given["seed"] else options.seed
+    except Refused as error:
+        raise UsageError(f"'sitl:{name}': a seed: {error}") from None
     model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
     return open_sitl(SitlArguments(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gcs_autotune.errors import CannotOpenLink, UsageError
+from gcs_autotune_files import Refused, shown, whole
 
 __all__ = ["HostPort", "SerialName", "parse_host_port", "parse_serial", "resolve"]
 
@@ -33,10 +34,14 @@ def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: i
     """
     host, colon, port = text.strip().rstrip("/").rpartition(":")
     if not colon:
-        host, port = ("", port) if port.isdigit() else (port, "")
-    if port and not (port.isdigit() and int(port) <= 65535):
-        raise UsageError(f"'{port}' in '{text}' is not a port number; write HOST:PORT, e.g. 127.0.0.1:14550")
-    return HostPort(host.strip("[]") or default_host, int(port) if port else default_port)
+        host, port = ("", port) if port.isascii() and port.isdigit() else (port, "")
+    try:
+        number = whole(port, 65535) if port else default_port
+    except Refused:
+        raise UsageError(
+            f"{shown(port)} in {shown(text)} is not a port number; write HOST:PORT, e.g. 127.0.0.1:14550"
+        ) from None
+    return HostPort(host.strip("[]") or default_host, number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +64,7 @@ def parse_serial(text: str, *, default_baud: int, flow_control: bool = False) ->
     UsageError
         No path, or a speed of 0.
     """
-    match = re.fullmatch(r"(?P<path>.+?)[,:](?P<baud>\d+)", text)
+    match = re.fullmatch(r"(?P<path>.+?)[,:](?P<baud>[0-9]{1,9})", text)
     path, baud = (match["path"], int(match["baud"])) if match else (text, default_baud)
     if not path or not baud:
         raise UsageError(f"'serial:{text}' names no port; write e.g. serial:/dev/ttyUSB0:57600")

@@ -20,33 +20,22 @@ Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or fr
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from gcs_autotune.documents import conformed, load_toml
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of, unit_of
 from gcs_autotune.sname import DOFS
+from gcs_autotune_files import parse
+from gcs_autotune_files.model import FormData
 
-__all__ = ["FORMS", "Form", "form_from", "load_form"]
+__all__ = ["FORMS", "Form", "form_from", "form_of", "load_form"]
 
 _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_KEYS = {
-    "name",
-    "title",
-    "dofs",
-    "free",
-    "known",
-    "inputs",
-    "coriolis",
-    "normalised",
-    "per_inertia",
-    "start",
-    "optional",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,30 +208,27 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
     BadFile
         Unknown keys, names that are no derivatives, equations without their degree of freedom.
     """
-    unknown = set(data) - _KEYS
-    if unknown:
-        raise BadFile(f"{origin}: unknown entries {', '.join(sorted(unknown))}; known: {', '.join(sorted(_KEYS))}")
+    told = conformed(data, FormData, origin)
+    return form_of(told, origin)
+
+
+def form_of(told: FormData, origin: str) -> Form:
+    """Return the form that a file holds; errors as those of :func:`form_from`."""
     try:
-        inputs = {
-            str(channel): tuple((str(force), g if isinstance(g, str) else float(g)) for force, g in gains.items())
-            for channel, gains in data.get("inputs", {}).items()
-        }
         return Form(
-            name=str(data["name"]),
-            title=str(data.get("title", data["name"])),
-            dofs=tuple(str(d) for d in data["dofs"]),
-            free=tuple(str(n) for n in data["free"]),
-            known={str(k): float(v) for k, v in data.get("known", {}).items()},
-            inputs=inputs,
-            coriolis=bool(data.get("coriolis", True)),
-            normalised=bool(data.get("normalised", False)),
-            start={str(k): float(v) for k, v in data.get("start", {}).items()},
-            optional=tuple(str(c) for c in data.get("optional", ())),
-            per_inertia=tuple(str(f) for f in data.get("per_inertia", ())),
+            name=told.name,
+            title=told.title or told.name,
+            dofs=tuple(told.dofs),
+            free=tuple(told.free),
+            known=dict(told.known),
+            inputs={channel: tuple(gains.items()) for channel, gains in told.inputs.items()},
+            coriolis=told.coriolis,
+            normalised=told.normalised,
+            start=dict(told.start),
+            optional=tuple(told.optional),
+            per_inertia=tuple(told.per_inertia),
         )
-    except KeyError as error:
-        raise BadFile(f"{origin}: entry {error} is missing") from error
-    except (TypeError, ValueError, AttributeError) as error:
+    except ValueError as error:  # a name that is no derivative
         raise BadFile(f"{origin}: {error}") from error
 
 
@@ -254,11 +240,7 @@ def load_form(path: Path) -> Form:
     BadFile
         Not readable, not TOML, or not a form.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadFile(f"{path} cannot be read as a form: {error}") from error
-    return form_from(data, str(path))
+    return form_from(load_toml(path, "a form"), str(path))
 
 
 def _shipped() -> dict[str, Form]:
@@ -266,7 +248,7 @@ def _shipped() -> dict[str, Form]:
     found = {}
     for file in sorted(folder.iterdir(), key=lambda f: f.name):
         if file.name.endswith(".toml"):
-            form = form_from(tomllib.loads(file.read_text(encoding="utf-8")), file.name)
+            form = form_from(parse(file.read_bytes(), "toml"), file.name)
             found[form.name] = form
     return found
 

@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.documents import conformed
+from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS, seen_by_compass
 from gcs_autotune.models.coupled.derivatives import FORCES
-from gcs_autotune.models.coupled.form import Form, form_from
+from gcs_autotune.models.coupled.form import Form, form_of
 from gcs_autotune.models.coupled.lever_arm import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
 from gcs_autotune.models.coupled.linear_kernel import linear_program_of, linear_sweep
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
 from gcs_autotune.sname import DOFS
+from gcs_autotune_files.model import CoupledData
 
 __all__ = ["SCHEMA", "CoupledModel", "CoupledMotion", "Simulator"]
 
@@ -276,9 +279,45 @@ class CoupledModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> CoupledModel:
-        """Rebuild from :meth:`to_dict`."""
-        form = form_from(data["form"], "model file")
-        return cls(form, {str(k): float(v) for k, v in data["values"].items()})
+        """Rebuild from :meth:`to_dict`; errors as those of :meth:`of_data`."""
+        return cls.of_data(conformed(data, CoupledData, "model"))
+
+    @classmethod
+    def of_data(cls, told: CoupledData) -> CoupledModel:
+        """Return the model that a file holds.
+
+        Raises
+        ------
+        BadFile
+            A value is missing or has no parameter, or an inertia, a delay or a lag has the wrong sign.
+        """
+        form = form_of(told.form, "form")
+        missing, strange = set(form.parameters) - set(told.values), set(told.values) - set(form.parameters)
+        if missing or strange:
+            what = "lack" if missing else "hold no parameter of the form:"
+            raise BadFile(f"values {what} {', '.join(sorted(missing or strange)[:5])}")
+        model = cls(form, dict(told.values))
+        model._check_signs()
+        return model
+
+    def _check_signs(self) -> None:
+        """Refuse times below 0, and inertias that are not above 0.
+
+        A fit to an input of reversed sign has inertia *and* drag below 0: that moves as it should.
+        """
+        early = [n for n in ("delay", "lag") if self[n] < 0.0]
+        if early:
+            raise BadFile(f"{early[0]} is {self[early[0]]:g} s; it must be 0 or more")
+        try:
+            inertia = np.diag(self.inertia)
+            np.linalg.inv(self.inertia)
+        except np.linalg.LinAlgError as error:
+            raise BadFile("its inertia matrix is singular; every inertia must be above 0") from error
+        for dof, value in zip(self.form.dofs, inertia, strict=True):
+            force, nu = DOFS[dof].force, DOFS[dof].velocity
+            drags = [-self[n] for n in (f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_|{nu}|{nu}") if self[n]]
+            if not value > 0.0 and not (value < 0.0 and drags and max(drags) < 0.0):
+                raise BadFile(f"its inertia in {dof} is {value:g}; it must be above 0")
 
     def with_values(self, values: Mapping[str, float]) -> CoupledModel:
         """Return the model with some values replaced."""

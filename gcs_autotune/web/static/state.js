@@ -37,12 +37,15 @@ export function connect(take) {
     failures += 1;
     setTimeout(open, RETRY);
   };
-  const open = () => (failures % 2 === 0 && "WebSocket" in window ? bySocket(told, lost) : byEvents(told, lost));
+  const open = async () => {
+    const seat = await seated();
+    return failures % 2 === 0 && "WebSocket" in window ? bySocket(told, lost, seat) : byEvents(told, lost, seat);
+  };
   open();
 }
 
-function bySocket(told, lost) {
-  const address = new URL("live", location.href);
+function bySocket(told, lost, seat) {
+  const address = new URL(`live${seat}`, location.href);
   address.protocol = address.protocol.replace("http", "ws");
   address.hash = "";
   let socket;
@@ -56,12 +59,19 @@ function bySocket(told, lost) {
   socket.onclose = () => { clearTimeout(watch); lost(); };
 }
 
-function byEvents(told, lost) {
-  const source = new EventSource("events");
+function byEvents(told, lost, seat) {
+  const source = new EventSource(`events${seat}`);
   let watch = setTimeout(end, 5000);
   function end() { clearTimeout(watch); source.close(); lost(); }
   source.onmessage = (event) => { clearTimeout(watch); watch = setTimeout(end, 5000); told(event.data); };
   source.onerror = end;
+}
+
+// Who has the token gets a key to a seat that no other viewer can take. The token itself never stands in an address.
+async function seated() {
+  if (token() === "none") return "";
+  const told = await post("token");
+  return told.ok && told.seat ? `?seat=${encodeURIComponent(told.seat)}` : "";
 }
 
 // --- touching -------------------------------------------------------------------------------------------------------

@@ -1,0 +1,74 @@
+"""The folder of a new run, and files of others as bounded plain data or the types of a schema.
+
+What is wrong with one is a :class:`BadFile` of one line.
+
+The loader itself is :mod:`gcs_autotune_files`.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune_files import Refused, conform, read
+
+__all__ = ["conformed", "load_json", "load_toml", "see_run_folder"]
+
+T = TypeVar("T")
+
+
+def load_json(path: Path, what: str) -> Any:
+    """Return what the JSON file at *path* holds; *what* it should be stands in the message.
+
+    Raises
+    ------
+    BadFile
+        It cannot be read, is no JSON, or is beyond the bounds of :mod:`gcs_autotune_files`.
+    """
+    return _load(path, "json", what)
+
+
+def load_toml(path: Path, what: str) -> dict[str, Any]:
+    """Return the tables of the TOML file at *path*; errors as those of :func:`load_json`."""
+    tables: dict[str, Any] = _load(path, "toml", what)
+    return tables
+
+
+def _load(path: Path, kind: Any, what: str) -> Any:
+    try:
+        return read(path, kind)
+    except Refused as error:
+        raise BadFile(f"{path} cannot be read as {what}: {error}") from error
+
+
+def conformed(data: Any, form: type[T], where: object) -> T:
+    """Return plain *data* as *form*; *where* it stands begins the message.
+
+    Raises
+    ------
+    BadFile
+        It is not of that form.
+    """
+    try:
+        return conform(data, form)
+    except Refused as error:
+        raise BadFile(f"{where}: {error}") from error
+
+
+def see_run_folder(path: Path) -> None:
+    """See that a run can be kept at *path*; nothing is made yet.
+
+    Raises
+    ------
+    UsageError
+        It already holds a run, or cannot be made.
+    """
+    if (path / "trials").exists():
+        raise UsageError(f"{path} already holds a run; give another --out")
+    above = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not above.is_dir():
+        raise UsageError(f"cannot make the run directory {path}: {above} is no directory; give another --out")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise UsageError(f"cannot make the run directory {path}: {above} may not be written to; give another --out")

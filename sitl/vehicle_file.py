@@ -1,0 +1,181 @@
+"""The schema of vehicle files: which numbers there are, their units and ranges.
+
+Every number is a table ``{ value, unit, source }``. All values are SI and radians whatever the unit says, so the unit
+must be the one of the table here, or ``SI``: a file with another was written with something else in mind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct, defstruct
+
+from gcs_autotune_files import conform, shown
+
+__all__ = ["HEADINGS", "VehicleFile", "see_vehicle_tables"]
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Units that a number may have, its range, and whether it may be a list (a schedule)."""
+
+    units: tuple[str, ...]
+    least: float = -1e9
+    most: float = 1e9
+    above: bool = False
+    listed: bool = False
+
+    @property
+    def form(self) -> Any:
+        """The type of its value: a number, or a number or a list."""
+        one: Any = Annotated[
+            float, Meta(gt=self.least, le=self.most) if self.above else Meta(ge=self.least, le=self.most)
+        ]
+        return one | Annotated[list[one], Meta(min_length=1, max_length=100)] if self.listed else one
+
+
+def _axis_rows(units: tuple[str, ...], *, listed: bool = False) -> dict[str, Range]:
+    inertia, linear, square, force = (tuple(each.split(", ")) for each in units)
+    return {
+        "alpha": Range(inertia, 0.0, above=True, listed=listed),
+        "beta": Range(linear, listed=listed),
+        "beta2": Range(square, 0.0),
+        "authority": Range(force, 0.0),
+        "bias": Range(force),
+    }
+
+
+def _noise(unit: str) -> Range:
+    return Range((unit,), 0.0, 100.0)
+
+
+_STRAIGHT = _axis_rows(("kg", "N s/m", "N s^2/m^2", "N"))
+_TURNING = ("kg m^2", "N m s", "N m s^2", "N m")
+_STEERED = ("kg m^2, s^2, normalised", "N m s, s, normalised", "N m s^2, normalised", "N m, rad, normalised")
+
+HEADINGS: Mapping[str, Mapping[str, Range]] = {
+    "surge": _STRAIGHT,
+    "sway": _STRAIGHT,
+    "heave": _STRAIGHT,
+    "yaw": {
+        **_axis_rows(_STEERED, listed=True),
+        "n2": Range(("V^2",), 0.0, listed=True),
+        "full_rudder": Range(("rad",), 0.0, math.pi / 2.0, above=True),
+        "side_force": Range(("N/rad",)),
+    },
+    "pitch": {**_axis_rows(_TURNING), "righting": Range(("N m/rad", "N m"), 0.0)},
+    "thruster": {
+        "full_thrust": Range(("N",), 0.0, above=True),
+        "astern": Range(("1",), 0.0, 10.0),
+        "arm": Range(("m",), 0.0, 100.0),
+        "odd": Range(("N", "1"), listed=True),
+        "dead": Range(("1",), 0.0, 0.99),
+    },
+    "propeller": {"full_n": Range(("V", "1/s", "rad/s"), 0.0, above=True)},
+    "sensors": {
+        "heading_noise": _noise("rad"),
+        "heading_quantum": _noise("rad"),
+        "gyro_noise": _noise("rad/s"),
+        "tilt_noise": _noise("rad"),
+        "speed_noise": _noise("m/s"),
+        "position_noise": _noise("m"),
+        "depth_noise": _noise("m"),
+        "climb_noise": _noise("m/s"),
+        "acceleration_noise": _noise("m/s^2"),
+    },
+    "link": {"up_delay": Range(("s",), 0.0, 60.0), "down_delay": Range(("s",), 0.0, 60.0)},
+    "start": {
+        "heading": Range(("rad",), -2.0 * math.pi, 2.0 * math.pi),
+        "depth": Range(("m",), 0.0, 12000.0),
+        "bottom": Range(("m",), 0.0, 12000.0, above=True),
+        "ready_time": Range(("s",), 0.0, 3600.0),
+    },
+    "rangefinder": {
+        "wall": Range(("m",), 0.0, 1e5),
+        "noise": _noise("m"),
+        "period": Range(("s",), 0.0, 60.0, above=True),
+    },
+}
+"""Heading -> name -> what the number may be. Ranges are chosen: wide enough for any craft, too narrow for a slip."""
+
+
+class Setting(Struct, forbid_unknown_fields=True, frozen=True):
+    """A parameter of the autopilot."""
+
+    value: Annotated[float, Meta(ge=-3.5e38, le=3.5e38)]
+    unit: str
+    source: str
+
+
+class Derivative(Struct, forbid_unknown_fields=True, frozen=True):
+    """A derivative of the hull, or ``coriolis``, which is true or false."""
+
+    value: bool | Annotated[float, Meta(ge=-1e9, le=1e9)]
+    unit: str
+    source: str
+
+
+def _struct(heading: str, rows: Mapping[str, Range]) -> type[Struct]:
+    entries = []
+    for name, row in rows.items():
+        units = Literal[(*row.units, "SI")]  # type: ignore[valid-type]
+        parts = [("value", row.form), ("unit", units), ("source", str)]
+        entry: Any = defstruct(f"{heading}_{name}", parts, forbid_unknown_fields=True, frozen=True)
+        entries.append((name, entry | None, None))
+    return defstruct(heading.title(), entries, forbid_unknown_fields=True, frozen=True)
+
+
+VehicleFile: type[Struct] = defstruct(
+    "VehicleFile",
+    [
+        ("title", Annotated[str, Meta(min_length=1, max_length=200)]),
+        *((name, str | None, None) for name in ("firmware", "actuators", "like")),
+        *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
+        ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], Setting], {}),
+        ("coupling", dict[Annotated[str, Meta(max_length=20)], Derivative], {}),
+    ],
+    forbid_unknown_fields=True,
+    frozen=True,
+)
+"""A vehicle file, or what it changes of the vehicle it is ``like``."""
+
+
+def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
+    """See that a file (*own*) is of the schema, and that the vehicle it makes (*tables*, all said) makes sense.
+
+    Raises
+    ------
+    ValueError
+        It does not; the message says where.
+    """
+    _see_units(own)
+    conform(own, VehicleFile)
+    for heading in ("surge", "sway", "heave", "yaw", "pitch"):
+        entries = tables.get(heading, {})
+        linear = entries.get("beta", {}).get("value", 0.0)
+        if (
+            min(linear if isinstance(linear, list) else [linear], default=0.0) < 0.0
+            and not entries["beta2"]["value"] > 0.0
+        ):
+            raise ValueError(f"{heading}: drag below 0 makes it run away; give beta of 0 or more, or beta2 above 0")
+    odd = tables.get("thruster", {}).get("odd", {}).get("value")
+    if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
+        raise ValueError("thruster.odd: the coefficients sum to the thrust at full command; that must be above 0")
+    for name, entry in tables.get("coupling", {}).items():
+        if isinstance(entry["value"], bool) != (name == "coriolis"):
+            raise ValueError(f"coupling: coriolis is true or false, every other entry a number; {name} is not")
+    start = tables.get("start", {})
+    if start and not start["depth"]["value"] < start["bottom"]["value"]:
+        raise ValueError("start: depth is not above the bottom")
+
+
+def _see_units(own: Any) -> None:
+    for heading, rows in HEADINGS.items():
+        table = own.get(heading)
+        for name, entry in table.items() if isinstance(table, dict) else ():
+            unit = entry.get("unit") if isinstance(entry, dict) else None
+            if name in rows and isinstance(unit, str) and unit not in (*rows[name].units, "SI"):
+                raise ValueError(f"{heading}.{name} is in {shown(unit)}; give it in {' or '.join(rows[name].units)}")
