@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gcs_autotune.axes import AXES, AxisKind
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.approach import Approach, Part
+from gcs_autotune.manoeuvres.approach import LONGEST_TIME, Approach, Part
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import DOFS
@@ -54,6 +54,7 @@ class SetPointRelay(Manoeuvre):
         self._course, self._base = math.nan, math.nan
         self._unsettled = 0
         self._flown, self._switchings = 0, 0
+        self.at_most = LONGEST_TIME * (speed > 0.0) + LONGEST * len(relays)
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(

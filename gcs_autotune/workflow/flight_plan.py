@@ -37,6 +37,7 @@ from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -201,13 +202,22 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightLeg:
-    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, limits, ``preview``."""
+    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, and its limits.
+
+    ``preview`` is of the manoeuvre alone, ``excursion`` of the whole visit.
+    """
 
     run: PlannedRun
     throttle: float
     speed: float
     envelope: Envelope
     preview: Preview
+    excursion: Excursion
+
+    @property
+    def why_not(self) -> str:
+        """Why it is refused before arming: a limit that was set and cannot be kept; empty for nothing."""
+        return self.excursion.beyond(self.envelope, self.run.name)
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
