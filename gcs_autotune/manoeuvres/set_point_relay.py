@@ -28,6 +28,9 @@ PERIODS, MOST_PERIODS = 5, 15
 """Consecutive periods that must agree (Miskovic2010, 6.7), and those after which a relay is taken as it is."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
 """Chosen [s]: a relay that has not settled by then, and has switched so often, is taken as it is: a boat runs on."""
+SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 2.0, 3.0, 75.0
+"""Chosen: a motion of so many times what is commanded is not damped well. The command is then held for so many periods,
+and so many seconds at most: an oscillation that lasts is the loop's own."""
 PATIENCE = 60.0
 """Chosen [s]: a loop that does not bring the heading past x_a by then does not follow."""
 
@@ -36,7 +39,8 @@ class SetPointRelay(Manoeuvre):
     """Holds its course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
 
     ``axis`` says what is commanded: heading, depth or speed. ``speed`` [m/s] ahead meanwhile, up to which a relay on
-    speed swings. Marks ``relay`` where one begins, and ``switch`` with what is commanded.
+    speed swings. Where the motion is much larger than what is commanded, the command is then held, to see whether it
+    dies away. Marks ``relay`` where one begins, ``switch`` with what is commanded, ``hold`` where that stays.
     """
 
     kind, purpose, in_manual = "set-point-relay", "check", False
@@ -54,7 +58,8 @@ class SetPointRelay(Manoeuvre):
         self._course, self._base = math.nan, math.nan
         self._unsettled = 0
         self._flown, self._switchings = 0, 0
-        self.at_most = LONGEST_TIME * (speed > 0.0) + LONGEST * len(relays)
+        self._period, self._swollen = math.nan, False
+        self.at_most = LONGEST_TIME * (speed > 0.0) + LONGEST * len(relays) + LONGEST_HOLD
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
@@ -94,6 +99,8 @@ class SetPointRelay(Manoeuvre):
             if self.outcome is not None:
                 break
         else:
+            if self._swollen:
+                now = yield from self._held(now)
             rest = (
                 f", of which {self._unsettled} did not settle: the loop hardly damps" if self._unsettled else " settled"
             )
@@ -123,6 +130,15 @@ class SetPointRelay(Manoeuvre):
             return HeadingTarget(self._course, self.target)
         return HeadingTarget(self.target, self._speed)
 
+    def _held(self, now: Observation) -> Part:
+        """Hold what it swings about for some periods."""
+        start, seconds = now.t, min(HELD_PERIODS * self._period, LONGEST_HOLD)
+        self.phase = "holding"
+        self._mark(now.t, "hold", {f"{self.signal}_ref": self._base})
+        while now.t - start < seconds:
+            now = yield self._wanted(0.0)
+        return now
+
     def _swung(self, number: int, C: float, x_a: float, now: Observation) -> Part:
         """Fly one relay until it has settled."""
         monitor, high, switched, began = _monitor(C, x_a), True, now.t, now.t
@@ -142,6 +158,9 @@ class SetPointRelay(Manoeuvre):
             late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
             if state.settled or late or state.switchings >= 2 * MOST_PERIODS:
                 self._unsettled += not state.settled
+                if state.cycle is not None:
+                    self._period = state.cycle.T_H + state.cycle.T_L
+                    self._swollen = state.cycle.X_m > SWOLLEN * C
                 return now
             if now.t - switched > PATIENCE:
                 self._end(
@@ -189,6 +208,7 @@ def _row(axis: AxisKind) -> ManoeuvreKind:
         options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
         room=_ROOM.get(axis.name, "a boat goes on at its cruise meanwhile"),
         identifies=False,
+        shrinks={"set-point": 1.0, "hysteresis": 1.0, "second-set-point": 1.0, "second-hysteresis": 1.0},
         axis=axis.name,
         for_force=_of_force,
     )

@@ -28,7 +28,7 @@ from gcs_autotune.identify import (
     loop_trial,
 )
 from gcs_autotune.models import TransferFunction
-from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
+from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet, judged, known
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
@@ -70,6 +70,9 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     force, unit = DOFS[axis.dof].force, parts[0][_commanded(run)].unit
     actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
     notes: list[Doubt] = []
+    lasting = lasting_oscillation(run)
+    if math.isfinite(lasting):
+        return _oscillates(run, parts, axis, lasting)
     loop, explained, (omega_std, zeta_std, overshoot_std) = _loop(run, parts)
     whole = explained[-1]
     if whole < FOLLOWED:
@@ -87,6 +90,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
         judged("damping", "damping ratio", Reading(zeta, zeta_std)),
         judged("overshoot", "overshoot of a step, of its size", Reading(overshoot, overshoot_std)),
+        *_step_figures(loop),
         judged("explained", "share of the motion that this loop explains", Reading(whole, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
@@ -104,6 +108,40 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     )
     title, verdict = f"closed {axis.name} loop", _verdict((zeta, zeta_std), (overshoot, overshoot_std), axis.name)
     return Sheet(run.name, "set-point-relay", title, figures, verdict, tuple(notes))
+
+
+LASTS, SEEN = 0.6, 3.0
+"""Chosen: an oscillation that has so much of its size left after two periods of a constant command lasts: of a damping
+ratio of 0.05, 0.53 is left. It is one where it exceeds so many standard deviations of the noise."""
+
+
+def lasting_oscillation(run: Trial) -> float:
+    """Return the amplitude [SI, rad] of an oscillation that goes on with a constant command; NaN where none does."""
+    began = next((m.t for m in run.marks if m.kind == "hold"), math.nan)
+    signal = run[_axis(run).stepped]
+    seen = signal.between(began, run.end) if math.isfinite(began) else None
+    if seen is None or len(seen) < 6:
+        return NAN
+    first, *_, last = np.array_split(seen.values, 3)
+    amplitude = 0.5 * float(np.ptp(last))
+    least = SEEN * float(run.meta.get("noise_std", 0.0))
+    return amplitude if amplitude > max(LASTS * 0.5 * float(np.ptp(first)), least) else NAN
+
+
+def _oscillates(run: Trial, parts: Sequence[Trial], axis: AxisKind, amplitude: float) -> Sheet:
+    """Return the sheet of a loop that oscillates by itself, of which no linear loop tells anything."""
+    unit = parts[0][_commanded(run)].unit
+    cycles = [cycle for part in parts for cycle in loop_cycles(part)]
+    figures = known(
+        judged("oscillation", "oscillation with a constant command", Reading(amplitude, NAN, unit)),
+        *(judged("period", "its period", Reading(2.0 * math.pi / c.omega, NAN, "s")) for c in cycles[-1:]),
+    )
+    shown = f"{math.degrees(amplitude):.0f} deg" if axis.angular else f"{amplitude:.2g} {unit}"
+    verdict = (
+        f"the {axis.name} loop oscillates by {shown} to either side with a constant command, and that does not die "
+        f"away: lower its gains, or run gcs-autotune tune {axis.name}"
+    )
+    return Sheet(run.name, "set-point-relay", f"closed {axis.name} loop", figures, verdict, ())
 
 
 def _not_linear(explained: Sequence[float]) -> Doubt:
@@ -216,6 +254,23 @@ def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Arra
     return np.asarray(np.sqrt(np.diag(slopes @ covariance @ slopes.T)))
 
 
+def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
+    """Return how a step of the *loop* rises and settles, as a tune measures it."""
+    t, x = _step_of(loop)
+    reached = [float(t[int(np.argmax(x >= share))]) for share in (0.1, 0.9)]
+    outside = np.flatnonzero(np.abs(x - 1.0) > SETTLED)
+    settling = float(t[outside[-1]]) + loop.delay if len(outside) and outside[-1] + 1 < len(t) else NAN
+    rise = reached[1] - reached[0] if np.any(x >= 0.9) else NAN
+    return (
+        judged("rise", "rise time of a step, 10 to 90 %", Reading(rise, NAN, "s")),
+        judged("settling", "settling time of a step, to 5 %", Reading(settling, NAN, "s")),
+    )
+
+
+SETTLED = 0.05
+"""Of a step: within it a signal has settled."""
+
+
 def _told(loop: TransferFunction) -> Array:
     """Return natural frequency, damping ratio and overshoot of a *loop*."""
     return np.array([*oscillation_of(loop), _overshoot(loop)])
@@ -282,7 +337,8 @@ def relays_of(run: Trial) -> list[Trial]:
         raise NotInformative(f"run '{run.name}' holds {len(starts)} relays on the set-point; the loop takes two")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
-    for start, end in zip(starts, [*starts[1:], run.end], strict=True):
+    held = next((m.t for m in run.marks if m.kind == "hold"), run.end)
+    for start, end in zip(starts, [*starts[1:], held], strict=True):
         part = run.between(start, end)
         switches = [m for m in run.marks if m.kind == "switch" and start <= m.t < end]
         t = np.array([m.t for m in switches]) + 0.5 * float(late)
@@ -309,11 +365,15 @@ def oscillation_of(loop: TransferFunction) -> tuple[float, float]:
 
 
 def _overshoot(loop: TransferFunction) -> float:
-    """Return by how much of a step the loop overshoots it, by partial fractions."""
+    """Return by how much of a step the loop overshoots it."""
+    return max(float(_step_of(loop)[1].max()) - 1.0, 0.0)
+
+
+def _step_of(loop: TransferFunction) -> tuple[Array, Array]:
+    """Return times (n,) [s] and the response (n,) to a unit step, by partial fractions, without the delay."""
     poles = loop.poles()
     s = poles.astype(np.complex128)
     top = np.polyval(list(reversed(loop.numerator)), s)
     slope = np.polyval(np.polyder(list(reversed(loop.denominator))), s)
     t = np.linspace(0.0, 30.0 / float(np.abs(poles).min()), 3000)
-    step = 1.0 + np.real((top / (slope * s))[None, :] * np.exp(np.outer(t, s))).sum(axis=1)
-    return max(float(step.max()) - 1.0, 0.0)
+    return t, 1.0 + np.real((top / (slope * s))[None, :] * np.exp(np.outer(t, s))).sum(axis=1)

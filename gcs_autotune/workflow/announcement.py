@@ -28,7 +28,7 @@ from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
 from gcs_autotune.workflow.preflight import sign_check_for
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
-__all__ = ["after_a_silence", "announce", "battery", "how_long", "room", "whole_of"]
+__all__ = ["after_a_silence", "announce", "battery", "exactly", "how_long", "room", "whole_of"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
 """Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
@@ -184,19 +184,19 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     if excursion.needs > metres:
         far += " (the run is ended there: --max-distance)"
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    told = ", ".join(f"{name} {_exactly(seconds)}" for name, seconds in excursion.stages)
+    told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
     by = f"; by {source}" if source else ""
     if usual is None:
-        return f"need {far}{deep}, and up to {_exactly(LATE * excursion.seconds)}: {told}{by}"
+        return f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}: {told}{by}"
     mostly = f"about {min(usual.needs, metres):.0f} m and " if excursion.distance >= 1.0 else ""
-    mostly = f"usually {mostly}{_exactly(LATE * usual.seconds)}"
+    mostly = f"usually {mostly}{exactly(LATE * usual.seconds)}"
     return (
-        f"need {far}{deep}, and up to {_exactly(LATE * excursion.seconds)}, where the loop hardly damps; {mostly}: "
+        f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}, where the loop hardly damps; {mostly}: "
         f"{told}{by}"
     )
 
 
-def _exactly(seconds: float) -> str:
+def exactly(seconds: float) -> str:
     """Return seconds in whole tens, up, as minutes and seconds."""
     minutes, rest = divmod(10 * math.ceil(seconds / 10.0), 60)
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))

@@ -25,11 +25,11 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
-from gcs_autotune.workflow.announcement import after_a_silence, battery, whole_of
+from gcs_autotune.workflow.announcement import after_a_silence, battery, exactly, whole_of
 from gcs_autotune.workflow.background import agreed, beside, run_in_background
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import armed
-from gcs_autotune.workflow.excursion import Excursion, worst_of
+from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
@@ -157,6 +157,8 @@ class _Flight:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
         if self._plan.until is not None:
             see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
+        if self._plan.again is not None:
+            self._plan.again.meet(craft)
         self._area = area_of_flight(craft, self._plan.area, self._watcher)
         checks, several = self._checks_of(self._plan.runs), len(self._plan.runs) > 1 or self._plan.until is not None
         least, watcher = self._plan.min_depth, self._watcher
@@ -311,6 +313,10 @@ class _Flight:
 
     def _goes_on(self) -> list[str]:
         until = self._plan.until
+        if self._plan.again is not None:
+            leg, whole = self._to_fly[0], self._whole
+            back = whole.metres(leg.envelope) / leg.speed if leg.speed else 0.0
+            return [f"then {self._plan.again.words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
         if until is None:
             return []
         return [
@@ -382,6 +388,7 @@ class _Flight:
         """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""
         planner = self._planner
         if planner is None:
+            yield from self._flown_again(runner)
             return
         think = partial(run_in_background, self._craft, self._worker, runner.bear)
         while True:
@@ -389,6 +396,20 @@ class _Flight:
             leg = planner.next_leg(runs, think, self._foresight.leg_of)
             if leg is None:
                 return
+            self.legs.append(leg)
+            self._tell_track(leg)
+            yield leg
+
+    def _flown_again(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
+        """Yield the runs that follow from the record of the last one."""
+        again = self._plan.again
+        think = partial(run_in_background, self._craft, self._worker, runner.bear)
+        while again is not None:
+            last = self.legs[-1].run
+            run = again.another(last, self.flown[last.name], think)
+            if run is None:
+                return
+            leg = self._foresight.leg_of(run)
             self.legs.append(leg)
             self._tell_track(leg)
             yield leg

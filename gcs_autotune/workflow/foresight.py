@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, PaperCraft, PaperState, Preview, preview
+from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, PaperVisit, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
@@ -27,6 +31,8 @@ DEEPER = 0.5
 """Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
 _LEFT = 0.7
 """Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
+SATURATED, OFTEN = 0.98, 0.05
+"""Chosen: an output that counts as full, and the share of the time that makes a loop another one."""
 COMING_BACK = "coming back"
 """The stage between two runs."""
 _BOTTOMLESS = 1e3
@@ -95,18 +101,29 @@ class Foresight:
         One that does not fit whatever is tried is returned as it is, with what all of it takes.
         """
         settings, troubled, why = leg.run.settings, leg.preview, leg.why_not
-        if not troubled.refusal and not why:
+        limited = "" if troubled.refusal or why else self._limited(troubled, settings)
+        if not troubled.refusal and not why and not limited:
             return leg
         for smaller in settings.smaller():
             fits = self.leg_of(replace(leg.run, settings=smaller))
-            if not fits.preview.trouble and not fits.why_not:
-                large = troubled.refusal or f"it needs {leg.excursion.needs:g} m"
+            if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
+                large = troubled.refusal or limited or f"it needs {leg.excursion.needs:g} m"
                 self.watcher.say(f"{leg.run.name} is made {_sizes(settings, smaller)}, for at its usual size {large}")
                 return fits
         if not troubled.craft.assumed:
             return leg
         whole = self._foreseen(settings, NO_LIMITS, self.craft.observe())
         return replace(leg, preview=replace(whole, refusal=troubled.refusal))
+
+    def _limited(self, seen: Preview, settings: FlySettings) -> str:
+        """Return that an actuator stands at its limit too often, where the autopilot's own loop is to be looked at."""
+        axis = settings.kind.axis
+        force = DOFS[axis_kind(axis).dof].force if axis else ""
+        if not axis or force not in seen.trial or settings.kind.drives:
+            return ""
+        share = float(np.mean(np.abs(seen.trial[force].values) >= SATURATED))
+        actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
+        return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
     def _whole(self, run: PlannedRun, seen: Preview, now: Observation) -> Excursion:
         """Return what *run* takes with all that comes before and after it, of the worst craft where it is assumed."""
