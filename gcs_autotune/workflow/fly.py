@@ -316,7 +316,8 @@ class _Flight:
         if self._plan.again is not None:
             leg, whole = self._to_fly[0], self._whole
             back = whole.metres(leg.envelope) / leg.speed if leg.speed else 0.0
-            return [f"then {self._plan.again.words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
+            words = "come back and " * self._craft.firmware.needs_way + self._plan.again.words
+            return [f"then {words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
         if until is None:
             return []
         return [
@@ -410,6 +411,10 @@ class _Flight:
             if run is None:
                 return
             leg = self._foresight.leg_of(run)
+            trouble = leg.why_not or ("" if leg.preview.craft.assumed else leg.preview.trouble)
+            if trouble:
+                self._watcher.say(f"not flown again: {trouble}")
+                return
             self.legs.append(leg)
             self._tell_track(leg)
             yield leg

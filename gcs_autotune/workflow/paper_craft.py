@@ -101,6 +101,8 @@ def paper_craft(
     assumed = assumed_craft(firmware, present, throttle, speed, kin)
     yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
+    if settings.kind.axis:
+        words = f"an assumed {settings.kind.axis} loop that is damped well"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along

@@ -28,12 +28,12 @@ __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
 """What a vehicle held at the end of a tune."""
-SMALLER = 0.5
-"""The sizes of the second flight, as a share of those of the first."""
+SMALLER, LARGER = 0.5, 2.0
+"""The sizes of the second flight, as a share of those of the first: larger where a dead band or noise hid the loop."""
 MORE = 0.1
 """Chosen: overshoot of a step by so much more than at the tune counts as worse."""
 SLOWER = 1.5
-"""Chosen: a step that settles in so many times the time of the tune is slower."""
+"""Chosen: a step that rises and settles in so many times the time of the tune is slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,20 +76,22 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
 
 
 class Recheck:
-    """What follows the first flight: read its loop, and fly again at half the size where it does not show.
+    """What follows the first flight: read its loop, and fly again with other sizes where it does not show.
 
-    ``tune`` is the last tune found once the vehicle is known; ``halved`` whether it was flown again.
+    ``tune`` is the last tune of the vehicle, ``changed`` the gains that are others since. ``factor`` is that of the
+    sizes of a second flight, 0 without one. ``sheet`` was read off the flight ``shown``; ``why`` there is none.
     """
 
-    words = "come back and fly it once more at half these sizes where they do not show how the loop is damped"
+    words = "fly it once more at half these sizes, or twice, where they do not show how the loop is damped"
 
     def __init__(self, axis: AxisKind, runs: Path, watcher: Watcher) -> None:
         self._axis, self._runs, self._watcher = axis, runs, watcher
         self.tune: LastTune | None = None
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
-        self.halved = False
+        self.factor = 0.0
         self.why = ""
+        self.shown: Trial | None = None
 
     def meet(self, craft: MavlinkCraft) -> None:
         """Look for the last tune of this vehicle, and whether it still has the gains of that."""
@@ -111,20 +113,25 @@ class Recheck:
     def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
         """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
         served."""
-        self.sheet, self.why = think(partial(read_loop, trial))
-        if self.halved or (self.sheet is not None and _is_telling(self.sheet)):
+        sheet, why = think(partial(read_loop, trial))
+        if not self.factor or (sheet is not None and _is_telling(sheet)):  # else the first one says more
+            self.sheet, self.why, self.shown = sheet, why, trial
+        if self.factor or (sheet is not None and _is_telling(sheet)):
             return None
-        self.halved = True
-        usual = run.settings.make(0.0).asked
+        small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
+        factor = LARGER if small else SMALLER
+        usual = run.settings.make(0.0, speed=1.0).asked
         sizes = zip(("set-point", "second-set-point"), usual["set_points"], strict=True)
         passed = zip(("hysteresis", "second-hysteresis"), usual["hystereses"], strict=True)
-        options = {name: SMALLER * float(value) for name, value in (*sizes, *passed)}
+        options = {name: factor * float(value) for name, value in (*sizes, *passed)}
         try:
-            smaller = replace(run.settings, options={**run.settings.options, **options})
-        except AutotuneError:  # below what the sensors show
+            other = replace(run.settings, options={**run.settings.options, **options})
+        except AutotuneError:  # below what the sensors show, or beyond what the loop may be asked
             return None
-        self._watcher.say("these sizes do not show how the loop is damped: flying again at half of them")
-        return PlannedRun(f"{run.name}-halved", smaller)
+        self.factor = factor
+        half = "half of" if factor < 1.0 else "twice"
+        self._watcher.say(f"these sizes do not show how the loop is damped: flying again at {half} them")
+        return PlannedRun(f"{run.name}-again", other)
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
@@ -137,13 +144,29 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
 
 
 def _is_telling(sheet: Sheet) -> bool:
-    """Whether a verdict on the loop can be read off it."""
+    """Whether a verdict on the loop can be read off it: its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
         return True
-    if any(d.slug in ("saturated", "not-linear") for d in sheet.doubts):
+    limited = any(d.slug in ("saturated", "not-linear") for d in sheet.doubts)
+    if limited or "damping" not in numbers or "overshoot" not in numbers:
         return False
-    return "damping" in numbers and numbers["damping"].std < 0.5 * (WELL_DAMPED - POORLY_DAMPED)
+    zeta, zeta_std = numbers["damping"].value, numbers["damping"].std
+    damped = zeta - zeta_std > WELL_DAMPED or zeta + zeta_std < POORLY_DAMPED
+    return damped or zeta_std < 0.5 * (WELL_DAMPED - POORLY_DAMPED)
+
+
+def _why_not(check: Recheck) -> str:
+    """Return in words why nothing can be said of a loop."""
+    if check.sheet is None:
+        return check.why
+    for doubt in check.sheet.doubts:
+        if doubt.slug in ("saturated", "not-linear"):
+            return doubt.cause
+    told = {f.slug: f.reading for f in check.sheet.figures}
+    if "damping" not in told:
+        return "its damping ratio is less certain than it is large"
+    return f"its damping ratio is {told['damping'].value:.2f} +- {told['damping'].std:.2f}"
 
 
 def verdict_of(axis: str, check: Recheck) -> LoopCheck:
@@ -156,11 +179,14 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     def of(slug: str) -> float:
         return float(told[slug].value) if slug in told else math.nan
 
-    now = LoopNumbers(of("overshoot"), of("rise"), of("settling"), of("damping"), of("oscillation"), of("period"))
+    slugs = ("overshoot", "rise", "settling", "damping", "oscillation", "period")
+    std = told["overshoot"].std if "overshoot" in told else math.nan
+    now = LoopNumbers(overshoot_std=std, **{slug: of(slug) for slug in slugs})
     verdict = partial(LoopCheck, axis, now=now, then=then, when="" if tune is None else tune.when)
     note: tuple[str, ...] = ()
-    if check.halved:
-        note = ("The first sizes did not show it, so they were halved and it was flown again.",)
+    if check.factor:
+        changed = "halved" if check.factor < 1.0 else "doubled"
+        note = (f"The first sizes did not show it, so they were {changed} and it was flown again.",)
     if check.changed:
         note = (*note, f"The gains are no longer those of the tune: {', '.join(check.changed)} changed since.")
     if sheet is not None and "oscillation" in told:
@@ -180,8 +206,16 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     if zeta + zeta_std < POORLY_DAMPED or over - over_std > LARGE_OVERSHOOT:
         text = f"Poorly damped: the {axis} loop overshoots a step by {100.0 * over:.0f} %. Run {again}."
         return verdict("poorly damped", text, "bad", note)
+    if over + over_std > LARGE_OVERSHOOT:
+        shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"
+        text = f"Undecided: a step overshoots by {shown}, and more than {100.0 * LARGE_OVERSHOOT:.0f} % is too much."
+        return verdict("undecided", text, "neutral", note)
+    if zeta < POORLY_DAMPED:
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}, and less than {POORLY_DAMPED} is too little."
+        return verdict("undecided", text, "neutral", note)
     if then is None:
-        text = f"Good: the {axis} loop is damped well. There is no earlier tune to compare it with."
+        well = " well" if zeta - zeta_std > WELL_DAMPED else ""
+        text = f"Good: the {axis} loop is damped{well}. There is no earlier tune to compare it with."
         return verdict("good", text, "good", note)
     return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)
 
@@ -192,8 +226,8 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
         return f"a step overshoots by {100.0 * now.overshoot:.0f} %, and did by {100.0 * then.overshoot:.0f} %"
-    if now.settling > SLOWER * then.settling and now.overshoot > then.overshoot + 0.5 * MORE:
-        return f"a step settles in {now.settling:.1f} s, and did in {then.settling:.1f} s"
+    if now.settling > SLOWER * then.settling and now.rise > SLOWER * then.rise:
+        return f"it is slower: a step settles in {now.settling:.1f} s, and did in {then.settling:.1f} s"
     return ""
 
 
@@ -205,13 +239,13 @@ def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watch
     common, check = plan.runs[0].settings.common, Recheck(axis, runs, watcher)
     plan = replace(plan, title=f"recheck {axis.name}", again=check)
     result = fly_plan(plan, common, operator, watcher, when)
-    flown = [run.trial for run in result.runs if run.trial is not None]
+    shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)
     found = verdict_of(axis.name, check)
     directory = common.directory
     doubts = () if check.sheet is None else tuple(check.sheet.doubts)
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
     title = f"Recheck of {axis.name}: {common.connection.uri}"
-    (directory / "report.html").write_text(render_recheck(found, title, when, flown[-1]), encoding="utf-8")
+    (directory / "report.html").write_text(render_recheck(found, title, when, shown), encoding="utf-8")
     (directory / "recheck.json").write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
     summary = {"title": f"recheck {axis.name}", "when": when, "ending": found.kind, "reason": found.text}
     (directory / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

@@ -22,6 +22,7 @@ from gcs_autotune.report.toolkit.wording import (
     doubt_sentence,
     format_moment,
     format_number,
+    format_value,
     to_people,
 )
 from gcs_autotune.sname import SIGNALS
@@ -35,7 +36,7 @@ class LoopNumbers:
     """A closed loop in numbers; NaN: unknown.
 
     ``overshoot`` of a step as a fraction of it; ``rise`` (10 to 90 %) and ``settling`` (to 5 %) [s]; ``damping`` ratio;
-    ``oscillation`` with a constant command [SI, rad] and its ``period`` [s].
+    ``oscillation`` with a constant command [SI, rad] and its ``period`` [s]. ``overshoot_std``: its standard error.
     """
 
     overshoot: float = math.nan
@@ -44,6 +45,7 @@ class LoopNumbers:
     damping: float = math.nan
     oscillation: float = math.nan
     period: float = math.nan
+    overshoot_std: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +120,9 @@ def _doubts(check: LoopCheck) -> tuple[str, ...]:
 def _numbers(check: LoopCheck) -> Table:
     now, then = check.now, check.then
     unit, factor = to_people(SIGNALS[axis_kind(check.axis).stepped][0])
+    std = now.overshoot_std
     rows = [
-        _row("overshoot of a step", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot),
+        _row("overshoot of a step", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot, std),
         _row("rise time, 10 to 90 %", "s", 1.0, now.rise, math.nan if then is None else then.rise),
         _row("settling time, to 5 %", "s", 1.0, now.settling, math.nan if then is None else then.settling),
         _row("damping ratio", "", 1.0, now.damping, math.nan),
@@ -130,8 +133,10 @@ def _numbers(check: LoopCheck) -> Table:
     return Table(heads, "lrrl", tuple(row for row in rows if any(row[1:3])))
 
 
-def _row(name: str, unit: str, factor: float, now: float, then: float) -> tuple[str, ...]:
+def _row(name: str, unit: str, factor: float, now: float, then: float, std: float = math.nan) -> tuple[str, ...]:
     values = [format_number(factor * value, 3) if math.isfinite(value) else "" for value in (now, then)]
+    if values[0] and math.isfinite(std):
+        values[0] = format_value(factor * now, factor * std)
     if values[1] and not values[0]:
         values[0] = UNKNOWN
     return (name, *values, unit)
