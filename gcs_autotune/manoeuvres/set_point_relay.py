@@ -28,9 +28,14 @@ PERIODS, MOST_PERIODS = 5, 15
 """Consecutive periods that must agree (Miskovic2010, 6.7), and those after which a relay is taken as it is."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
 """Chosen [s]: a relay that has not settled by then, and has switched so often, is taken as it is: a boat runs on."""
-SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 2.0, 3.0, 75.0
+SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
 """Chosen: a motion of so many times what is commanded is not damped well. The command is then held for so many periods,
 and so many seconds at most: an oscillation that lasts is the loop's own."""
+NOISES = 5.0
+"""Chosen: what is less than so many standard deviations of the noise is no oscillation."""
+LASTS = 0.6
+"""Chosen: an oscillation of which so much is left after one period and a half of a constant command lasts: of a damping
+ratio of 0.05 that is 0.62."""
 PATIENCE = 60.0
 """Chosen [s]: a loop that does not bring the heading past x_a by then does not follow."""
 
@@ -96,11 +101,11 @@ class SetPointRelay(Manoeuvre):
             now = yield self._wanted(0.0)
         for number, (C, x_a) in enumerate(self._relays, start=1):
             now = yield from self._swung(number, C, x_a, now)
+            if self.outcome is None and self._swollen:
+                now = yield from self._held(now)
             if self.outcome is not None:
                 break
         else:
-            if self._swollen:
-                now = yield from self._held(now)
             rest = (
                 f", of which {self._unsettled} did not settle: the loop hardly damps" if self._unsettled else " settled"
             )
@@ -131,12 +136,20 @@ class SetPointRelay(Manoeuvre):
         return HeadingTarget(self.target, self._speed)
 
     def _held(self, now: Observation) -> Part:
-        """Hold what it swings about for some periods."""
-        start, seconds = now.t, min(HELD_PERIODS * self._period, LONGEST_HOLD)
+        """Hold what it swings about for some periods; end if it swings on."""
+        start, period, seen = now.t, self._period, []
         self.phase = "holding"
         self._mark(now.t, "hold", {f"{self.signal}_ref": self._base})
-        while now.t - start < seconds:
+        while now.t - start < min(HELD_PERIODS * period, LONGEST_HOLD):
+            seen.append((now.t, now.value(self.signal)))
             now = yield self._wanted(0.0)
+        first = [x for t, x in seen if t < start + period]
+        last = [x for t, x in seen if t > now.t - period]
+        amplitude = 0.5 * (max(last) - min(last))
+        if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
+            self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
+            self._end("completed", f"the loop oscillates by {self._told(float(f'{amplitude:.3g}'))} by itself")
+        self._swollen = False
         return now
 
     def _swung(self, number: int, C: float, x_a: float, now: Observation) -> Part:
@@ -156,11 +169,12 @@ class SetPointRelay(Manoeuvre):
             self._switchings = state.switchings
             command = self._wanted(C if high else -C)
             late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
-            if state.settled or late or state.switchings >= 2 * MOST_PERIODS:
+            cycle = state.cycle
+            if cycle is not None:
+                self._period = cycle.T_H + cycle.T_L
+                self._swollen = state.switchings >= LEAST_SWITCHINGS and cycle.X_m > SWOLLEN * C
+            if state.settled or late or self._swollen or state.switchings >= 2 * MOST_PERIODS:
                 self._unsettled += not state.settled
-                if state.cycle is not None:
-                    self._period = state.cycle.T_H + state.cycle.T_L
-                    self._swollen = state.cycle.X_m > SWOLLEN * C
                 return now
             if now.t - switched > PATIENCE:
                 self._end(

@@ -65,14 +65,14 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     NotInformative
         Too few relays that settled, or a loop that is none.
     """
-    parts = relays_of(run)
     axis = _axis(run)
+    alone = next((m for m in run.marks if m.kind == "oscillation"), None)
+    if alone is not None:
+        return _oscillates(run, axis, float(alone.detail["amplitude"]), float(alone.detail["period"]))
+    parts = relays_of(run)
     force, unit = DOFS[axis.dof].force, parts[0][_commanded(run)].unit
     actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
     notes: list[Doubt] = []
-    lasting = lasting_oscillation(run)
-    if math.isfinite(lasting):
-        return _oscillates(run, parts, axis, lasting)
     loop, explained, (omega_std, zeta_std, overshoot_std) = _loop(run, parts)
     whole = explained[-1]
     if whole < FOLLOWED:
@@ -110,31 +110,12 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     return Sheet(run.name, "set-point-relay", title, figures, verdict, tuple(notes))
 
 
-LASTS, SEEN = 0.6, 3.0
-"""Chosen: an oscillation that has so much of its size left after two periods of a constant command lasts: of a damping
-ratio of 0.05, 0.53 is left. It is one where it exceeds so many standard deviations of the noise."""
-
-
-def lasting_oscillation(run: Trial) -> float:
-    """Return the amplitude [SI, rad] of an oscillation that goes on with a constant command; NaN where none does."""
-    began = next((m.t for m in run.marks if m.kind == "hold"), math.nan)
-    signal = run[_axis(run).stepped]
-    seen = signal.between(began, run.end) if math.isfinite(began) else None
-    if seen is None or len(seen) < 6:
-        return NAN
-    first, *_, last = np.array_split(seen.values, 3)
-    amplitude = 0.5 * float(np.ptp(last))
-    least = SEEN * float(run.meta.get("noise_std", 0.0))
-    return amplitude if amplitude > max(LASTS * 0.5 * float(np.ptp(first)), least) else NAN
-
-
-def _oscillates(run: Trial, parts: Sequence[Trial], axis: AxisKind, amplitude: float) -> Sheet:
+def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> Sheet:
     """Return the sheet of a loop that oscillates by itself, of which no linear loop tells anything."""
-    unit = parts[0][_commanded(run)].unit
-    cycles = [cycle for part in parts for cycle in loop_cycles(part)]
+    unit = run[axis.stepped].unit
     figures = known(
         judged("oscillation", "oscillation with a constant command", Reading(amplitude, NAN, unit)),
-        *(judged("period", "its period", Reading(2.0 * math.pi / c.omega, NAN, "s")) for c in cycles[-1:]),
+        judged("period", "its period", Reading(period, NAN, "s")),
     )
     shown = f"{math.degrees(amplitude):.0f} deg" if axis.angular else f"{amplitude:.2g} {unit}"
     verdict = (
@@ -191,8 +172,10 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     with suppress(NotInformative):
         loop = loop_process(response, 2, 1, gain=1.0)
         starts.append(np.array([*loop.denominator[1:], 0.05 * abs(loop.denominator[2]) ** 1.5, loop.numerator[1]]))
-    ref = np.concatenate([part[commanded].values for part in parts])
-    at = np.concatenate([part[commanded].t for part in parts])
+    held = [(m.t, float(m.detail[commanded])) for m in run.marks if m.kind == "hold"]
+    ref = np.concatenate([*(part[commanded].values for part in parts), [value for _, value in held]])
+    at = np.concatenate([*(part[commanded].t for part in parts), [when for when, _ in held]])
+    ref, at = ref[np.argsort(at, kind="stable")], np.sort(at)
     t = np.arange(at[0], at[-1], STEP)  # after the last switch nobody holds that command any more
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
     seen = run[signal]
@@ -337,8 +320,9 @@ def relays_of(run: Trial) -> list[Trial]:
         raise NotInformative(f"run '{run.name}' holds {len(starts)} relays on the set-point; the loop takes two")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
-    held = next((m.t for m in run.marks if m.kind == "hold"), run.end)
-    for start, end in zip(starts, [*starts[1:], held], strict=True):
+    holds = [m.t for m in run.marks if m.kind == "hold"]
+    for start, following in zip(starts, [*starts[1:], run.end], strict=True):
+        end = min((t for t in holds if start < t < following), default=following)
         part = run.between(start, end)
         switches = [m for m in run.marks if m.kind == "switch" and start <= m.t < end]
         t = np.array([m.t for m in switches]) + 0.5 * float(late)

@@ -211,7 +211,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         text = f"Undecided: a step overshoots by {shown}, and more than {100.0 * LARGE_OVERSHOOT:.0f} % is too much."
         return verdict("undecided", text, "neutral", note)
     if zeta < POORLY_DAMPED:
-        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}, and less than {POORLY_DAMPED} is too little."
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}, less than {POORLY_DAMPED} is too little."
         return verdict("undecided", text, "neutral", note)
     if then is None:
         well = " well" if zeta - zeta_std > WELL_DAMPED else ""
