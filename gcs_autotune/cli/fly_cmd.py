@@ -34,6 +34,7 @@ from gcs_autotune.limits import limit_of
 from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
+    from gcs_autotune.axes import AxisKind
     from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
 
 __all__ = ["COMMAND", "add_flight", "run_flight"]
@@ -135,11 +136,44 @@ def _see_it_is_known(args: argparse.Namespace) -> None:
         lookup(MANOEUVRES, args.manoeuvre, "manoeuvre")
 
 
-def run_flight(args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION) -> int:
-    """Open the link (*otherwise* where none is given), fly, and tell of it."""
+def run_flight(
+    args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
+) -> int:
+    """Open the link (*otherwise* where none is given), fly, and tell of it; *recheck*: judge the loop of that axis."""
     see_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
-        return _fly(args, connection)
+        return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)
+
+
+def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -> int:
+    """Fly over a link that is open, and tell the verdict on the loop of *axis*."""
+    from rich.console import Console
+
+    from gcs_autotune.report import recheck_summary
+    from gcs_autotune.workflow import recheck
+
+    now = datetime.now()
+    plan, common = _plan(args, connection, now, f"recheck-{axis.name}")
+    with attending(args) as (operator, watcher):
+        when = now.isoformat(timespec="seconds")
+        found = recheck(plan, axis, operator, watcher, when, _runs(common.directory))
+        if args.remote:
+            watcher.say(found.text)
+    if args.remote:
+        return 0
+    if args.json:
+        sys.stdout.write(json_text(found.to_dict()))
+    else:
+        Console().print(recheck_summary(found))
+        sys.stdout.write(f"Recorded in {common.directory}\nReport: {common.directory / 'report.html'}\n")
+    operator.ring()
+    return 0
+
+
+def _runs(directory: Path) -> Path:
+    """Return where earlier runs lie: beside the run in *directory*, where a folder of runs was made for it."""
+    beside = directory.parent
+    return beside if beside != Path() else Path("runs")
 
 
 def _list() -> int:
@@ -168,8 +202,10 @@ def _precision(args: argparse.Namespace) -> Precision | None:
     return precision_of(args.until, args.form, minutes * row.factor)
 
 
-def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tuple[FlightPlan, TuneSettings]:
-    """Return what is flown, and what all of it has in common."""
+def _plan(
+    args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
+) -> tuple[FlightPlan, TuneSettings]:
+    """Return what is flown, and what all of it has in common; *label*: of its run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area
@@ -188,7 +224,7 @@ def _plan(args: argparse.Namespace, connection: Connection, now: datetime) -> tu
     common = TuneSettings(
         axis="heading",
         connection=connection,
-        directory=run_directory(args, connection.uri, now, Path(what).stem or "trial"),
+        directory=run_directory(args, connection.uri, now, label or Path(what).stem or "trial"),
         throttle=args.throttle,
         speed=args.speed,
         delay=args.delay,

@@ -1,4 +1,4 @@
-"""``gcs-autotune recheck``: how well is a loop tuned that has been flown for a while? Nothing is written."""
+"""``gcs-autotune recheck``: is the old tune of a loop still good? Nothing is written."""
 
 from __future__ import annotations
 
@@ -30,15 +30,17 @@ def _run(args: argparse.Namespace) -> int:
     given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
     axis = axis_kind(args.axis)
     given.force = DOFS[axis.dof].force
-    return run_flight(flight.parse_args(["set-point-relay"], given), axis.example)
+    return run_flight(flight.parse_args(["set-point-relay"], given), axis.example, recheck=axis)
 
 
 COMMAND = Command(
     name="recheck",
-    help="tell natural frequency and damping of the heading, depth or speed loop as it is; no actuator is driven",
+    help="is the old tune of the heading, depth or speed loop still good? a verdict; no actuator is driven",
     description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), as fly "
-    "set-point-relay does, and read the closed loop off them: natural frequency, damping, overshoot. No parameter is "
-    "written. Without --connect a simulated vehicle is used.",
+    "set-point-relay does, and judge the loop: good, degraded since the tune, poorly damped, oscillates, or not "
+    "identifiable. Where the sizes do not show it, they are halved and flown again. The numbers stand beside those of "
+    "the last tune of the same vehicle in the folder of runs. No parameter is written. Without --connect a simulated "
+    "vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -16,12 +16,12 @@ from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
-from gcs_autotune.manoeuvres.envelope import GUARDS, NEARLY, Envelope, Guard
+from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
 from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, Preview, preview
+from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, PaperState, Preview, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings, StopRule
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
@@ -37,6 +37,7 @@ __all__ = [
     "DEEP",
     "DISARMED_ITSELF",
     "DOF_OF",
+    "FAR_OUT",
     "GUARDS",
     "HELD_MEANWHILE",
     "LEAST_REVERSALS",
@@ -60,6 +61,7 @@ __all__ = [
     "Outcome",
     "Outlet",
     "PaperCraft",
+    "PaperState",
     "Preset",
     "Preview",
     "Relay",
@@ -81,6 +83,7 @@ __all__ = [
     "ZigZagSettings",
     "Zone",
     "common_windows",
+    "far_out",
     "how_far",
     "limited_orders",
     "preview",

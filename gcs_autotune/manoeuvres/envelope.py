@@ -11,10 +11,13 @@ from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area, how_far
 from gcs_autotune.watch import Room
 
-__all__ = ["GUARDS", "NEARLY", "Envelope", "Guard", "Watch"]
+__all__ = ["FAR_OUT", "GUARDS", "NEARLY", "Envelope", "Guard", "Watch", "far_out"]
 
 NEARLY = 0.9
 """Chosen: the share of the distance limit that no manoeuvre may lead to, where that can be helped."""
+FAR_OUT = 0.4
+"""Chosen: the share of the distance limit beyond which a boat turns around first, where more than one manoeuvre is to
+come."""
 TO_COME_ABOUT = 12.0
 """Chosen [s]: what a boat at its cruise goes on while it turns about; Charlie, out of an unsteady step, 8 to 11."""
 
@@ -67,6 +70,17 @@ class Envelope:
     def distance_limit(self) -> float:
         """Return the distance from the start [m] not to be exceeded: 100 s of going straight ahead, at least 300 m."""
         return max(300.0, 100.0 * self.cruise) if self.distance is None else self.distance
+
+
+def far_out(envelope: Envelope, away: float, ahead: float, *, last: bool = False) -> bool:
+    """Return whether a boat *away* [m] from where it began must turn around before a stage of *ahead* [s].
+
+    It must where it is far out, or may be too far out at the end of that stage; *last*: nothing comes after it.
+    """
+    limit = envelope.distance_limit
+    share = NEARLY if last else FAR_OUT
+    near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
+    return not near
 
 
 @dataclass(frozen=True, slots=True)

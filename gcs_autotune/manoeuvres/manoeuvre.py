@@ -49,12 +49,14 @@ class Manoeuvre(ABC):
     name : the trial's name.
     outcome : how it ended, None while it runs. It is set together with the last command.
     signal, force : what is watched and what is driven, for people. phase, target : where it stands, likewise.
+    at_most : how long [s] it takes at most where the loop that flies it hardly damps; NaN: its preview says it.
     """
 
     kind: str
     purpose: ClassVar[Purpose] = "identification"
     in_manual: ClassVar[bool] = True
     by_hand: ClassVar[bool] = False
+    at_most: float = math.nan
 
     def __init__(self, name: str = "", *, signal: str = "psi", force: str = "N") -> None:
         self.name = name or self.kind

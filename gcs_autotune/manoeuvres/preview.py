@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ from gcs_autotune.trial import Channel, Trial
 if TYPE_CHECKING:
     from gcs_autotune.models import SingleDof
 
-__all__ = ["DEEP", "SPEED_TIME", "PaperCraft", "Preview", "preview"]
+__all__ = ["DEEP", "SPEED_TIME", "PaperCraft", "PaperState", "Preview", "preview"]
 
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
@@ -58,13 +58,30 @@ class PaperCraft:
     others: Mapping[str, SingleDof] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class PaperState:
+    """Where a craft on paper is and how it moves: time [s], heading [rad], metres from home, depth (NaN: it floats),
+    speeds.
+    """
+
+    t: float = 0.0
+    psi: float = 0.0
+    r: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = math.nan
+    u: float = 0.0
+    v: float = 0.0
+    w: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
     """What came of it.
 
     ``trial`` has psi, r, x, y, u and the forces. ``outcome``: how it ended, None when a safety limit did, which
     ``refusal`` tells. ``room`` [m] is the longer side of the box around the track, ``turned`` [rad] the range of the
-    heading, ``deep`` [m] that of the depth.
+    heading, ``deep`` [m] that of the depth. ``away`` [m] is the greatest distance from home, ``ends`` the last state.
     """
 
     trial: Trial
@@ -74,6 +91,8 @@ class Preview:
     room: float = math.nan
     turned: float = math.nan
     deep: float = 0.0
+    away: float = math.nan
+    ends: PaperState = field(default_factory=PaperState)
 
     @property
     def seconds(self) -> float:
@@ -104,19 +123,23 @@ def preview(
     floats: bool = True,
     way: float = 0.0,
     depth: float = DEEP,
+    begins: PaperState | None = None,
 ) -> Preview:
-    """Fly *manoeuvre* on paper inside *envelope*, bow to the north; *floats*: it has no depth, else it begins at
-    *depth* [m]; *way* [m/s]: it begins with.
+    """Fly *manoeuvre* on paper inside *envelope*.
+
+    It begins at home with the bow to the north, at *way* [m/s], at *depth* [m] unless it *floats*; or as another
+    manoeuvre left it, in the state *begins*.
     """
-    t = psi = r = x = y = 0.0
-    z = math.nan if floats else depth
-    along = {"X": way, "Y": 0.0, "Z": 0.0}
+    begins = begins or PaperState(z=math.nan if floats else depth, u=way)
+    t, psi, r, x, y, z = begins.t, begins.psi, begins.r, begins.x, begins.y, begins.z
+    start, depth = t, z
+    along = {"X": begins.u, "Y": begins.v, "Z": begins.w}
     late: deque[float] = deque([0.0] * round(craft.yaw.delay * INSIDE / TICK))
     rows: list[tuple[float, ...]] = []
 
     def seen(command: Actuate) -> Observation:
         u, v, w = along.values()
-        tilt = _pushed(t) if manoeuvre.by_hand else 0.0
+        tilt = _pushed(t - start) if manoeuvre.by_hand else 0.0
         output = {"N": command.N, "X": command.X, "Y": command.Y, "Z": command.Z}
         return Observation(
             t=t, psi=psi, r=r, phi=tilt, theta=tilt, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
@@ -125,10 +148,11 @@ def preview(
         )  # fmt: skip
 
     now = seen(Actuate())
-    watch, commands = Watch(envelope, now), manoeuvre.commands(now)
+    home = replace(now, x=0.0, y=0.0)
+    watch, commands = Watch(envelope, now, home), manoeuvre.commands(now)
     outcome, refusal = None, ""
     command = next(commands)
-    while t < LONGEST:
+    while t - start < LONGEST:
         asked = _steered(command, craft, psi, r)
         rows.append((t, psi, r, x, y, z, along["X"], asked.N, asked.X, asked.Y, asked.Z))
         outcome = manoeuvre.outcome
@@ -153,6 +177,10 @@ def preview(
         except GuardTripped as error:
             refusal = str(error).partition(". The actuators")[0]
             break
+        where = watch.room_ends(now)
+        outcome = manoeuvre.where_room_ends(where) if where and manoeuvre.outcome is None else None
+        if outcome is not None:
+            break
         if manoeuvre.force == "Z" and z < SURFACE <= depth:
             refusal = f"it comes up to the surface, from {depth:.1f} m: begin deeper, or push less"
             break
@@ -162,12 +190,14 @@ def preview(
         "psi": "rad", "r": "rad/s", "x": "m", "y": "m", "z": "m", "u": "m/s", "N": "1", "X": "1", "Y": "1", "Z": "1"
     }  # fmt: skip
     channels = {n: Channel(n, unit, table[0], table[i]) for i, (n, unit) in enumerate(units.items(), start=1)}
-    if floats:
+    if math.isnan(z):
         del channels["z"]
     trial = Trial("predicted", channels, tuple(manoeuvre.take_marks()), meta=manoeuvre.settings)
     spans = np.ptp(table, axis=1)
-    deep = 0.0 if floats else float(spans[5])
-    return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep)
+    deep = 0.0 if math.isnan(z) else float(spans[5])
+    away = float(np.max(np.hypot(table[3], table[4])))
+    ends = PaperState(t, psi, r, x, y, z, *along.values())
+    return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep, away, ends)
 
 
 def _pushed(t: float) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gcs_autotune.axes import AXES, AxisKind
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.approach import Approach, Part
+from gcs_autotune.manoeuvres.approach import LONGEST_TIME, Approach, Part
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import DOFS
@@ -28,6 +28,14 @@ PERIODS, MOST_PERIODS = 5, 15
 """Consecutive periods that must agree (Miskovic2010, 6.7), and those after which a relay is taken as it is."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
 """Chosen [s]: a relay that has not settled by then, and has switched so often, is taken as it is: a boat runs on."""
+SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
+"""Chosen: a motion of so many times what is commanded is not damped well. The command is then held for so many periods,
+and so many seconds at most: an oscillation that lasts is the loop's own."""
+NOISES = 5.0
+"""Chosen: what is less than so many standard deviations of the noise is no oscillation."""
+LASTS = 0.6
+"""Chosen: an oscillation of which so much is left after one period and a half of a constant command lasts: of a damping
+ratio of 0.05 that is 0.62."""
 PATIENCE = 60.0
 """Chosen [s]: a loop that does not bring the heading past x_a by then does not follow."""
 
@@ -36,7 +44,8 @@ class SetPointRelay(Manoeuvre):
     """Holds its course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
 
     ``axis`` says what is commanded: heading, depth or speed. ``speed`` [m/s] ahead meanwhile, up to which a relay on
-    speed swings. Marks ``relay`` where one begins, and ``switch`` with what is commanded.
+    speed swings. Where the motion is much larger than what is commanded, the command is then held, to see whether it
+    dies away. Marks ``relay`` where one begins, ``switch`` with what is commanded, ``hold`` where that stays.
     """
 
     kind, purpose, in_manual = "set-point-relay", "check", False
@@ -54,6 +63,8 @@ class SetPointRelay(Manoeuvre):
         self._course, self._base = math.nan, math.nan
         self._unsettled = 0
         self._flown, self._switchings = 0, 0
+        self._period, self._swollen = math.nan, False
+        self.at_most = LONGEST_TIME * (speed > 0.0) + LONGEST * len(relays) + LONGEST_HOLD
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
@@ -90,6 +101,8 @@ class SetPointRelay(Manoeuvre):
             now = yield self._wanted(0.0)
         for number, (C, x_a) in enumerate(self._relays, start=1):
             now = yield from self._swung(number, C, x_a, now)
+            if self.outcome is None and self._swollen:
+                now = yield from self._held(now)
             if self.outcome is not None:
                 break
         else:
@@ -122,6 +135,23 @@ class SetPointRelay(Manoeuvre):
             return HeadingTarget(self._course, self.target)
         return HeadingTarget(self.target, self._speed)
 
+    def _held(self, now: Observation) -> Part:
+        """Hold what it swings about for some periods; end if it swings on."""
+        start, period, seen = now.t, self._period, []
+        self.phase = "holding"
+        self._mark(now.t, "hold", {f"{self.signal}_ref": self._base})
+        while now.t - start < min(HELD_PERIODS * period, LONGEST_HOLD):
+            seen.append((now.t, now.value(self.signal)))
+            now = yield self._wanted(0.0)
+        first = [x for t, x in seen if t < start + period]
+        last = [x for t, x in seen if t > now.t - period]
+        amplitude = 0.5 * (max(last) - min(last))
+        if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
+            self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
+            self._end("completed", f"the loop oscillates by {self._told(float(f'{amplitude:.3g}'))} by itself")
+        self._swollen = False
+        return now
+
     def _swung(self, number: int, C: float, x_a: float, now: Observation) -> Part:
         """Fly one relay until it has settled."""
         monitor, high, switched, began = _monitor(C, x_a), True, now.t, now.t
@@ -139,7 +169,11 @@ class SetPointRelay(Manoeuvre):
             self._switchings = state.switchings
             command = self._wanted(C if high else -C)
             late = now.t - began > LONGEST and state.switchings >= LEAST_SWITCHINGS
-            if state.settled or late or state.switchings >= 2 * MOST_PERIODS:
+            cycle = state.cycle
+            if cycle is not None:
+                self._period = cycle.T_H + cycle.T_L
+                self._swollen = state.switchings >= LEAST_SWITCHINGS and cycle.X_m > SWOLLEN * C
+            if state.settled or late or self._swollen or state.switchings >= 2 * MOST_PERIODS:
                 self._unsettled += not state.settled
                 return now
             if now.t - switched > PATIENCE:
@@ -188,6 +222,7 @@ def _row(axis: AxisKind) -> ManoeuvreKind:
         options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
         room=_ROOM.get(axis.name, "a boat goes on at its cruise meanwhile"),
         identifies=False,
+        shrinks={"set-point": 1.0, "hysteresis": 1.0, "second-set-point": 1.0, "second-hysteresis": 1.0},
         axis=axis.name,
         for_force=_of_force,
     )

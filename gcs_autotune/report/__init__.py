@@ -15,6 +15,7 @@ from __future__ import annotations
 from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
 from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
 from gcs_autotune.report.flight.page import FlightModel, TrialTold, render_flight, render_preview
+from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_summary, render_recheck
 from gcs_autotune.report.study.page import render_study
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study.tables import method_list, model_summary, study_summary
@@ -37,6 +38,8 @@ from gcs_autotune.watch import SilentWatcher
 __all__ = [
     "MODEL_FILE",
     "FlightModel",
+    "LoopCheck",
+    "LoopNumbers",
     "MethodOutcome",
     "RunRow",
     "SilentWatcher",
@@ -57,9 +60,11 @@ __all__ = [
     "plan_summary",
     "proof_command",
     "propeller_summary",
+    "recheck_summary",
     "render_diagnosis",
     "render_flight",
     "render_preview",
+    "render_recheck",
     "render_study",
     "sheets_summary",
     "show_tune",

@@ -16,7 +16,18 @@ Models are fitted to the same runs by the methods ``step`` and ``zig-zag`` (:mod
 from __future__ import annotations
 
 from gcs_autotune.identify import Reading
+from gcs_autotune.seatrials.closed_loop import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED
 from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet
 from gcs_autotune.seatrials.figures import MANOEUVRES, ship_figures
 
-__all__ = ["MANOEUVRES", "Figure", "Particulars", "Reading", "Sheet", "ship_figures"]
+__all__ = [
+    "LARGE_OVERSHOOT",
+    "MANOEUVRES",
+    "POORLY_DAMPED",
+    "WELL_DAMPED",
+    "Figure",
+    "Particulars",
+    "Reading",
+    "Sheet",
+    "ship_figures",
+]

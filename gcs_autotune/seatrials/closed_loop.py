@@ -28,7 +28,7 @@ from gcs_autotune.identify import (
     loop_trial,
 )
 from gcs_autotune.models import TransferFunction
-from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
+from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet, judged, known
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
@@ -65,8 +65,11 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     NotInformative
         Too few relays that settled, or a loop that is none.
     """
-    parts = relays_of(run)
     axis = _axis(run)
+    alone = next((m for m in run.marks if m.kind == "oscillation"), None)
+    if alone is not None:
+        return _oscillates(run, axis, float(alone.detail["amplitude"]), float(alone.detail["period"]))
+    parts = relays_of(run)
     force, unit = DOFS[axis.dof].force, parts[0][_commanded(run)].unit
     actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
     notes: list[Doubt] = []
@@ -87,6 +90,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
         judged("damping", "damping ratio", Reading(zeta, zeta_std)),
         judged("overshoot", "overshoot of a step, of its size", Reading(overshoot, overshoot_std)),
+        *_step_figures(loop),
         judged("explained", "share of the motion that this loop explains", Reading(whole, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
@@ -104,6 +108,21 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     )
     title, verdict = f"closed {axis.name} loop", _verdict((zeta, zeta_std), (overshoot, overshoot_std), axis.name)
     return Sheet(run.name, "set-point-relay", title, figures, verdict, tuple(notes))
+
+
+def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> Sheet:
+    """Return the sheet of a loop that oscillates by itself, of which no linear loop tells anything."""
+    unit = run[axis.stepped].unit
+    figures = known(
+        judged("oscillation", "oscillation with a constant command", Reading(amplitude, NAN, unit)),
+        judged("period", "its period", Reading(period, NAN, "s")),
+    )
+    shown = f"{math.degrees(amplitude):.0f} deg" if axis.angular else f"{amplitude:.2g} {unit}"
+    verdict = (
+        f"the {axis.name} loop oscillates by {shown} to either side with a constant command, and that does not die "
+        f"away: lower its gains, or run gcs-autotune tune {axis.name}"
+    )
+    return Sheet(run.name, "set-point-relay", f"closed {axis.name} loop", figures, verdict, ())
 
 
 def _not_linear(explained: Sequence[float]) -> Doubt:
@@ -153,8 +172,10 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     with suppress(NotInformative):
         loop = loop_process(response, 2, 1, gain=1.0)
         starts.append(np.array([*loop.denominator[1:], 0.05 * abs(loop.denominator[2]) ** 1.5, loop.numerator[1]]))
-    ref = np.concatenate([part[commanded].values for part in parts])
-    at = np.concatenate([part[commanded].t for part in parts])
+    held = [(m.t, float(m.detail[commanded])) for m in run.marks if m.kind == "hold"]
+    ref = np.concatenate([*(part[commanded].values for part in parts), [value for _, value in held]])
+    at = np.concatenate([*(part[commanded].t for part in parts), [when for when, _ in held]])
+    ref, at = ref[np.argsort(at, kind="stable")], np.sort(at)
     t = np.arange(at[0], at[-1], STEP)  # after the last switch nobody holds that command any more
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
     seen = run[signal]
@@ -214,6 +235,23 @@ def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Arra
         moved[i] += NUDGE
         slopes[:, i] = (_told(_of(moved)) - here) / NUDGE
     return np.asarray(np.sqrt(np.diag(slopes @ covariance @ slopes.T)))
+
+
+def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
+    """Return how a step of the *loop* rises and settles, as a tune measures it."""
+    t, x = _step_of(loop)
+    reached = [float(t[int(np.argmax(x >= share))]) for share in (0.1, 0.9)]
+    outside = np.flatnonzero(np.abs(x - 1.0) > SETTLED)
+    settling = float(t[outside[-1]]) + loop.delay if len(outside) and outside[-1] + 1 < len(t) else NAN
+    rise = reached[1] - reached[0] if np.any(x >= 0.9) else NAN
+    return (
+        judged("rise", "rise time of a step, 10 to 90 %", Reading(rise, NAN, "s")),
+        judged("settling", "settling time of a step, to 5 %", Reading(settling, NAN, "s")),
+    )
+
+
+SETTLED = 0.05
+"""Of a step: within it a signal has settled."""
 
 
 def _told(loop: TransferFunction) -> Array:
@@ -282,7 +320,9 @@ def relays_of(run: Trial) -> list[Trial]:
         raise NotInformative(f"run '{run.name}' holds {len(starts)} relays on the set-point; the loop takes two")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
-    for start, end in zip(starts, [*starts[1:], run.end], strict=True):
+    holds = [m.t for m in run.marks if m.kind == "hold"]
+    for start, following in zip(starts, [*starts[1:], run.end], strict=True):
+        end = min((t for t in holds if start < t < following), default=following)
         part = run.between(start, end)
         switches = [m for m in run.marks if m.kind == "switch" and start <= m.t < end]
         t = np.array([m.t for m in switches]) + 0.5 * float(late)
@@ -309,11 +349,15 @@ def oscillation_of(loop: TransferFunction) -> tuple[float, float]:
 
 
 def _overshoot(loop: TransferFunction) -> float:
-    """Return by how much of a step the loop overshoots it, by partial fractions."""
+    """Return by how much of a step the loop overshoots it."""
+    return max(float(_step_of(loop)[1].max()) - 1.0, 0.0)
+
+
+def _step_of(loop: TransferFunction) -> tuple[Array, Array]:
+    """Return times (n,) [s] and the response (n,) to a unit step, by partial fractions, without the delay."""
     poles = loop.poles()
     s = poles.astype(np.complex128)
     top = np.polyval(list(reversed(loop.numerator)), s)
     slope = np.polyval(np.polyder(list(reversed(loop.denominator))), s)
     t = np.linspace(0.0, 30.0 / float(np.abs(poles).min()), 3000)
-    step = 1.0 + np.real((top / (slope * s))[None, :] * np.exp(np.outer(t, s))).sum(axis=1)
-    return max(float(step.max()) - 1.0, 0.0)
+    return t, 1.0 + np.real((top / (slope * s))[None, :] * np.exp(np.outer(t, s))).sum(axis=1)

@@ -19,6 +19,7 @@ from gcs_autotune.workflow.foresight import preview_of_model
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of
+from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import Connection, TuneSettings
@@ -54,6 +55,7 @@ __all__ = [
     "load_gains",
     "precision_of",
     "preview_of_model",
+    "recheck",
     "restore_parameters",
     "restore_run",
     "run_diagnosis",

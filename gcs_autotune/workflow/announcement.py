@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import OperatorStopped
-from gcs_autotune.manoeuvres import NEARLY, Envelope
+from gcs_autotune.errors import OperatorStopped, PreconditionFailed
+from gcs_autotune.manoeuvres import FAR_OUT, Envelope, Manoeuvre, PaperState
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.excursion import (
+    LATE,
+    Ahead,
+    Excursion,
+    PaperVisit,
+    least_distance,
+    overhead,
+    too_small,
+    worst_of,
+)
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune, pace_of
-from gcs_autotune.workflow.runner import FAR_OUT
+from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
+from gcs_autotune.workflow.preflight import sign_check_for
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
-__all__ = ["after_a_silence", "announce", "battery", "how_long", "room"]
+__all__ = ["after_a_silence", "announce", "battery", "exactly", "how_long", "room", "whole_of"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
 """Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
@@ -27,6 +39,8 @@ def announce(context: TuneContext) -> None:
 
     Raises
     ------
+    PreconditionFailed
+        A limit that was set cannot be kept.
     OperatorStopped
         The answer was no.
     """
@@ -37,12 +51,13 @@ def announce(context: TuneContext) -> None:
     )
     itinerary = context.log.itinerary = Itinerary(_legs(context, pace, now), pace.turn)
     patient = Itinerary(_legs(replace(context, settings=replace(context.settings, stop_rule=SETTLED)), slow, now))
+    whole = excursion_of(context, now, (itinerary, patient) if context.settings.stop_rule != SETTLED else (itinerary,))
     context.log.announce(
         (
             arming(context.craft, now),
             f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
             f"move: {_movements(context, now)}",
-            room(context.axis.dof, context.speed, context.settings, now),
+            room(context.axis.dof, context.speed, context.settings, now, whole),
             how_long(itinerary, patient.seconds),
             battery(now, context.settings.envelope, itinerary.seconds),
             *after_a_silence(context.settings, now),
@@ -55,6 +70,63 @@ def announce(context: TuneContext) -> None:
         raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
 
 
+def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
+    """Return what a tune or an experiment takes, of the worst craft and of the longest of *itineraries*.
+
+    Raises
+    ------
+    PreconditionFailed
+        A limit that was set cannot be kept; the message has the nearest number that can.
+    """
+    settings, craft = context.settings, context.craft
+    envelope = replace(settings.envelope, cruise=context.speed)
+    if craft.firmware.needs_way:
+        whole = _under_way(context, envelope, itineraries)
+        if envelope.distance is not None and whole.distance > envelope.distance:
+            most = replace(envelope, distance=None).distance_limit
+            least = least_distance(
+                lambda metres: _under_way(context, replace(envelope, distance=metres), itineraries).distance > metres,
+                max(most, 2.0 * envelope.distance),
+            )
+            raise PreconditionFailed(too_small(_what(context), "max-distance", envelope.distance, least, "m"))
+    else:
+        deepest = _deepest(context.axis.dof, settings, now)
+        angle, depth = _stepped(context)
+        seconds = itineraries[0].seconds
+        whole = Excursion(seconds, ROV_ROOM, depth_max=deepest, heading_excursion=angle, depth_excursion=depth)
+    why = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM).beyond(envelope, _what(context))
+    if why:
+        raise PreconditionFailed(why)
+    return whole
+
+
+def _stepped(context: TuneContext) -> tuple[float, float]:
+    """Return how far a step that was given goes from where the craft began: heading [rad] and depth [m]."""
+    step, dof = context.settings.step, context.axis.dof
+    size = 0.0 if step is None or axis_kind(context.axis.name).stepped not in ("psi", "z") else abs(step)
+    return (size, 0.0) if dof == "yaw" else (0.0, size)
+
+
+def _what(context: TuneContext) -> str:
+    return f"this run in {context.axis.name}"
+
+
+def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[Itinerary]) -> Excursion:
+    """Return what the stages of a boat take inside *envelope*."""
+    craft, settings, axis = context.craft, context.settings, context.axis
+    seen = []
+    for kin in kin_of(under_way=True, skid=craft.skid):
+        paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
+        for itinerary in itineraries:
+            check = sign_check_for(
+                axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
+            )
+            visit = PaperVisit(paper, envelope, PaperState(), under_way=True)
+            _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
+            seen.append(visit.excursion())
+    return worst_of(seen)
+
+
 def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
     dof, firmware = context.axis.dof, context.craft.firmware
     given = context.given is not None or context.settings.gains is not None
@@ -64,29 +136,77 @@ def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]
     return legs_of_tune(context.settings, dof, pace, under_way=way, moving=moving, given=given, dives=dives)
 
 
-def room(dof: str, speed: float, settings: TuneSettings, now: Observation) -> str:
+def _fly_legs(visit: PaperVisit, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
+    """Fly the *check* and the *legs* of a tune or an experiment of a boat on paper.
+
+    A step or an oscillation about the course is flown straight ahead at *speed* [m/s]: that takes most water.
+    """
+    visit.fly(check, legs[0].stage)
+    for leg in legs[1:]:
+        is_step = leg.kind == "step"
+        ahead = math.inf if leg.before > 0.0 else STEP_AHEAD if is_step else SWING_AHEAD
+        visit.come_about(throttle, ahead, last=is_step)
+        least = LEAST_STEP if is_step else TOLD * leg.seconds
+        visit.fly(Ahead(speed, leg.seconds, leg.stage, least), leg.stage)
+
+
+LEAST_STEP, TOLD = 20.0, 0.35
+"""Chosen: seconds of a step, and share of an oscillation, after which it may end where the space ends."""
+
+
+def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> str:
     """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
-    if speed and settings.stop_rule == SETTLED:
-        return f"need about {100.0 * speed:.0f} m of free water around"
     if speed:
-        limit = replace(settings.envelope, cruise=speed).distance_limit
-        reach = min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit)
+        envelope = replace(settings.envelope, cruise=speed)
+        turns = f"it turns around once it is {FAR_OUT * envelope.distance_limit:.0f} m away, "
+        turns = "it turns around before each stage, " if settings.stop_rule == SETTLED else turns
         return (
-            f"need up to {reach:.0f} m of free water around: it turns about once it is {FAR_OUT * limit:.0f} m away, "
-            "sooner with a smaller --max-distance"
+            f"need up to {whole.metres(envelope):.0f} m from where it lies: {turns}sooner with a smaller --max-distance"
         )
     below = ""
     if excitation_of(dof).below_surface:
-        step = abs(settings.step) if settings.step is not None else position_axis(dof).step
-        start = max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH
-        below = f", and {start + step + BELOW:.0f} m of depth"
+        below = f", and {_deepest(dof, settings, now):.0f} m of depth"
     return f"need about {ROV_ROOM:g} m of free water around{below}"
+
+
+def _deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
+    """Return the depth [m] that an ROV may come to; 0 where its depth is not stepped."""
+    if not excitation_of(dof).below_surface:
+        return 0.0
+    step = abs(settings.step) if settings.step is not None else position_axis(dof).step
+    return (max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH) + step + BELOW
+
+
+def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
+    """Return how much water and time a whole visit takes, with its stages; *source*: of the numbers, in words."""
+    metres, usual = excursion.metres(envelope), excursion.usual
+    far = f"up to {metres:.0f} m from where it lies" if excursion.distance >= 1.0 else "only water about where it lies"
+    if excursion.needs > metres:
+        far += " (the run is ended there: --max-distance)"
+    deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
+    told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
+    by = f"; by {source}" if source else ""
+    if usual is None:
+        return f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}: {told}{by}"
+    mostly = f"about {min(usual.needs, metres):.0f} m and " if excursion.distance >= 1.0 else ""
+    mostly = f"usually {mostly}{exactly(LATE * usual.seconds)}"
+    return (
+        f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}, where the loop hardly damps; {mostly}: "
+        f"{told}{by}"
+    )
+
+
+def exactly(seconds: float) -> str:
+    """Return seconds in whole tens, up, as minutes and seconds."""
+    minutes, rest = divmod(10 * math.ceil(seconds / 10.0), 60)
+    return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))
 
 
 def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     """Return how long it takes of the vehicle's time, stage by stage; *most* [s] where nothing ends early."""
-    usual = _minutes(itinerary.seconds)
-    longest = _minutes(max(most, itinerary.seconds))
+    beside = overhead(len(itinerary.legs))
+    usual = _minutes(itinerary.seconds + beside)
+    longest = _minutes(max(most, itinerary.seconds) + beside)
     up_to = "" if longest == usual else f", up to {longest} where it comes to no rest"
     return (
         f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates from craft "

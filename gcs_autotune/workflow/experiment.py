@@ -13,7 +13,7 @@ from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import render_study
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long, room
+from gcs_autotune.workflow.announcement import after_a_silence, battery, excursion_of, how_long, room
 from gcs_autotune.workflow.background import asked_now
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
@@ -122,7 +122,7 @@ def _announce(context: TuneContext, now: Observation) -> None:
             arming(craft, now),
             f"use the {modes}, and go back to {now.mode} at the end",
             f"move: {kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}",
-            room(dof, context.speed, settings, now),
+            room(dof, context.speed, settings, now, excursion_of(context, now, (itinerary,))),
             how_long(itinerary),
             battery(now, settings.envelope, itinerary.seconds),
             *after_a_silence(settings, now),

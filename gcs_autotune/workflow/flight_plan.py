@@ -24,23 +24,25 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune_files import Refused, clipped, parse, read_text
 
-__all__ = ["FlightLeg", "FlightPlan", "FlySettings", "PlannedRun", "load_flight_plan"]
+__all__ = ["FlightLeg", "FlightPlan", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
@@ -129,7 +131,8 @@ class FlySettings:
         free = {name: power for name, power in self.kind.shrinks.items() if name not in self.options}
         usual = self._usual
         for scale in SCALES if free else ():
-            sizes = {name: float(f"{usual[name] * scale**power:.2g}") for name, power in free.items()}
+            factors = {name: limit_of(name, self.kind.axis).factor for name in free}  # round as people read them
+            sizes = {n: float(f"{usual[n] * scale**power / factors[n]:.2g}") * factors[n] for n, power in free.items()}
             try:
                 yield replace(self, options={**self.options, **sizes})
             except UsageError:  # out of range, or not together with what was given
@@ -169,13 +172,30 @@ class PlannedRun:
         return manoeuvre
 
 
+class FlownAgain(Protocol):
+    """Who looks at a run that was flown, and may have another one flown after it; ``words`` say so beforehand."""
+
+    words: str
+
+    def meet(self, craft: MavlinkCraft) -> None:
+        """Learn which vehicle it is; nothing moves yet."""
+        ...
+
+    def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
+        """Return what is flown after *run*, of which *trial* is the record; None for nothing.
+
+        *think* computes while the link is served.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
     """Runs in the order in which they are flown, what must hold before each, the ``area`` [deg] to stay in.
 
     ``text`` is the file it came from. ``until``: after these runs it goes on by itself, up to this precision;
     ``options`` then hold for every run that takes them, and ``known`` are runs of the same craft flown before, so that
-    the first, too, is chosen.
+    the first, too, is chosen. ``again``: what may fly a run once more, on what its record shows.
     """
 
     title: str
@@ -187,6 +207,7 @@ class FlightPlan:
     until: Precision | None = None
     options: Mapping[str, float] = field(default_factory=dict)
     known: tuple[Trial, ...] = ()
+    again: FlownAgain | None = None
 
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:
@@ -201,13 +222,22 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightLeg:
-    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, limits, ``preview``."""
+    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, and its limits.
+
+    ``preview`` is of the manoeuvre alone, ``excursion`` of the whole visit.
+    """
 
     run: PlannedRun
     throttle: float
     speed: float
     envelope: Envelope
     preview: Preview
+    excursion: Excursion
+
+    @property
+    def why_not(self) -> str:
+        """Why it is refused before arming: a limit that was set and cannot be kept; empty for nothing."""
+        return self.excursion.beyond(self.envelope, self.run.name)
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}

@@ -25,15 +25,16 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
-from gcs_autotune.workflow.announcement import after_a_silence, battery, how_long
+from gcs_autotune.workflow.announcement import after_a_silence, battery, exactly, whole_of
 from gcs_autotune.workflow.background import agreed, asked_now, beside, run_in_background
 from gcs_autotune.workflow.connection import arming, connect_craft
 from gcs_autotune.workflow.context import armed
+from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings
+from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
-from gcs_autotune.workflow.foresight import DEEPER, Foresight
+from gcs_autotune.workflow.foresight import COMING_BACK, DEEPER, Foresight
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, Paced, pace_of
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
@@ -61,7 +62,7 @@ __all__ = ["PLAN_FILE", "fly", "fly_plan"]
 PLAN_FILE = "plan.toml"
 """A flown plan's name in its run directory."""
 BACK, LOOKING = 45.0, 6.0
-"""Seconds of coming back between two runs, and of looking whether it is calm; guesses, told beforehand."""
+"""Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
 _POINTS = 400
 """Chosen: of a predicted track that are told; more no screen shows."""
 
@@ -156,8 +157,12 @@ class _Flight:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
         if self._plan.until is not None:
             see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
+        if self._plan.again is not None:
+            self._plan.again.meet(craft)
         self._area = area_of_flight(craft, self._plan.area, self._watcher)
-        self._foresight = sees = Foresight(craft, present, self._area, self._plan.min_depth, self._watcher)
+        checks, several = self._checks_of(self._plan.runs), len(self._plan.runs) > 1 or self._plan.until is not None
+        least, watcher = self._plan.min_depth, self._watcher
+        self._foresight = sees = Foresight(craft, present, self._area, least, watcher, checks, several)
         for run in self._plan.runs:
             see_it_suits(run.settings, craft)
             see_it_tells(run.settings.kind, craft)
@@ -167,17 +172,21 @@ class _Flight:
             seen, assumed = leg.preview, leg.preview.craft.assumed
             self.legs.append(leg)
             of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
-            self._watcher.say(f"{of}: {seen.told()}")
+            self._watcher.say(f"{of} (the manoeuvre alone): {seen.told()}")
             self._tell_track(leg)
             if seen.trouble and not assumed and not only_preview:
                 raise PreconditionFailed(f"not flown, for the {of} ends early: {seen.trouble}; nothing was armed")
+            if leg.why_not and not only_preview:
+                raise PreconditionFailed(leg.why_not)
+            if leg.why_not:
+                self._watcher.say(f"it would be refused: {leg.why_not}")
             if seen.trouble:
                 by = ", but on assumed numbers" if assumed else ""
                 self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
         if only_preview:
-            legs = Itinerary(list(self._planned_legs()))
-            self._watcher.say(f"it would take {legs.seconds:.0f} s without the checks before: {legs.told()}")
-            self._watcher.say(f"it would {battery(craft.observe(), self._common.envelope, legs.seconds)}")
+            for text in self._needs():
+                self._watcher.say(f"it would {text}")
+            self._watcher.say(f"it would {battery(craft.observe(), self._common.envelope, self._whole.seconds)}")
 
     def _tell_track(self, leg: FlightLeg) -> None:
         """Tell who watches where the run is expected to go from where the craft is now."""
@@ -213,13 +222,34 @@ class _Flight:
     def _to_fly(self) -> list[FlightLeg]:
         return [leg for leg in self.legs if not self._earlier.has(leg.run.name)]
 
+    def _checks_of(self, runs: Sequence[PlannedRun]) -> list[str]:
+        """Return the degrees of freedom whose actuators are checked before *runs*."""
+        until = self._plan.until
+        wanted = driven(until, self._craft.firmware) if until is not None else ()
+        flown = [checked_dof(run.settings.kind) for run in runs if not self._earlier.has(run.name)]
+        return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
+
     @property
     def _dofs(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
-        until = self._plan.until
-        wanted = driven(until, self._craft.firmware) if until is not None else ()
-        flown = [checked_dof(leg.run.settings.kind) for leg in self._to_fly]
-        return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
+        return self._checks_of([leg.run for leg in self._to_fly])
+
+    @property
+    def _whole(self) -> Excursion:
+        """All that is left to fly, from arming until the vehicle is restored."""
+        each = [leg.excursion for leg in self._to_fly]
+        check = sum(seconds for name, seconds in each[0].stages if name == STAGE) if each else 0.0
+        looking = LOOKING * self._plan.calm * len(each)
+        alone = [(name, seconds) for one in each for name, seconds in one.stages if name != STAGE]
+        stages = ((STAGE, check), *alone) if check else tuple(alone)
+        seconds = sum(one.seconds for one in each) - check * max(len(each) - 1, 0) + looking + self._diving
+        return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
+
+    @property
+    def _diving(self) -> float:
+        """Seconds of diving beforehand."""
+        now, dofs = self._craft.observe(), (*self._dofs, *self._held_dofs)
+        return DIVE * any(dive_for(dof, self._craft.firmware, now) is not None for dof in dofs)
 
     @property
     def _held_dofs(self) -> list[str]:
@@ -240,8 +270,9 @@ class _Flight:
         for dof in (*dofs, *self._held_dofs):
             see_depth_is_told(craft, dof)
         dive = any(dive_for(dof, craft.firmware, now) for dof in (*dofs, *self._held_dofs))
+        whole = self._whole
+        first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dive
         pace = pace_of(under_way=craft.firmware.needs_way, skid=craft.skid)
-        first = [Leg(STAGE, pace.check) for _ in dofs[:1]] + [Leg("diving", DIVE)] * dive
         self._itinerary = Itinerary([*first, *self._planned_legs()], pace.turn)
         if not self._to_fly and plan.until is None:
             self._watcher.say(
@@ -258,9 +289,8 @@ class _Flight:
             f"{modes}, and go back to {now.mode} at the end",
             f"move: {_checks(dofs)}{self._movements()}",
             *self._needs(),
-            how_long(self._itinerary),
             *self._goes_on(),
-            battery(now, s.envelope, self._itinerary.seconds),
+            battery(now, s.envelope, whole.seconds),
             *after_a_silence(s, now),
             "write no parameter",
         )
@@ -271,16 +301,23 @@ class _Flight:
             raise OperatorStopped("not started: the answer was no; nothing was armed or moved")
 
     def _planned_legs(self) -> list[Leg]:
+        """Return the stages of the runs and of what lies between them, as the worst craft takes them."""
         legs: list[Leg] = []
         for leg in self._to_fly:
+            taken = dict(leg.excursion.stages)
             if legs and self._craft.firmware.needs_way:
-                legs.append(Leg(COMING_BACK, BACK))
+                legs.append(Leg(COMING_BACK, taken.get(COMING_BACK, 0.0)))
             legs += [Leg(LOOKING_OUT, LOOKING)] * self._plan.calm
-            legs.append(Leg(leg.run.name, leg.preview.seconds))
+            legs.append(Leg(leg.run.name, taken.get(leg.run.name, leg.preview.seconds)))
         return legs
 
     def _goes_on(self) -> list[str]:
         until = self._plan.until
+        if self._plan.again is not None:
+            leg, whole = self._to_fly[0], self._whole
+            back = whole.metres(leg.envelope) / leg.speed if leg.speed else 0.0
+            words = "come back and " * self._craft.firmware.needs_way + self._plan.again.words
+            return [f"then {words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
         if until is None:
             return []
         return [
@@ -298,11 +335,11 @@ class _Flight:
         return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(leg.run.name for leg in left)}{back}"
 
     def _needs(self) -> list[str]:
-        if len(self.legs) == 1:
-            return [f"need {self.legs[0].preview.told()}"]
-        room = max((leg.preview.room for leg in self._to_fly), default=0.0)
-        needs = [f"need {room:.0f} m of free water, by {self.legs[0].preview.craft.source}"] if room >= 1.0 else []
+        left = self._to_fly
+        if not left:
+            return []
         least = self._plan.min_depth
+        needs = [whole_of(self._whole, left[0].envelope, left[0].preview.craft.source)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def fly(self) -> None:
@@ -352,12 +389,31 @@ class _Flight:
         """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""
         planner = self._planner
         if planner is None:
+            yield from self._flown_again(runner)
             return
         think = partial(run_in_background, self._craft, self._worker, runner.bear)
         while True:
             runs = [*self._plan.known, *(self.flown[leg.run.name] for leg in self.legs)]
             leg = planner.next_leg(runs, think, self._foresight.leg_of)
             if leg is None:
+                return
+            self.legs.append(leg)
+            self._tell_track(leg)
+            yield leg
+
+    def _flown_again(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
+        """Yield the runs that follow from the record of the last one."""
+        again = self._plan.again
+        think = partial(run_in_background, self._craft, self._worker, runner.bear)
+        while again is not None:
+            last = self.legs[-1].run
+            run = again.another(last, self.flown[last.name], think)
+            if run is None:
+                return
+            leg = self._foresight.leg_of(run)
+            trouble = leg.why_not or ("" if leg.preview.craft.assumed else leg.preview.trouble)
+            if trouble:
+                self._watcher.say(f"not flown again: {trouble}")
                 return
             self.legs.append(leg)
             self._tell_track(leg)
@@ -388,8 +444,8 @@ class _Flight:
             )
 
 
-COMING_BACK, LOOKING_OUT = "coming back", "looking whether it is calm"
-"""Stages between two runs."""
+LOOKING_OUT = "looking whether it is calm"
+"""A stage between two runs, beside :data:`COMING_BACK`."""
 
 
 def _checks(dofs: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,21 +17,47 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.flight_plan import FlySettings
 
-__all__ = ["motion_of", "paper_craft"]
+__all__ = ["Kin", "assumed_craft", "kin_of", "motion_of", "paper_craft"]
 
 _UNTUNED = 0.2
 """ATC_STR_RAT_FF as ArduRover sets it: that of no craft in particular."""
-_RADIUS, _LAG = 4.0, 1.5
-"""Chosen: turning radius [m] at full rudder and time constant [s] of boats of 1 to 3 m, where nothing is known."""
-_ROV_RATE, _ROV_LAG = 1.9, 0.25
-"""Chosen: yaw rate [rad/s] at full output of an ROV, and its time constant [s], likewise: in the middle of the
-published ones (Falcon 1.3, VideoRay 1.6, BlueROV2 3.9; Miskovic2010, tables 7.1, 7.9; Benzon2022, table A1). None of
-ArduSub's parameters tells it: they limit what its loops ask for, not what its thrusters give."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kin:
+    """An assumed craft: how it turns and how fast it goes.
+
+    Attributes
+    ----------
+    radius : of the turn at full steering [m], of a boat. rate : at full output [rad/s], of an ROV. lag : of both [s].
+    ahead, gains : speed at full thrust [m/s] where no cruise says it, and seconds in which it gains speed.
+    sinks : one whose heave is driven sinks by itself, or comes up.
+    """
+
+    radius: float = 4.0
+    rate: float = 1.9
+    lag: float = 1.5
+    ahead: float = 1.0
+    gains: float = SPEED_TIME
+    sinks: bool = True
+
+
+USUAL: Mapping[str, Kin] = {"rudder": Kin(), "thrusters": Kin(lag=0.7, gains=1.6), "rov": Kin(lag=0.25, gains=1.0)}
+"""Chosen: in the middle of boats of 1 to 3 m, and of published ROVs, where nothing is known. Yaw rates of ROVs: Falcon
+1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9; Benzon2022, table A1). None of ArduSub's
+parameters tells it: they limit what its loops ask for, not what its thrusters give."""
+_KIN: Mapping[str, tuple[Kin, ...]] = {
+    "rudder": (Kin(radius=6.7, lag=3.7), Kin(radius=3.0, lag=1.0)),
+    "thrusters": (Kin(radius=4.0, lag=1.0, gains=2.0), Kin(radius=2.5, lag=0.5, gains=1.4)),
+    "rov": (Kin(rate=1.2, lag=0.3, ahead=0.7, gains=1.5), Kin(rate=4.0, lag=0.15, ahead=1.8, gains=0.5)),
+}
+"""Chosen: slow and quick craft of each kind. A boat that steers by two thrusters turns in less water than one that
+steers by a rudder."""
 TIED = 1e9
 """Inertia and drag of what does not move."""
-_FULL_SPEED: Mapping[str, float] = {"X": 1.0, "Y": 1.0, "Z": 1.5}
-"""Chosen [m/s]: speed at full output along each force of a craft that nobody knows. Up and down quicker than ROVs of up
-to 100 kg go (0.6 to 1.3): what is foreseen as too small ends at a limit."""
+_FULL_SPEED: Mapping[str, float] = {"Y": 1.0, "Z": 1.5}
+"""Chosen [m/s]: speed at full output to the side and down of a craft that nobody knows. Up and down it is quicker than
+ROVs of up to 100 kg are (0.6 to 1.3): what is foreseen as too small ends at a limit."""
 _SIDEWAYS = 0.3
 """Chosen [s]: in which such a craft gains its speed to the side, up and down (0.1 to 0.6): they are short of mass for
 their thrusters there."""
@@ -61,30 +87,22 @@ def paper_craft(
     present: Mapping[str, float],
     throttle: float,
     speed: float,
-    *,
-    sinks: bool = True,
+    kin: Kin | None = None,
 ) -> PaperCraft:
     """Return the craft on paper: from the model given, from its own figures, else an assumed one of its size.
 
     Its cruise tells how far it goes straight ahead. Its feed-forward gain tells its turning only so so: the rate loop
     works with far less than the rudder that a turn takes, and tunes keep it within ArduRover's range. So it is assumed.
 
-    One whose heave is driven and assumed *sinks* by itself, or comes up.
+    *kin*: which assumed craft; None: the usual one.
     """
     if settings.kind.tied:
         return PaperCraft(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
-    under_way = firmware is not None and firmware.needs_way
-    gain = present.get("ATC_STR_RAT_FF", 0.0)
-    if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
-        yaw, words = SingleDof("yaw", "1", gain * _LAG, gain), f"its ATC_STR_RAT_FF {gain:g}"
-    else:
-        rate, lag = (max(speed, 0.1) / _RADIUS, _LAG) if under_way else (_ROV_RATE, _ROV_LAG)
-        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
-        words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
-    ahead = speed / math.sqrt(throttle) if speed and throttle else _FULL_SPEED["X"]
-    full_speed = {**_FULL_SPEED, "X": ahead}
-    others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], full_speed[f]) for f in "YZ"}}
+    assumed = assumed_craft(firmware, present, throttle, speed, kin)
+    yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
+    if settings.kind.axis:
+        words = f"an assumed {settings.kind.axis} loop that is damped well"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
@@ -92,9 +110,11 @@ def paper_craft(
         words = (
             f"its cruise of {speed:g} m/s at {throttle:.0%} throttle"
             if cruise
-            else f"an assumed {full_speed[force]:g} m/s {_WAYS[force]} at full output (a --model file tells better)"
+            else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output "
+            "(a --model file tells better)"
         )
     if "Z" in drives:
+        sinks = kin is None or kin.sinks
         others["Z"] = replace(others["Z"], delta=_WEIGHT if sinks else -_WEIGHT)
     known: set[str] = set()
     if settings.model is not None:
@@ -113,13 +133,40 @@ def paper_craft(
     return PaperCraft(yaw, speed, words, assumed=bool(missing) or not known, others=others)
 
 
+def assumed_craft(
+    firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float, kin: Kin | None = None
+) -> PaperCraft:
+    """Return an assumed craft, of the vehicle's own figures as far as they go; *kin* None: the usual one."""
+    under_way = firmware is not None and firmware.needs_way
+    kin = kin or USUAL["rudder" if under_way else "rov"]
+    gain = present.get("ATC_STR_RAT_FF", 0.0)
+    if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
+        yaw, words = SingleDof("yaw", "1", gain * kin.lag, gain), f"its ATC_STR_RAT_FF {gain:g}"
+    else:
+        rate, lag = max(speed, 0.1) / kin.radius if under_way else kin.rate, kin.lag
+        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
+        words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
+    ahead = speed / math.sqrt(throttle) if speed and throttle else kin.ahead
+    others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
+    if kin.gains != SPEED_TIME:
+        others["X"] = _lively("surge", ahead, kin.gains)
+    return PaperCraft(yaw, speed, words, assumed=True, others=others)
+
+
+def kin_of(*, under_way: bool, skid: bool) -> tuple[Kin, ...]:
+    """Return the craft that one of which nothing is known may be, the usual one first."""
+    kind = "rov" if not under_way else "thrusters" if skid else "rudder"
+    known = (USUAL[kind], *_KIN[kind])
+    return known if under_way else (*known, *(replace(kin, sinks=False) for kin in known))
+
+
 def _by_the_square(dof: str, full_speed: float) -> SingleDof:
     """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
     drag = full_speed**-2
     return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
 
 
-def _lively(dof: str, full_speed: float) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s] at full output soon, half of its drag by the square."""
+def _lively(dof: str, full_speed: float, lag: float) -> SingleDof:
+    """Return a craft that reaches *full_speed* [m/s] at full output in *lag* [s], half of its drag by the square."""
     linear, square = 0.5 / full_speed, 0.5 / full_speed**2
-    return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * _SIDEWAYS, linear, square)
+    return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * lag, linear, square)

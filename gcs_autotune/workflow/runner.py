@@ -15,7 +15,7 @@ from copy import deepcopy
 from dataclasses import replace
 
 from gcs_autotune.axes import AxisKind
-from gcs_autotune.craft import Intervention, Observation
+from gcs_autotune.craft import Intervention
 from gcs_autotune.errors import (
     AutotuneError,
     GuardTripped,
@@ -26,7 +26,6 @@ from gcs_autotune.errors import (
 )
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
-    NEARLY,
     ComeToRest,
     Dive,
     Envelope,
@@ -35,13 +34,14 @@ from gcs_autotune.manoeuvres import (
     Sequencer,
     TurnAbout,
     TurnAboutSettings,
+    far_out,
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
 from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
 
-__all__ = ["FAR_OUT", "MOST", "ManoeuvreRunner", "Patience"]
+__all__ = ["MOST", "ManoeuvreRunner", "Patience"]
 
 
 class ManoeuvreRunner:
@@ -167,19 +167,12 @@ class ManoeuvreRunner:
         if not self._craft.firmware.needs_way:
             return False
         now = self._craft.observe()
-        if not self._is_far_out(now, ahead, NEARLY if last else FAR_OUT):
+        if not far_out(self._envelope, self._sequencer.away(now), ahead, last=last):
             return False
         turn = TurnAboutSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
         self.attempt(TurnAbout(turn), "turning about", replace(self._envelope, heading_excursion=math.inf))
         return True
-
-    def _is_far_out(self, now: Observation, ahead: float, share: float) -> bool:
-        """Whether the boat must come back: far from where it began, perhaps too far at the end of what comes next."""
-        envelope, limit = self._envelope, self._envelope.distance_limit
-        away = self._sequencer.away(now)
-        near = envelope.area is None and away <= share * limit and away + envelope.cruise * ahead <= NEARLY * limit
-        return not near
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:
         """Bring a craft that can stay where it is to rest, as the beginning of *stage*, a step of *axis*.
@@ -190,9 +183,6 @@ class ManoeuvreRunner:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
-FAR_OUT = 0.4
-"""Chosen: the share of the distance limit beyond which a boat comes back first, where more than one manoeuvre is to
-come."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")

@@ -360,7 +360,7 @@ class SelfPlanner:
                 continue
             leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
             guessed = leg.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
-            trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble)
+            trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble) or leg.why_not
             if not trouble:
                 expected = until.told(choice.relative)
                 return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
@@ -375,7 +375,7 @@ class SelfPlanner:
                 continue
             self._tried.append(name)
             leg = leg_of(PlannedRun(f"{number}-{name}", offer.settings))
-            if leg.preview.seconds <= self._left and not leg.preview.trouble:
+            if leg.preview.seconds <= self._left and not leg.preview.trouble and not leg.why_not:
                 return leg, f"{offer.title}, another manoeuvre, for the model of the runs so far runs away by itself"
         return None, "not reached: the model of these runs runs away, and no other manoeuvre can be flown"
 

@@ -18,6 +18,7 @@ from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_trac
 from gcs_autotune.report.toolkit.page import Picture, Table, render_page
 from gcs_autotune.report.toolkit.wording import (
     Headline,
+    Tone,
     doubt_sentence,
     format_moment,
     format_percent,
@@ -83,7 +84,9 @@ def render_flight(
     named = {"flown" if alone else name: run for name, run in flown}
     pictures += _tracks(named if predicted is None else {**named, "predicted": predicted})
     what = flown[0][1].reason if alone else f"{len(flown)} runs, {_together([t for _, t in flown])}"
-    verdict = Headline(f"Flown: {what}.", "good", (f"{story[-1].known}: {story[-1].ended}.",) if story else ())
+    oscillates = any(figure.slug == "oscillation" for sheet in sheets for figure in sheet.figures)
+    tone: Tone = "bad" if oscillates else "good"
+    verdict = Headline(f"Flown: {what}.", tone, (f"{story[-1].known}: {story[-1].ended}.",) if story else ())
     return _page(title, when, verdict, sheets, models, doubts, pictures, () if alone else flown, story)
 
 

@@ -1,0 +1,252 @@
+"""``recheck``: is the old tune still good? Two relays on the set-point are flown, and flown again at half their size
+where they do not show it; the result stands beside that of the last tune of the same vehicle."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gcs_autotune.axes import AxisKind
+from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.link import MavlinkCraft, difference, same_float32
+from gcs_autotune.report import LoopCheck, LoopNumbers, render_recheck
+from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.fly import fly_plan
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.record import SUMMARY
+from gcs_autotune.workflow.resuming import SETTING_OUT
+
+__all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
+
+AFTER = "parameters_after.json"
+"""What a vehicle held at the end of a tune."""
+SMALLER, LARGER = 0.5, 2.0
+"""The sizes of the second flight, as a share of those of the first: larger where a dead band or noise hid the loop."""
+MORE = 0.1
+"""Chosen: overshoot of a step by so much more than at the tune counts as worse."""
+SLOWER = 1.5
+"""Chosen: a step that rises and settles in so many times the time of the tune is slower."""
+
+
+@dataclass(frozen=True, slots=True)
+class LastTune:
+    """The last tune of the vehicle that is on disk: its ``directory``, ``when``, the ``numbers`` of the step that its
+    gains flew, and those ``gains``."""
+
+    directory: Path
+    when: str
+    numbers: LoopNumbers
+    gains: Mapping[str, float]
+
+    def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
+        """Return the gains that are others *present* now."""
+        return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
+
+
+def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool]) -> LastTune | None:
+    """Return the last tune of *axis* below *runs* that kept gains, of a vehicle that *is_same* (SETTING_OUT's content)
+    says is this one; None where there is none. Folders that hold something else are passed over."""
+    found = []
+    for summary in runs.glob(f"*/{SUMMARY}"):
+        try:
+            told = json.loads(summary.read_text(encoding="utf-8"))
+            if told.get("axis") != axis or not told.get("kept"):
+                continue
+            about = json.loads((summary.parent / SETTING_OUT).read_text(encoding="utf-8"))
+            after = told["metrics"]["after"] or {}
+            names = ("overshoot", "rise", "settling")
+            numbers = LoopNumbers(**{n: float(after[n]) if after.get(n) is not None else math.nan for n in names})
+            held = json.loads((summary.parent / AFTER).read_text(encoding="utf-8"))
+            gains = {str(name): float(value) for name, value in held.items()}
+            found.append((str(told["when"]), about, LastTune(summary.parent, str(told["when"]), numbers, gains)))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
+            continue
+    for _, about, tune in sorted(found, key=lambda row: row[0], reverse=True):
+        if is_same(about):
+            return tune
+    return None
+
+
+class Recheck:
+    """What follows the first flight: read its loop, and fly again with other sizes where it does not show.
+
+    ``tune`` is the last tune of the vehicle, ``changed`` the gains that are others since. ``factor`` is that of the
+    sizes of a second flight, 0 without one. ``sheet`` was read off the flight ``shown``; ``why`` there is none.
+    """
+
+    words = "fly it once more at half these sizes, or twice, where they do not show how the loop is damped"
+
+    def __init__(self, axis: AxisKind, runs: Path, watcher: Watcher) -> None:
+        self._axis, self._runs, self._watcher = axis, runs, watcher
+        self.tune: LastTune | None = None
+        self.changed: tuple[str, ...] = ()
+        self.sheet: Sheet | None = None
+        self.factor = 0.0
+        self.why = ""
+        self.shown: Trial | None = None
+
+    def meet(self, craft: MavlinkCraft) -> None:
+        """Look for the last tune of this vehicle, and whether it still has the gains of that."""
+        here = craft.session.vehicle
+        assert here is not None
+
+        def is_same(about: Mapping[str, Any]) -> bool:
+            return not difference(about["vehicle"], about["fingerprint"], here, craft.parameters)
+
+        self.tune = last_tune(self._runs, self._axis.name, is_same)
+        if self.tune is None:
+            self._watcher.say(f"no earlier tune of {self._axis.name} of this vehicle in {self._runs}/ to compare with")
+            return
+        present = craft.parameters.read_existing(list(self.tune.gains))
+        self.changed = self.tune.changed(present)
+        others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
+        self._watcher.say(f"the last tune of {self._axis.name} is {self.tune.directory}{others}")
+
+    def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
+        """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
+        served."""
+        sheet, why = think(partial(read_loop, trial))
+        if not self.factor or (sheet is not None and _is_telling(sheet)):  # else the first one says more
+            self.sheet, self.why, self.shown = sheet, why, trial
+        if self.factor or (sheet is not None and _is_telling(sheet)):
+            return None
+        small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
+        factor = LARGER if small else SMALLER
+        usual = run.settings.make(0.0, speed=1.0).asked
+        sizes = zip(("set-point", "second-set-point"), usual["set_points"], strict=True)
+        passed = zip(("hysteresis", "second-hysteresis"), usual["hystereses"], strict=True)
+        options = {name: factor * float(value) for name, value in (*sizes, *passed)}
+        try:
+            other = replace(run.settings, options={**run.settings.options, **options})
+        except AutotuneError:  # below what the sensors show, or beyond what the loop may be asked
+            return None
+        self.factor = factor
+        half = "half of" if factor < 1.0 else "twice"
+        self._watcher.say(f"these sizes do not show how the loop is damped: flying again at {half} them")
+        return PlannedRun(f"{run.name}-again", other)
+
+
+def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
+    """Return the sheet of a flight, or why there is none."""
+    try:
+        (sheet,) = ship_figures(trial)
+    except NotInformative as error:
+        return None, str(error)
+    return sheet, ""
+
+
+def _is_telling(sheet: Sheet) -> bool:
+    """Whether a verdict on the loop can be read off it: its damping is known."""
+    numbers = {f.slug: f.reading for f in sheet.figures}
+    if "oscillation" in numbers:
+        return True
+    limited = any(d.slug in ("saturated", "not-linear") for d in sheet.doubts)
+    if limited or "damping" not in numbers or "overshoot" not in numbers:
+        return False
+    zeta, zeta_std = numbers["damping"].value, numbers["damping"].std
+    damped = zeta - zeta_std > WELL_DAMPED or zeta + zeta_std < POORLY_DAMPED
+    return damped or zeta_std < 0.5 * (WELL_DAMPED - POORLY_DAMPED)
+
+
+def _why_not(check: Recheck) -> str:
+    """Return in words why nothing can be said of a loop."""
+    if check.sheet is None:
+        return check.why
+    for doubt in check.sheet.doubts:
+        if doubt.slug in ("saturated", "not-linear"):
+            return doubt.cause
+    told = {f.slug: f.reading for f in check.sheet.figures}
+    if "damping" not in told:
+        return "its damping ratio is less certain than it is large"
+    return f"its damping ratio is {told['damping'].value:.2f} +- {told['damping'].std:.2f}"
+
+
+def verdict_of(axis: str, check: Recheck) -> LoopCheck:
+    """Return the verdict on a loop, with its numbers now and at the last tune."""
+    sheet, tune = check.sheet, check.tune
+    then = None if tune is None else tune.numbers
+    again = f"gcs-autotune tune {axis}"
+    told = {} if sheet is None else {f.slug: f.reading for f in sheet.figures}
+
+    def of(slug: str) -> float:
+        return float(told[slug].value) if slug in told else math.nan
+
+    slugs = ("overshoot", "rise", "settling", "damping", "oscillation", "period")
+    std = told["overshoot"].std if "overshoot" in told else math.nan
+    now = LoopNumbers(overshoot_std=std, **{slug: of(slug) for slug in slugs})
+    verdict = partial(LoopCheck, axis, now=now, then=then, when="" if tune is None else tune.when)
+    note: tuple[str, ...] = ()
+    if check.factor:
+        changed = "halved" if check.factor < 1.0 else "doubled"
+        note = (f"The first sizes did not show it, so they were {changed} and it was flown again.",)
+    if check.changed:
+        note = (*note, f"The gains are no longer those of the tune: {', '.join(check.changed)} changed since.")
+    if sheet is not None and "oscillation" in told:
+        return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
+    if sheet is None or not _is_telling(sheet):
+        why = check.why or next(
+            (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
+        )
+        text = f"Not identifiable: these relays do not show how the {axis} loop is damped ({why})."
+        cure = f"Look at the picture, fly in calmer water or with other sizes (--set-point), or run {again}."
+        return verdict("not identifiable", text, "neutral", (*note, cure))
+    zeta, zeta_std = told["damping"].value, told["damping"].std
+    over, over_std = told["overshoot"].value, told["overshoot"].std
+    worse = _worse(now, over_std, then)
+    if worse:
+        return verdict("degraded", f"Degraded since the tune: {worse}. Run {again}.", "bad", note)
+    if zeta + zeta_std < POORLY_DAMPED or over - over_std > LARGE_OVERSHOOT:
+        text = f"Poorly damped: the {axis} loop overshoots a step by {100.0 * over:.0f} %. Run {again}."
+        return verdict("poorly damped", text, "bad", note)
+    if over + over_std > LARGE_OVERSHOOT:
+        shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"
+        text = f"Undecided: a step overshoots by {shown}, and more than {100.0 * LARGE_OVERSHOOT:.0f} % is too much."
+        return verdict("undecided", text, "neutral", note)
+    if zeta < POORLY_DAMPED:
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}, less than {POORLY_DAMPED} is too little."
+        return verdict("undecided", text, "neutral", note)
+    if then is None:
+        well = " well" if zeta - zeta_std > WELL_DAMPED else ""
+        text = f"Good: the {axis} loop is damped{well}. There is no earlier tune to compare it with."
+        return verdict("good", text, "good", note)
+    return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)
+
+
+def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
+    """Return in words what is worse than at the tune; empty for nothing."""
+    if then is None:
+        return ""
+    if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
+        return f"a step overshoots by {100.0 * now.overshoot:.0f} %, and did by {100.0 * then.overshoot:.0f} %"
+    if now.settling > SLOWER * then.settling and now.rise > SLOWER * then.rise:
+        return f"it is slower: a step settles in {now.settling:.1f} s, and did in {then.settling:.1f} s"
+    return ""
+
+
+def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watcher, when: str, runs: Path) -> LoopCheck:
+    """Fly the one run of *plan* and judge the loop of *axis*; ``report.html`` and ``recheck.json`` are written.
+
+    *runs*: where earlier tunes lie. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
+    """
+    common, check = plan.runs[0].settings.common, Recheck(axis, runs, watcher)
+    plan = replace(plan, title=f"recheck {axis.name}", again=check)
+    result = fly_plan(plan, common, operator, watcher, when)
+    shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)
+    found = verdict_of(axis.name, check)
+    directory = common.directory
+    doubts = () if check.sheet is None else tuple(check.sheet.doubts)
+    found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
+    title = f"Recheck of {axis.name}: {common.connection.uri}"
+    (directory / "report.html").write_text(render_recheck(found, title, when, shown), encoding="utf-8")
+    (directory / "recheck.json").write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
+    summary = {"title": f"recheck {axis.name}", "when": when, "ending": found.kind, "reason": found.text}
+    (directory / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    return found
