@@ -307,7 +307,7 @@ NAN = math.nan
 def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     """Return the figures of a zig-zag, with Nomoto's indices from the same run."""
     z = read_zigzag(log)
-    helm, heading = z.helm, z.heading.value
+    helm = z.helm
     nominal = _nominal(z)
     seconds = ship.seconds(z.approach)
     first_limit = first_overshoot_limit(seconds) if nominal == "10/10" else NAN
