@@ -77,6 +77,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_number(design, "full-scale")
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
+    design.add_argument(
+        "--beyond-ranges",
+        action="store_true",
+        help="let gains leave ArduPilot's documented ranges, with the same stability margins",
+    )
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
@@ -166,6 +171,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         fetch_log=args.fetch_log,
         resume=args.resume,
         envelope=envelope_from(args),
+        beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
     )

@@ -11,12 +11,13 @@ from __future__ import annotations
 from gcs_autotune.design.actuator import USED, Actuator
 from gcs_autotune.design.hunting import Hunting
 from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability_bound, uncertainty_of
-from gcs_autotune.design.laws import LAWS, Law
+from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
+from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.prediction import told_over
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
@@ -25,11 +26,13 @@ from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_sett
 from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
-from gcs_autotune.design.verdict import Verdict, is_better
+from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter_of
 
 __all__ = [
     "LAWS",
+    "OTHER_MODE",
     "REFERENCE_MODELS",
+    "SHORTER",
     "USED",
     "Actuator",
     "Change",
@@ -57,15 +60,19 @@ __all__ = [
     "holding",
     "in_fractions",
     "is_better",
+    "is_followed",
     "omega_for_settling",
     "provisional",
     "pulse_of",
     "reduce",
     "reference_model",
+    "scatter_of",
     "settling_time",
+    "shortfall_of",
     "stability_bound",
     "step_metrics",
     "throttle_of",
     "told_over",
+    "turn_rate_step",
     "uncertainty_of",
 ]

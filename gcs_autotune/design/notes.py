@@ -8,7 +8,7 @@ above MOT_SPD_SCA_BASE. The two cancel in the gain, not in the time constant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +17,14 @@ from gcs_autotune.design.hunting import LONG, Hunting
 from gcs_autotune.design.laws import SKID, Settings
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.reference_model import settling_time
-from gcs_autotune.design.result import Margins, ReferenceModel
+from gcs_autotune.design.result import Beside, Margins, ReferenceModel
 from gcs_autotune.design.selection import GainCandidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["at_speed", "notes_on", "on_other_speeds", "said"]
+__all__ = ["NEAR_LIMIT", "at_speed", "beside_told", "notes_on", "on_other_speeds", "said"]
 
 LONG_DELAY = 0.05
 """A delay [s] beyond which it matters where it lies."""
@@ -39,9 +39,18 @@ ROUNDING = 1e-6
 
 
 def notes_on(
-    problem: DesignProblem, axis: Axis, before: GainCandidate, shown: GainCandidate, changed: bool, is_refined: bool
+    problem: DesignProblem,
+    axis: Axis,
+    before: GainCandidate,
+    shown: GainCandidate,
+    changed: bool,
+    is_refined: bool,
+    wider: GainCandidate | None = None,
 ) -> Iterator[str]:
-    """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met."""
+    """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met.
+
+    wider : better gains beyond the documented ranges.
+    """
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
     if axis.steers_by_way:
         yield from on_other_speeds(problem, shown.settings, shown.wanted)
@@ -49,6 +58,8 @@ def notes_on(
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
     yield from _on_the_wish(problem, axis, shown, is_refined and changed)
+    if wider is not None:
+        yield _on_the_ranges(problem, axis, shown, wider)
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
@@ -110,7 +121,6 @@ def _on_the_wish(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_re
             "present ones, and were then chosen for the least predicted error over time, letting the actuator "
             "saturate; give a settling time to have the matched ones"
         )
-        yield from _on_the_ranges(problem, axis, shown)
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
@@ -122,23 +132,36 @@ def _on_the_wish(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_re
         yield "the documented ranges keep the step from following the wanted one more closely"
 
 
-def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate) -> Iterator[str]:
-    """Say which documented ranges hold the gains, and what following the wanted step would take without them."""
-    exact = problem.law.starts(problem.model, shown.wanted, problem.settings, problem.speed)[0]
-    held, takes = [], []
-    for g in problem.gains:
-        value, near = shown.settings[g.parameter], NEAR_LIMIT * (g.high - g.low)
-        end = g.high if value >= g.high - near else g.low if value <= g.low + near else None
-        if end is not None and (exact[g.parameter] - end) * (1.0 if end == g.high else -1.0) > near:
-            limit, wish = (axis.names.own_value(g.parameter, x) for x in (end, exact[g.parameter]))
-            held.append(f"{g.parameter} ({'most' if end == g.high else 'least'} {limit:.3g})")
-            takes.append(f"{g.parameter} {wish:.2g}")
-    if held:
-        settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
-        yield (
-            f"documented ranges hold back {' and '.join(held)}: a {shown.wanted.kind} step settling in {settled:.1f} s "
-            f"would take {', '.join(takes)}. ArduPilot does take such values; this tool never writes them"
-        )
+def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wider: GainCandidate) -> str:
+    """Return what the documented ranges cost, and how to try the gains beyond them."""
+    moved = [g.parameter for g in (*problem.gains, *problem.late) if not g.low <= wider.settings[g.parameter] <= g.high]
+    gains = ", ".join(f"{name} {axis.names.own_value(name, wider.settings[name]):.3g}" for name in moved)
+    old, new = shown.prediction.metrics.itae, wider.prediction.metrics.itae
+    return (
+        f"ArduPilot's documented ranges hold these gains back; they were made for cars and copters. Beyond them, with "
+        f"the same margins, the predicted error over time is {new:.3g} s^2 instead of {old:.3g} ({gains}). "
+        "--beyond-ranges lets the tune try that"
+    )
+
+
+BESIDE: Mapping[str, str] = {
+    "rover-yaw": "turn rates, which AUTO and ACRO steer by",
+    "sub-yaw": "turn rates, which the yaw stick commands",
+    "rover-heading": "headings, which GUIDED holds",
+    "sub-heading": "headings, which ALT_HOLD keeps",
+}
+"""Law of another mode -> what it follows, and who uses it."""
+POORLY = 0.1
+"""Chosen: a mode that falls short by this share is worth advice."""
+
+
+def beside_told(beside: Beside) -> Iterator[str]:
+    """Yield how the other mode fares with the same gains."""
+    yield (
+        f"{BESIDE[beside.law]}: predicted to fall short by {beside.after:.1%} (time-weighted mean; "
+        f"{beside.before:.1%} with the present gains)"
+        + (f"; its own step gives up {beside.given_up:.0%} for that" if beside.given_up > 0.005 else "")
+    )
 
 
 def _lags(shown: GainCandidate) -> bool:

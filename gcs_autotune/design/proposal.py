@@ -14,13 +14,22 @@ from gcs_autotune.design.hunting import Hunting, hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.notes import notes_on, said
+from gcs_autotune.design.notes import NEAR_LIMIT, beside_told, notes_on, said
+from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
 from gcs_autotune.design.reduction import Reduction, reduce
 from gcs_autotune.design.reference_model import reference_model, settling_time
-from gcs_autotune.design.refinement import MIN_ERROR, any_better, refine, refine_briefly
-from gcs_autotune.design.result import Change, Proposal, ReferenceModel
+from gcs_autotune.design.refinement import (
+    MIN_ERROR,
+    any_better,
+    beyond,
+    refine,
+    refine_beyond,
+    refine_briefly,
+    refine_for_both,
+)
+from gcs_autotune.design.result import Beside, Change, Proposal, ReferenceModel
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
@@ -38,6 +47,8 @@ MIN_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
 SMALL = 1.0 / 3.0
 """Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
+FOLLOWED = 0.01
+"""The other mode is followed well enough where it falls short by no more than this share."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
 
@@ -92,19 +103,23 @@ def design(
     span = _span(spec, chosen)
     after = judge(problem, chosen.wanted, chosen.settings, span)
     before = judge(problem, chosen.wanted, problem.settings, span)
-    keep = False
+    keep, other, alone = False, other_mode(problem), after
     if spec.is_automatic:
         after, keep = _best(problem, before, after, span)
+        alone = before if keep else after
+        after, keep = _for_both(problem, before, alone, other, span)
     is_refined = after.settings != chosen.settings
     changes = () if keep else _changes(law, axis, before, after, is_refined)
     shown = after if changes else before
+    beside = None if other is None else _beside(other, before, shown, alone)
+    wider = _beyond_ranges(problem, shown, other, span) if spec.is_automatic else None
     remarks = () if reduction is None else reduction.remarks
     left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
     told, windows = (before.prediction, shown.prediction), tuple[float, ...]()
     if math.isfinite(spec.settled_time):
         read = predict_as_flown(problem, (before.settings, shown.settings), span)
-        one, other = read.halves
-        told = replace(told[0], metrics=read.one, halves=one), replace(told[1], metrics=read.other, halves=other)
+        old, new = read.halves
+        told = replace(told[0], metrics=read.one, halves=old), replace(told[1], metrics=read.other, halves=new)
         windows = read.windows
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
@@ -120,7 +135,8 @@ def design(
         notes=(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
-            *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined)),
+            *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined, wider)),
+            *(() if beside is None else beside_told(beside)),
         ),
         remarks=remarks,
         left=left,
@@ -129,6 +145,7 @@ def design(
         windows=windows,
         spread=_spread(problem, shown.settings, span),
         ruler=ruler_of(spec),
+        beside=beside,
     )
 
 
@@ -201,6 +218,54 @@ def _best(
     return (refined, is_tolerable(before)) if other is None else (other, False)
 
 
+def _for_both(
+    problem: DesignProblem, before: GainCandidate, alone: GainCandidate, other: OtherMode | None, span: float
+) -> tuple[GainCandidate, bool]:
+    """Return the gains to offer where the *other* mode counts, and whether the present ones stay.
+
+    alone : the best for this mode alone, the present ones where none are better.
+    """
+    stays = alone is before
+    if other is None or problem.law.controls_velocity or other.shortfall(alone.settings) <= FOLLOWED:
+        return alone, stays
+    found = refine_for_both(problem, alone, other, span)
+    free = problem.law.free_overshoot
+    old, new = (c.prediction.metrics for c in (before, found))
+    errors = other.error(before.settings), other.error(found.settings)
+    if found is alone or not is_better(old, new, free, (errors[0].itae, errors[1].itae)).better:
+        return alone, stays
+    return found, False
+
+
+def _beside(other: OtherMode, before: GainCandidate, shown: GainCandidate, alone: GainCandidate) -> Beside:
+    """Return how the *other* mode fares, and what this one gives up for it."""
+    own = max(alone.prediction.metrics.itae, MIN_ERROR)
+    return Beside(
+        other.problem.law.name,
+        other.shortfall(before.settings),
+        other.shortfall(shown.settings),
+        shown.prediction.metrics.itae / own - 1.0,
+    )
+
+
+def _beyond_ranges(
+    problem: DesignProblem, shown: GainCandidate, other: OtherMode | None, span: float
+) -> GainCandidate | None:
+    """Return the better gains there are beyond the documented ranges, margins and noise as ever; None if none are."""
+    if problem.spec.beyond_ranges or not any(_at_end(g, shown.settings) for g in (*problem.gains, *problem.late)):
+        return None
+    gains, late = ([beyond(g) for g in group] for group in (problem.gains, problem.late))
+    beside = None if problem.law.controls_velocity else other
+    found = refine_beyond(replace(problem, gains=gains, late=late), shown, beside, span)
+    return None if found is shown else found
+
+
+def _at_end(gain: Gain, settings: Settings) -> bool:
+    near = NEAR_LIMIT * (gain.high - gain.low)
+    value = settings[gain.parameter]
+    return value >= gain.high - near or (gain.low > 0.0 and value <= gain.low + near)
+
+
 def _spread(problem: DesignProblem, settings: Settings, span: float) -> float:
     """Return by what share the error over time is larger than predicted at the worst of the 95 % region."""
     nominal = max(predict_error(problem, settings, problem.step, span).itae, MIN_ERROR)
@@ -257,7 +322,8 @@ def _problem(
     if reduction is not None:
         actuator = reduction.actuator.in_fractions(1.0 if spec.full_scale is None else spec.full_scale)
         region = heavier(region, reduction.heavier)
-    by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in axis.gains}
+    offered = [beyond(g) for g in axis.gains] if spec.beyond_ranges else axis.gains
+    by_name = {g.parameter: _within_reason(g, law, region.model, present, spec) for g in offered}
     delay = spec.loop_delay if spec.loop_delay is not None else LOOP_PERIODS * law.loop_period(present)
     step = spec.step if spec.step is not None else law.usual_step
     tuned, late = ([by_name[n] for n in names] for names in (law.tuned, law.late))

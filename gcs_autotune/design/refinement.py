@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from gcs_autotune.design.laws import Settings
+from gcs_autotune.design.laws import ALIKE, Settings
+from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
+from gcs_autotune.design.other_mode import OtherMode
 from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import (
@@ -32,8 +34,9 @@ from gcs_autotune.design.selection import (
 )
 from gcs_autotune.design.step_metrics import StepError, noise_floor
 from gcs_autotune.design.verdict import is_better
+from gcs_autotune.firmware import Gain
 
-__all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "refine", "sobol"]
+__all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refine_for_both", "sobol"]
 
 Array = NDArray[np.float64]
 
@@ -74,6 +77,16 @@ WORTH = 0.95
 CALM = 0.01
 """Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
 
+BESIDE = 2.0
+"""Chosen: each percent of the other mode's step that is not followed counts like 2 % more error over time."""
+FEED, FEEDS = "ATC_STR_RAT_FF", (0.25, 0.5, 0.75, 1.0)
+"""Gains for both modes are looked for from these shares of the feed-forward that follows turn rates exactly, too."""
+WIDER = 5.0
+"""Chosen: beyond the documented ranges gains are sought up to so many times the most, and down to that share of the
+least. The margins bound them, not this."""
+YIELD = 1.05
+"""The gains of both modes may have so many times the predicted error over time of the gains for one, at most."""
+
 
 def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
     """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
@@ -102,9 +115,7 @@ def refine_briefly(
 
     Gains that the law lets it take up are sought only where *near* has them.
     """
-    taken = [g for g in problem.late if near.settings[g.parameter] > problem.law.fixed[g.parameter]]
-    noise = CALM if taken else NOISE_LIMIT
-    problem = replace(problem, gains=(*problem.gains, *taken))
+    noise, problem = _noise_of(problem, near), _with_late(problem, near)
     found = near
     for lenient in (False, True):
         cost = _Cost(problem, near.wanted, duration, found.settings, noise, lenient=lenient)
@@ -116,6 +127,46 @@ def refine_briefly(
         if not found.objections:
             break
     return found
+
+
+def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMode, duration: float) -> GainCandidate:
+    """Return gains that serve the *other* mode as well and give up at most a trifle of what the *best* do for this one.
+
+    *best* itself where none do so noticeably better; it is the result of :func:`refine`.
+    """
+    problem = _with_late(problem, best)
+    starts = [best.settings]
+    if problem.law.name in ALIKE:
+        law, speed = other.problem.law, problem.spec.speed
+        exact = law.starts(problem.model, best.wanted, best.settings, speed)[0][FEED]
+        starts += [ALIKE[problem.law.name](best.settings, share * exact) for share in FEEDS]
+    noise, lenient = _noise_of(problem, best), bool(best.objections)
+    return _refined(problem, best, starts, duration, noise=noise, lenient=lenient, other=other, yields=True)
+
+
+def refine_beyond(
+    problem: DesignProblem, best: GainCandidate, other: OtherMode | None, duration: float
+) -> GainCandidate:
+    """Return what the wider ranges of *problem* allow, from the *best* gains on; those where they allow no more."""
+    problem = _with_late(problem, best)
+    noise, lenient = _noise_of(problem, best), bool(best.objections)
+    return _refined(problem, best, [best.settings], duration, noise=noise, lenient=lenient, other=other)
+
+
+def beyond(gain: Gain) -> Gain:
+    """Return *gain* with a range that goes beyond the documented one."""
+    return replace(gain, low=gain.low / WIDER, high=gain.high * WIDER)
+
+
+def _with_late(problem: DesignProblem, near: GainCandidate) -> DesignProblem:
+    """Return *problem* with the late gains that *near* has taken up among its gains."""
+    taken = [g for g in problem.late if near.settings[g.parameter] > problem.law.fixed[g.parameter]]
+    return replace(problem, gains=(*problem.gains, *taken))
+
+
+def _noise_of(problem: DesignProblem, near: GainCandidate) -> float:
+    taken = any(near.settings[name] > value for name, value in problem.law.fixed.items())
+    return CALM if taken else NOISE_LIMIT
 
 
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
@@ -148,11 +199,19 @@ def _refined(
     worth: float = NOTICEABLE,
     noise: float = NOISE_LIMIT,
     lenient: bool = False,
+    other: OtherMode | None = None,
+    yields: bool = False,
 ) -> GainCandidate:
-    """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that."""
+    """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that.
+
+    other : the other mode counts, too; with *yields* this one gives up at most a trifle for it.
+    """
     settings = dict(chosen.settings)
-    cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
-    usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient)
+    most = math.inf
+    if yields:
+        most = YIELD * _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient).error(settings)
+    cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient, other=other, most=most)
+    usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient, other=other, most=most)
     before = usual.of(chosen.settings)  # it was chosen under the usual limit of noise
     best, least = chosen, worth * before
     scatter = sobol(len(problem.gains), SCATTER)
@@ -160,7 +219,7 @@ def _refined(
     x = min((_descend(cost, begin) for begin in begins), key=cost)
     for descents in range(ROUNDS):
         if descents:
-            cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient)
+            cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient, other=other, most=most)
             x = _descend(cost, x)
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, duration)
@@ -180,7 +239,8 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
 class _Cost:
     """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks.
 
-    *lenient*: the margins that count are the least ones, those wished for are a regret only.
+    *lenient*: the margins that count are the least ones, those wished for are a regret only. *other*: what the other
+    mode falls short counts as well, and the error over time of this one is *most* [s^2] at most.
     """
 
     def __init__(
@@ -192,8 +252,11 @@ class _Cost:
         noise: float,
         *,
         lenient: bool = False,
+        other: OtherMode | None = None,
+        most: float = math.inf,
     ) -> None:
         self._problem = problem
+        self._other, self._most = other, most
         self._noise = noise
         self._lenient = lenient
         self._wanted = wanted
@@ -211,17 +274,38 @@ class _Cost:
         """Return the cost at *x* (n,)."""
         return self.of(self.settings(x))
 
+    def error(self, settings: Settings) -> float:
+        """Return the predicted error over time [s^2]."""
+        return self._error_of(self._flown(settings))
+
+    def _flown(self, settings: Settings) -> list[StepError]:
+        return [predict_error(self._problem, settings, step, self._duration) for step in self._steps]
+
+    @staticmethod
+    def _error_of(steps: Sequence[StepError]) -> float:
+        return max(float(np.mean([m.itae for m in steps])), MIN_ERROR)
+
     def of(self, settings: Settings) -> float:
         """Return the cost of *settings*; without that of the limits where it is hopeless already."""
-        steps = [predict_error(self._problem, settings, step, self._duration) for step in self._steps]
-        error = float(np.mean([m.itae for m in steps]))
+        steps = self._flown(settings)
+        plain = self._error_of(steps)
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
-        plain = max(error, MIN_ERROR)
         if plain * (1.0 + dislike) > HOPELESS * self._least:
             return plain * (1.0 + dislike)
         cost = plain * (1.0 + dislike + self._price(settings, steps[0]))
+        if self._other is not None:
+            above = PRICE * max(0.0, plain / self._most - 1.0)
+            cost *= 1.0 + above + BESIDE * self._other.shortfall(settings) + PRICE * self._missed_beside(settings)
         self._least = min(self._least, cost)
         return cost
+
+    def _missed_beside(self, settings: Settings) -> float:
+        """Return the fractions by which the other mode's own loop misses the margins."""
+        assert self._other is not None
+        problem, spec = self._other.problem, self._problem.spec
+        low = worst(problem.margins(settings, self._wanted, self._watched))
+        gain, phase = (MIN_GAIN_MARGIN, MIN_PHASE_MARGIN) if self._lenient else (spec.gain_margin, spec.phase_margin)
+        return max(0.0, 1.0 - low.gain / (RESERVE * gain)) + max(0.0, 1.0 - low.phase / (RESERVE * phase))
 
     def _price(self, settings: Settings, step: StepError) -> float:
         """Return what missing limits costs, by the sum of the fractions of them that are missed."""

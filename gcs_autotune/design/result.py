@@ -22,7 +22,17 @@ if TYPE_CHECKING:
     from gcs_autotune.design.hunting import Hunting
     from gcs_autotune.design.open_loop import OpenLoop
 
-__all__ = ["Change", "Margins", "Prediction", "Proposal", "ReferenceModel", "Ruler", "StepHalf", "StepMetrics"]
+__all__ = [
+    "Beside",
+    "Change",
+    "Margins",
+    "Prediction",
+    "Proposal",
+    "ReferenceModel",
+    "Ruler",
+    "StepHalf",
+    "StepMetrics",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +60,12 @@ class Change:
     @property
     def at_limit(self) -> bool:
         """Whether the new value sits on its documented limit."""
-        return self.new <= self.low or self.new >= self.high
+        return self.new in (self.low, self.high)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the new value is outside its documented range."""
+        return not self.low <= self.new <= self.high
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +97,19 @@ class StepMetrics:
     travel: float
     oscillation: float = 0.0
     hidden_by_noise: bool = False
+
+
+class Beside(NamedTuple):
+    """How another mode fares that has the same gains, predicted.
+
+    ``law`` of that mode. ``before``, ``after``: the error over time of its step as a share of that of a craft that does
+    not follow at all. ``given_up``: by what share the error of the axis' own step is larger than without regard to it.
+    """
+
+    law: str
+    before: float
+    after: float
+    given_up: float
 
 
 class StepHalf(NamedTuple):
@@ -130,6 +158,7 @@ class Proposal:
     ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read (after a proof:
     what both its steps recorded); empty: as long as the predictions; ``ruler``: what they are read with. ``spread``: by
     what share the error over time of the gains shown is larger than predicted, at worst over the 95 % region.
+    ``beside``: another mode that has the same gains.
     """
 
     axis: str
@@ -149,6 +178,7 @@ class Proposal:
     windows: tuple[float, ...] = ()
     spread: float = math.nan
     ruler: Ruler = field(default_factory=Ruler)
+    beside: Beside | None = None
 
     @property
     def new(self) -> Mapping[str, float]:

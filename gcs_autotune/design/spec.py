@@ -44,6 +44,7 @@ class Spec:
     actuator_use : fraction of full output that the wanted step may need.
     measured : parameters set to what was measured on the water, not designed.
     skid : whether the craft steers by the difference of two thrusters.
+    beyond_ranges : whether gains may leave their documented ranges, with the same margins.
     throttle : throttle that a boat of vectored thrust, or of two thrusters, was identified at, fraction of full; 0 when
         unknown, or not so.
     """
@@ -72,6 +73,7 @@ class Spec:
     measured: Mapping[str, float] = field(default_factory=dict)
     skid: bool = False
     throttle: float = 0.0
+    beyond_ranges: bool = False
 
     def __post_init__(self) -> None:
         lookup(REFERENCE_MODELS, self.kind, "reference model")

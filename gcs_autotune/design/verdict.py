@@ -7,11 +7,12 @@ error over time, and none of the usual prices for it (overshoot, oscillation, a 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import StepMetrics
 
-__all__ = ["Verdict", "is_better"]
+__all__ = ["Verdict", "is_better", "is_followed", "scatter_of"]
 
 ITAE_RATIO = 0.95
 """The new ITAE must be at least 5 % lower."""
@@ -25,6 +26,15 @@ TRAVEL = 1.0
 TRAVEL_RATIO = 3.0
 
 
+NO_WORSE, CLEARLY = 1.05, 0.8
+"""With an error that is no more than 5 % higher, gains are better where the other mode's error is 20 % lower."""
+TIMES = 3.0
+"""94 % of pairs of measurements of the same gains differ by less than so many standard deviations of one half, where
+that is estimated from two pairs of halves (Student's t of 2 degrees of freedom)."""
+SCATTER_OF_PEAKS = 0.2
+"""Chosen: the peaks of an oscillation that is not regular differ by this share from one record to the next."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """Whether to keep the new gains, and every reason, good and bad, in words."""
@@ -33,23 +43,63 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def is_better(before: StepMetrics, after: StepMetrics, free_overshoot: float = 0.0) -> Verdict:
+def scatter_of(*pairs: Sequence[StepMetrics]) -> dict[str, float]:
+    """Return the standard deviation of one measurement of each limited quantity.
+
+    pairs : step and step back flown with the same gains, once for each set of gains.
+    """
+    found = {}
+    for name in ("overshoot", "oscillation", "steady_error"):
+        apart = [getattr(p[0], name) - getattr(p[1], name) for p in pairs if len(p) == 2]
+        known = [d for d in apart if math.isfinite(d)]
+        found[name] = math.sqrt(sum(d * d for d in known) / (2.0 * len(known))) if known else 0.0
+    return found
+
+
+def is_better(
+    before: StepMetrics,
+    after: StepMetrics,
+    free_overshoot: float = 0.0,
+    other: tuple[float, float] | None = None,
+    scatter: Mapping[str, float] | None = None,
+) -> Verdict:
     """Compare two steps of the same size recorded over equally long windows.
 
     free_overshoot : what the control law itself causes (``Law.free_overshoot``), allowed on top.
+    other : error over time [s^2] of the other mode's step before and after, where the same gains serve one.
+    scatter : as :func:`scatter_of`; what is no more than this above its value before counts as not higher.
     """
+    known = scatter or {}
+    swing = TIMES * known.get("oscillation", 0.0)
+    if scatter is not None:
+        swing = max(swing, SCATTER_OF_PEAKS * before.oscillation)
+    over, off = (TIMES * known.get(name, 0.0) for name in ("overshoot", "steady_error"))
     lines = [
-        _itae(before, after),
-        _limit("overshoot", after.overshoot, max(OVERSHOOT + free_overshoot, before.overshoot), before.overshoot),
-        _limit("remaining swing", after.oscillation, max(OSCILLATION, before.oscillation), before.oscillation),
-        _limit("steady error", after.steady_error, max(STEADY_ERROR, before.steady_error), before.steady_error),
+        _itae(before, after, other),
+        _limit("overshoot", after.overshoot, OVERSHOOT + free_overshoot, before.overshoot, over),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
         _settles(before, after),
     ]
     return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
 
 
-def _itae(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
+def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float], what: str) -> Verdict:
+    """Compare steps of the other mode: its error is reported, its oscillation and its actuator's travel are limited."""
+    old, new = before.itae, after.itae
+    known = math.isfinite(old) and math.isfinite(new) and old > 0.0
+    change = f", {abs(1.0 - new / old):.0%} {'lower' if new <= old else 'HIGHER'}" if known else ""
+    swing = max(TIMES * scatter.get("oscillation", 0.0), SCATTER_OF_PEAKS * before.oscillation)
+    lines = [
+        (True, f"error over time (ITAE) {old:.3g} -> {new:.3g} s^2{change}"),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _travel(before, after),
+    ]
+    return Verdict(all(good for good, _ in lines), tuple(f"{what}: {text}" for _, text in lines))
+
+
+def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | None) -> tuple[bool, str]:
     old, new = before.itae, after.itae
     if not math.isfinite(new):
         return False, "the new step's error could not be measured"
@@ -58,15 +108,19 @@ def _itae(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
     good = new <= ITAE_RATIO * old
     change = f"{abs(1.0 - new / old):.0%} {'lower' if new <= old else 'higher'}" if old > 0.0 else "higher"
     tail = "" if good else f"; at least {1.0 - ITAE_RATIO:.0%} lower is asked for"
+    if not good and other is not None and new <= NO_WORSE * old and other[1] <= CLEARLY * other[0]:
+        good, tail = True, f"; the other mode's error is {1.0 - other[1] / other[0]:.0%} lower"
     return good, f"error over time (ITAE) {old:.3g} -> {new:.3g} s^2, {change}{tail}"
 
 
-def _limit(what: str, new: float, most: float, old: float) -> tuple[bool, str]:
+def _limit(what: str, new: float, least: float, old: float, scatter: float) -> tuple[bool, str]:
+    """Compare with what is allowed at *least*, or with *old* and the *scatter* of two measurements."""
+    most = max(least, old + scatter)
     good = new <= most
-    return (
-        good,
-        f"{what} {old:.1%} -> {new:.1%} of the step{'' if good else f', more than the {most:.1%} allowed'}",
-    )
+    text = f"{what} {old:.1%} -> {new:.1%} of the step"
+    if good and new > max(least, old):
+        text += ", within the scatter of the measurement"
+    return good, text if good else f"{text}, more than the {most:.1%} allowed"
 
 
 def _travel(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:

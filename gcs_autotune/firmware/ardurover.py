@@ -48,7 +48,7 @@ _YAW = Axis(
     dof="yaw",
     law="rover-yaw",
     gains=_HEADING.gains[:4],
-    context=tuple(name for name in _HEADING.context if name != "ATC_STR_DEC_MAX"),
+    context=(*_HEADING.context, "ATC_STR_ANG_P"),
     needs_speed=True,
 )
 

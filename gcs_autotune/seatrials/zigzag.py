@@ -309,7 +309,7 @@ NAN = math.nan
 def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     """Return the figures of a zig-zag, with Nomoto's indices from the same run."""
     z = read_zigzag(log)
-    helm, heading = z.helm, z.heading.value
+    helm = z.helm
     nominal = _nominal(z)
     seconds = ship.seconds(z.approach)
     first_limit = first_overshoot_limit(seconds) if nominal == "10/10" else NAN
@@ -345,18 +345,42 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
         judged("approach", "approach speed", Reading(z.approach, NAN, "m/s")),
         *_nomoto_figures(run, ship, z, unit),
     )
-    label = f"{nominal} " if nominal else f"{helm_text(helm, unit)}/{math.degrees(heading):.0f} "
     side = "" if not z.from_approach else f", first to {'starboard' if z.sense * z.executes[0].level > 0 else 'port'}"
-    return Sheet(log.name, "zig-zag", f"{label}zig-zag{side}", figures, "", z.doubts)
+    return Sheet(log.name, "zig-zag", f"{_angles(run, z, unit)} zig-zag{side}", figures, "", z.doubts)
 
 
 def _nominal(z: ZigZagFigures) -> str:
     """Return "10/10" or "20/20" when helm and heading are those to a tenth and a sixth, else an empty string."""
     for angle in (10.0, 20.0):
         near = math.radians(angle)
-        if abs(z.helm - near) < 0.1 * near and abs(z.heading.value - near) < near / 6.0 and z.input == "delta":
+        close = abs(z.helm - near) < HELM_NEAR * near and abs(z.heading.value - near) < HEADING_NEAR * near
+        if close and z.input == "delta":
             return f"{angle:.0f}/{angle:.0f}"
     return ""
+
+
+def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
+    """Return helm and heading as ordered; of a record that does not contain the order, as measured.
+
+    Whoever steers reverses the helm late, so that the heading at the executes is larger than the ordered one.
+    """
+    asked, share = run.meta.get("heading"), run.meta.get("steering")
+    if isinstance(asked, float) and isinstance(share, float):
+        helm = abs(share) * float(run.meta.get("full_rudder", 1.0)) if unit in ("rad", "1") else z.helm
+        return f"{helm_text(helm, unit)}/{math.degrees(asked):.0f}"
+    helm = _ordered(z.helm, HELM_NEAR) if unit == "rad" else z.helm
+    return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}"
+
+
+HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0
+"""A measured helm, and heading at the executes, within this share of a multiple of 5 degrees was ordered so."""
+
+
+def _ordered(angle: float, near: float) -> float:
+    """Return the multiple of 5 degrees that *angle* [rad] is within a share *near* of, else *angle*."""
+    five = math.radians(5.0)
+    whole = round(angle / five) * five
+    return whole if abs(angle - whole) < near * whole else angle
 
 
 def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures, unit: str) -> tuple[Figure, ...]:

@@ -10,6 +10,7 @@ from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, PreconditionFailed
 from gcs_autotune.manoeuvres import FAR_OUT, Envelope, Manoeuvre, PaperState
+from gcs_autotune.workflow.beside import flies_beside
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.excursion import (
@@ -133,7 +134,10 @@ def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
     way = firmware.needs_way
-    return legs_of_tune(context.settings, dof, pace, under_way=way, moving=moving, given=given, dives=dives)
+    beside = flies_beside(context) and context.settings.gains is None
+    return legs_of_tune(
+        context.settings, dof, pace, under_way=way, moving=moving, given=given, dives=dives, beside=beside
+    )
 
 
 def _fly_legs(visit: PaperVisit, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
@@ -256,4 +260,5 @@ def _movements(context: TuneContext, now: Observation) -> str:
     signs = d.excitation.check
     kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
-    return f"{signs}{down}{shown}steps in {axis.name}{swings}{under_way}"
+    beside = ", steps in turn rate" if flies_beside(context) and context.settings.gains is None else ""
+    return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

@@ -81,8 +81,16 @@ class TuneContext:
             self.log.flown(flown)
             self.log.say(f"{stage}: not flown, {flown.name} of the earlier run is used")
             return Flown(flown, Outcome("completed", flown.reason))
+        self.come_down()
         self.log.say(stage)
         return self.runner.fly(manoeuvre, stage)
+
+    def come_down(self) -> None:
+        """Dive where the next manoeuvre needs depth and the craft is near the surface, where a buoyant one rises to."""
+        dive = dive_for(self.axis.dof, self.craft.firmware, self.craft.observe())
+        if dive is not None:
+            self.log.say("diving")
+            self.runner.fly(dive, "diving")
 
     def come_about(self, before: str, ahead: float, *, last: bool = False) -> bool:
         """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
@@ -138,9 +146,7 @@ class TuneContext:
             see_signs(check, self.runner.attempt)
             if isinstance(check, SignCheck) and check.eased:
                 context = self._with_throttle(check.throttle)
-        dive = dive_for(axis.dof, firmware, self.craft.observe())
-        if dive is not None:
-            self.fly(dive, "diving")
+        self.come_down()
         return context
 
     def _with_throttle(self, throttle: float) -> TuneContext:

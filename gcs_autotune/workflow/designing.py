@@ -13,7 +13,7 @@ from gcs_autotune.identify import Fit
 from gcs_autotune.manoeuvres import windows_of
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import measure
+from gcs_autotune.workflow.experiments import measure, measure_halves
 from gcs_autotune.workflow.identification import Identified, delay_of
 from gcs_autotune.workflow.proof import Proof, design_input_of, reduction_of
 from gcs_autotune.workflow.stop_rule import DesignQuestion
@@ -37,6 +37,10 @@ class StepCriteria:
     def read(self, step: Trial, windows: Sequence[float] = ()) -> StepMetrics:
         """Return the metrics of a flown *step*, each half read over its first *windows* [s]."""
         return measure(step, self.noise, self.grain, windows)
+
+    def halves(self, step: Trial, windows: Sequence[float] = ()) -> list[StepMetrics]:
+        """Return the metrics of the step and of the step back."""
+        return measure_halves(step, self.noise, self.grain, windows)
 
 
 def design_from_fit(context: TuneContext, found: Identified, criteria: StepCriteria, flown: Trial) -> Proposal:
@@ -115,6 +119,7 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         measured=proof.measured,
         skid=context.craft.skid,
         throttle=context.throttle if by_thrust else 0.0,
+        beyond_ranges=s.beyond_ranges,
     )
 
 

@@ -40,6 +40,7 @@ __all__ = [
     "WORKING_DEPTH",
     "dive_for",
     "measure",
+    "measure_halves",
     "noise_in",
     "relay_for",
     "resolution",
@@ -185,12 +186,22 @@ def measure(
 ) -> StepMetrics:
     """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
 
+    Arguments as those of :func:`measure_halves`. When the loop ran away before the target even moved there is nothing
+    to measure, and all numbers are NaN.
+    """
+    return combine(measure_halves(trial, noise_std, resolution, windows))
+
+
+def measure_halves(
+    trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
+) -> list[StepMetrics]:
+    """Read the step and the step back off a step trial, as far as they were flown.
+
     Each is read over its first ``windows`` [s], or as long as it was recorded; never beyond that.
 
-    A step that was stopped because the loop ran away counts as if its last error had lasted to the end; when it
-    ran away before the target even moved there is nothing to measure, and all numbers are NaN. *noise_std* and the
-    sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass of two degrees cannot tell
-    one.
+    A step that was stopped because the loop ran away counts as if its last error had lasted to the end. *noise_std*
+    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass of two degrees
+    cannot tell one.
     """
     signal = str(trial.meta["signal"])
     force, late = SIGNAL_FORCES[signal], _seen_late(trial, signal)
@@ -200,7 +211,7 @@ def measure(
     for (before, after), window in zip(itertools.pairwise(targets), read, strict=True):
         values = float(before.detail["value"]), float(after.detail["value"])
         found.append(_one_step(trial, signal, force, *values, after.t + late, window, noise_std, resolution))
-    return combine(found)
+    return found
 
 
 def _seen_late(trial: Trial, signal: str) -> float:

@@ -96,6 +96,7 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
         third = context.run_in_background(third_relay, trials, plain)
         if third is not None:
             context.come_about("relay-3", SWING_AHEAD)
+            context.come_down()
             trials += fly_third(third, s, dof, craft, throttle, context.runner, log)
             plain = _plain(context, trials)
     log.fit = plain

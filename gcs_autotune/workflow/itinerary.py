@@ -21,6 +21,8 @@ __all__ = ["TURNING", "Itinerary", "Leg", "Pace", "Paced", "legs_of_experiment",
 TURNING = "turning about"
 DIVE, HOLD = 20.0, 10.0
 """Seconds of a dive, and of holding still before a step that is flown by the clock."""
+SETTLE, GAINS = 6.0, ("present", "new")
+"""Seconds before a turn-rate step beside a heading step, and what it is flown with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +85,18 @@ class Leg:
 
 
 def legs_of_tune(
-    settings: TuneSettings, dof: str, pace: Pace, *, under_way: bool, moving: bool, given: bool, dives: bool
+    settings: TuneSettings,
+    dof: str,
+    pace: Pace,
+    *,
+    under_way: bool,
+    moving: bool,
+    given: bool,
+    dives: bool,
+    beside: bool = False,
 ) -> tuple[Leg, ...]:
-    """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown."""
+    """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown; *beside*: a
+    turn-rate step accompanies that in heading."""
     turn = pace.turn if under_way else 0.0
     step = _step_seconds(settings, pace, moving=moving)
     legs = _first(pace, dives=dives, steers=dof != "yaw")
@@ -100,7 +111,10 @@ def legs_of_tune(
         swings, back = [first], pace.turn  # the step is the way back
     legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
     if not settings.dry_run:
+        rates = [Leg(f"turn rate with {gains} gains", SETTLE + 2.0 * pace.moving, turn, "turn rate") for gains in GAINS]
+        legs += rates[:1] if beside else []
         legs.append(Leg("step with new gains", step, turn, "step"))
+        legs += rates[1:] if beside else []
     return tuple(legs)
 
 

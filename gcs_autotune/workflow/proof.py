@@ -14,7 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.axes import axis_kind, excitation_of
-from gcs_autotune.design import Actuator, Reduction, Remark, holding, in_fractions, pulse_of, reduce, throttle_of
+from gcs_autotune.design import (
+    SHORTER,
+    Actuator,
+    Reduction,
+    Remark,
+    holding,
+    in_fractions,
+    pulse_of,
+    reduce,
+    throttle_of,
+    turn_rate_step,
+)
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
@@ -50,8 +61,10 @@ NEAR = 0.9
 """A step that ends below this share of the speed kept in the experiments has its cruise pair where it ends."""
 SAME_SPEED = 0.02
 """A present cruise speed within this share of the measured one is left alone."""
+LEAST_SETTLE = 6.0
+"""A boat is given so long [s] to come to the turn rate that its step begins at."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""A speed or turn-rate step is given so many time constants of the craft, within these bounds [s] of a speed."""
+"""A speed step is given so many time constants of the craft, within these bounds [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
 """...and these where a half may end early: both steps are compared over what both recorded, and gains that are worth
 writing have a boat at its target by then."""
@@ -62,18 +75,8 @@ ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
 What creeps on behind a thruster's dead band does so for longer."""
 LEAST = 3.0
 """Chosen: each of these waits lasts so long [s], even where craft and output are plainly at rest."""
-TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
-"""The turn-rate step, with way on and without, from half of it to port to half of it to starboard; less where the craft
-cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead band. There it is a matter
-of chance how a step ends (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
-SHARE_OF_TURN = 0.6
-"""Of the turn rate at full output that the step may reach, either way."""
-LEAST_RATE_DURATION, LEAST_AT_REST, MOST_RATE_DURATION = 6.0, 3.5, 20.0
-SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
-"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole.
-Longer steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
-SHORTER = 0.85
-"""A craft at rest is held turning for this share of its step, for that is how far it gets from where it started."""
+OF_TIME_BESIDE = 3.0
+"""Time constants of the craft that a turn-rate step lasts which only accompanies a heading tune."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,22 +213,22 @@ def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) ->
     return {"CRUISE_SPEED": speed, "CRUISE_THROTTLE": percent}
 
 
-def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Proof:
+def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, beside: bool = False) -> Proof:
     """Return the turn-rate step, from one side to the other, at *speed* [m/s].
+
+    beside : it accompanies a heading tune: size and time are not those of *settings*, and it is shorter.
 
     Raises
     ------
     PreconditionFailed
         The craft hardly turns.
     """
-    m, at_rest = known.model, not speed > 0.0
-    most = SHARE_OF_TURN * abs(m.steady_velocity(1.0 - abs(m.delta)))
-    wish, sweep, least = (
-        (TURN_RATE_AT_REST, SWEEP_AT_REST, LEAST_AT_REST) if at_rest else (TURN_RATE, SWEEP, LEAST_RATE_DURATION)
-    )
-    time = m.alpha / max(m.beta + 2.0 * m.beta_quadratic * min(0.5 * wish, most), 1e-3)
-    duration = settings.step_duration or min(max(SETTLE_OF_TIME * time, least), MOST_RATE_DURATION)
-    size = abs(settings.step) if settings.step is not None else min(wish, 2.0 * most, 2.0 * sweep / duration)
+    at_rest = not speed > 0.0
+    if beside:
+        size, duration = turn_rate_step(known.model, at_rest=at_rest, of_time=OF_TIME_BESIDE)
+    else:
+        size, duration = turn_rate_step(known.model, at_rest=at_rest, duration=settings.step_duration)
+        size = abs(settings.step) if settings.step is not None else size
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
             f"a turn-rate step of {math.degrees(size):.1f} deg/s cannot be told from the noise: give a larger --step"
@@ -236,7 +239,7 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known) -> Pr
         duration,
         speed=speed,
         base=-0.5 * size,
-        settle=SHORTER * duration if at_rest else LEAST_RATE_DURATION,
+        settle=SHORTER * duration if at_rest else LEAST_SETTLE,
         steady_time=1.5,
         steady_band=RATE_BAND,
         hold=SHORTER * duration if at_rest else 0.0,

@@ -88,7 +88,7 @@ class TuneSettings:
     ``stop_rule`` one of :data:`STOP_RULES`; with ``settled`` steps run to their end, too, and a boat turns about before
     each manoeuvre. ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
     directory of a run that ended early, to go on from. ``fetch_log``: the vehicle's own log of the run is fetched
-    afterwards.
+    afterwards. ``beyond_ranges``: gains may leave their documented ranges.
 
     Raises
     ------
@@ -121,6 +121,7 @@ class TuneSettings:
     patience: float = 60.0
     resume: Path | None = None
     fetch_log: bool = False
+    beyond_ranges: bool = False
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:

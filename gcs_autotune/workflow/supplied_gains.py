@@ -108,8 +108,11 @@ def changes_of(context: TuneContext, given: SuppliedGains) -> tuple[Change, ...]
                 f"{', '.join(gains)}"
             )
         low, high = sorted(names.own_value(gain.parameter, limit) for limit in (gain.low, gain.high))
-        if not low <= new <= high:
-            raise UsageError(f"{given.file} sets {own} to {new:g}; its documented range is {low:g} to {high:g}")
+        if not low <= new <= high and not context.settings.beyond_ranges:
+            raise UsageError(
+                f"{given.file} sets {own} to {new:g}; its documented range is {low:g} to {high:g} (--beyond-ranges "
+                "allows it)"
+            )
         old = names.own_value(gain.parameter, context.present[gain.parameter])
         if not same_float32(old, new):
             changes.append(Change(own, old, new, low, high, f"{gain.meaning}: from {given.file}"))

@@ -182,7 +182,9 @@ def _on_the_water(context: TuneContext, journal: Journal) -> None:
         criteria = StepCriteria(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)
         proposal = design_from_file(context, given, before, criteria)
     log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
-    accept_or_revert(context, proposal, before, criteria, journal)
+    source = found or given
+    known = None if source is None else known_of(source, axis)
+    accept_or_revert(context, proposal, before, criteria, journal, known)
 
 
 def _step_with_present_gains(context: TuneContext, proof: Proof) -> Trial:

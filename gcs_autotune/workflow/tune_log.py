@@ -40,6 +40,7 @@ class TuneLog:
         self.given_changes: tuple[Change, ...] = ()
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
+        self.beside: tuple[StepMetrics, StepMetrics] | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
         self.parameters_before: dict[str, float] = {}
         self.parameters_after: dict[str, float] = {}
@@ -136,6 +137,7 @@ class TuneLog:
             proving=s.proving,
             metrics_before=self.metrics_before,
             metrics_after=self.metrics_after,
+            beside=self.beside,
             kept=kept,
             verdict_reasons=reasons,
             parameters_before=self.parameters_before,

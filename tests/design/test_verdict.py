@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.design import StepMetrics, is_better
+from gcs_autotune.design import StepMetrics, is_better, scatter_of
 
 OLD = StepMetrics(itae=2.0, overshoot=0.0, rise=1.0, settling=3.0, steady_error=0.0, travel=0.1)
 NEW = replace(OLD, itae=1.0)
@@ -75,3 +75,30 @@ def test_the_overshoot_that_the_law_itself_causes_comes_on_top_of_the_limit_only
     assert not is_better(OLD, replace(NEW, overshoot=0.26), free_overshoot=0.1).better
     assert not is_better(OLD, replace(NEW, overshoot=0.16)).better
     assert not is_better(replace(OLD, overshoot=0.4), replace(NEW, overshoot=0.45), free_overshoot=0.1).better
+
+
+def halves(*oscillations: float) -> list[StepMetrics]:
+    return [replace(OLD, oscillation=x) for x in oscillations]
+
+
+def test_an_oscillation_within_the_scatter_of_the_measurement_counts_as_the_same() -> None:
+    old, new = replace(OLD, oscillation=0.071), replace(NEW, oscillation=0.082)
+    assert not is_better(old, new).better
+    scatter = scatter_of(halves(0.055, 0.071), halves(0.082, 0.07))
+    assert scatter["oscillation"] == pytest.approx(math.sqrt((0.016**2 + 0.012**2) / 4.0))
+    verdict = is_better(old, new, scatter=scatter)
+    assert verdict.better
+    assert "remaining oscillation 7.1% -> 8.2% of the step, within the scatter of the measurement" in verdict.reasons
+    assert is_better(old, new, scatter=scatter_of(halves(0.071, 0.071), halves(0.082, 0.082))).better
+    assert not is_better(old, replace(new, oscillation=0.16), scatter=scatter).better
+
+
+def test_scatter_does_not_widen_the_limits_that_hold_whatever_was_before() -> None:
+    scatter = scatter_of(halves(0.0, 0.01), halves(0.0, 0.01))
+    assert not is_better(OLD, replace(NEW, oscillation=0.051), scatter=scatter).better
+    assert scatter_of(halves(0.1), halves())["oscillation"] == 0.0
+
+
+def test_the_other_modes_gain_pays_for_no_loss_beyond_a_trifle() -> None:
+    for itae, other, is_kept in ((2.1, 0.8, True), (2.11, 0.1, False), (2.0, 0.81, False), (1.9, 2.0, True)):
+        assert is_better(OLD, replace(NEW, itae=itae), other=(1.0, other)).better is is_kept

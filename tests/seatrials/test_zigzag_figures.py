@@ -124,6 +124,26 @@ def test_overshoots_and_times_are_those_of_the_exact_solution():
     assert sheet.title == "10/10 zig-zag, first to starboard"
 
 
+def test_the_title_names_the_angles_that_were_ordered():
+    flown = replace(
+        zigzag(helm=20.0, heading=20.0), meta={"heading": 20.0 * DEG, "steering": -2 / 3, "full_rudder": 30.0 * DEG}
+    )
+    turned = flown["psi"].values * 1.3  # the turn goes on until the helm is over
+    late = replace(flown, channels={**flown.channels, "psi": replace(flown["psi"], values=turned)})
+    assert ship_figures(late)[0].title.startswith("20/20 zig-zag")
+    by_share = replace(late.channels["delta"], name="N", unit="1", values=late["delta"].values / (30.0 * DEG))
+    shares = replace(
+        late, meta={"heading": 20.0 * DEG, "steering": 2 / 3}, channels={"psi": late["psi"], "N": by_share}
+    )
+    assert ship_figures(shares)[0].title.startswith("67 %/20 zig-zag")
+
+
+def test_the_title_of_a_record_without_its_orders_is_their_likely_round_number():
+    run = zigzag(helm=20.0, heading=10.0)
+    late = replace(run, channels={**run.channels, "psi": replace(run["psi"], values=1.1 * run["psi"].values)})
+    assert ship_figures(late)[0].title.startswith("20/10 zig-zag")
+
+
 def test_criteria_follow_length_over_speed_at_full_scale():
     run = zigzag(helm=10.0, heading=10.0)
     model, full = (ship_figures(run, Particulars(7.0, scale=s))[0]["first-overshoot"] for s in (1.0, 9.0))

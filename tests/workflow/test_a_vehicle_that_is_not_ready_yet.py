@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+from types import SimpleNamespace
+
 import pytest
 
 from gcs_autotune.craft import DepthTarget, Observation
 from gcs_autotune.errors import OperatorStopped
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope
+from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope, Relay, RelaySettings
+from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import dive_for
 from tests.workflow.sitl_harness import SitlHarness
 
@@ -44,6 +48,29 @@ def test_only_an_rov_near_the_surface_dives_and_only_for_depth():
     assert dive_for("heave", FIRMWARE["ardusub"], deep) is None
     assert dive_for("yaw", FIRMWARE["ardusub"], shallow) is None
     assert dive_for("heave", FIRMWARE["ardurover"], shallow) is None
+
+
+@pytest.mark.parametrize(
+    ("depths", "flown"), [((0.3, 2.0), "dive relay-1 relay-2"), ((2.0, 0.3), "relay-1 dive relay-2")]
+)
+def test_an_rov_dives_before_every_manoeuvre_that_would_begin_at_the_surface(depths, flown):
+    names: list[str] = []
+
+    def fly(manoeuvre, stage):
+        names.append(manoeuvre.kind if isinstance(manoeuvre, Dive) else manoeuvre.name)
+
+    seen = iter(depths)
+    context = SimpleNamespace(
+        axis=FIRMWARE["ardusub"].axes["depth"],
+        craft=SimpleNamespace(firmware=FIRMWARE["ardusub"], observe=lambda: Observation(0.0, 0.0, z=next(seen))),
+        runner=SimpleNamespace(fly=fly),
+        log=SimpleNamespace(say=lambda text: None),
+        earlier=SimpleNamespace(take=lambda name: None),
+    )
+    context.come_down = partial(TuneContext.come_down, context)
+    for name in ("relay-1", "relay-2"):
+        TuneContext.fly(context, Relay(RelaySettings("z", "Z"), name), name)
+    assert " ".join(names) == flown
 
 
 def descend(rate: float) -> Dive:

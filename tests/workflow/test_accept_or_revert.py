@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.design import Change, Proposal, StepMetrics
+from gcs_autotune.design import Change, Proposal, StepMetrics, is_followed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import Envelope
@@ -17,10 +18,10 @@ from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow import accept_or_revert as accept_or_revert_module
 from gcs_autotune.workflow.accept_or_revert import (
     _is_hopeless,
-    _on_the_other_axis,
     accept_or_revert,
     accept_or_revert_supplied,
 )
+from gcs_autotune.workflow.beside import Compared
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 
 
@@ -88,6 +89,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         metrics_before=step(1.0),
         metrics_after=None,
         verdict=None,
+        beside=None,
     )
     context = SimpleNamespace(
         log=log,
@@ -139,7 +141,7 @@ def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_fl
 
 
 PROOF = SimpleNamespace(step=lambda name: name, settings=SimpleNamespace(duration=30.0))
-CRITERIA: Any = SimpleNamespace(proof=PROOF, read=ruler)
+CRITERIA: Any = SimpleNamespace(proof=PROOF, read=ruler, halves=lambda trial, windows: [])
 
 
 def supplied(context: Any) -> list[str]:
@@ -183,6 +185,7 @@ def proposed(promised: float, changes: list[Change]) -> Any:
         worst_margins=margins,
         windows=(9.0, 9.0),
         spread=0.1,
+        beside=None,
     )
 
 
@@ -209,13 +212,28 @@ def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
     assert done[-3:] == ["kept", "kept", "left"]
 
 
-@pytest.mark.parametrize(("axis", "other", "now"), [("heading", "yaw", False), ("yaw", "heading", True)])
-def test_of_two_axes_that_set_the_same_parameters_the_one_to_run_last_is_named(
-    context: Any, axis: str, other: str, now: bool
+def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
+    context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    context.axis = FIRMWARE["ardusub"].axes[axis]
-    (sentence,) = _on_the_other_axis(context)
-    assert "`tune heading` and `tune yaw` both set ATC_" in sentence
-    assert ("run `tune heading` now" in sentence) is now
-    context.axis = FIRMWARE["ardusub"].axes["depth"]
-    assert list(_on_the_other_axis(context)) == []
+    swinging = replace(step(0.5), oscillation=0.3)
+    compared = Compared(step(1.0), swinging, is_followed(step(1.0), swinging, {}, "turn rates"))
+    beside = SimpleNamespace(compared=lambda context: compared)
+    monkeypatch.setattr(accept_or_revert_module.StepBeside, "flown", lambda context, known: beside)
+    accept_or_revert(context, proposed(0.5, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
+    assert done[-2:] == ["given back", "restored"]
+    better, reasons = context.log.verdict
+    assert not better
+    assert "turn rates: remaining oscillation 0.0% -> 30.0% of the step, more than the 5.0% allowed" in reasons
+    assert context.log.beside == (step(1.0), swinging)
+
+
+def test_gains_that_hold_headings_as_well_as_before_are_kept_for_turn_rates_that_are_clearly_better(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared = Compared(step(1.0), step(0.1), is_followed(step(1.0), step(0.1), {}, "turn rates"))
+    beside = SimpleNamespace(compared=lambda context: compared)
+    monkeypatch.setattr(accept_or_revert_module.StepBeside, "flown", lambda context, known: beside)
+    context.flies = 1.02
+    accept_or_revert(context, proposed(0.9, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
+    assert done[-3:] == ["kept", "kept", "left"]
+    assert "the other mode's error is 90% lower" in context.log.verdict[1][0]

@@ -1,37 +1,52 @@
-"""Heading and yaw set the same parameters: a kept tune says which of them goes last."""
+"""Heading and yaw set the same parameters: a kept tune reports what its gains mean for the other mode."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
+from gcs_autotune.design import StepMetrics
+from gcs_autotune.design.result import Beside
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.workflow.accept_or_revert import _on_the_other_axis
+from gcs_autotune.workflow.accept_or_revert import on_the_other_axis
+
+RATES = StepMetrics(itae=1.0, overshoot=0.0, rise=1.0, settling=3.0, steady_error=0.5, travel=0.1)
+LAWS = {("ardurover", "heading"): "rover-yaw", ("ardurover", "yaw"): "rover-heading"}
+LAWS |= {("ardusub", "heading"): "sub-yaw", ("ardusub", "yaw"): "sub-heading"}
 
 
-def said(firmware: str, axis: str) -> list[str]:
+def said(firmware: str, axis: str, before: float, after: float, measured: Any = None) -> list[str]:
     own = FIRMWARE[firmware]
-    context = SimpleNamespace(craft=SimpleNamespace(firmware=own), axis=own.axes[axis])
-    return list(_on_the_other_axis(cast(Any, context)))
+    proposal = SimpleNamespace(beside=Beside(LAWS[firmware, axis], before, after, 0.0))
+    return list(on_the_other_axis(own.axes[axis], own, cast(Any, proposal), measured))
 
 
 @pytest.mark.parametrize("firmware", ["ardurover", "ardusub"])
-def test_heading_is_said_to_go_last_after_either_of_the_two(firmware: str) -> None:
-    for axis in ("heading", "yaw"):
-        (sentence,) = said(firmware, axis)
-        assert "`tune heading` and `tune yaw` both set" in sentence
-        assert "`tune heading` goes last, because" in sentence
-        assert ("run `tune heading` now" in sentence) is (axis == "yaw")
+def test_a_heading_tune_reports_how_far_turn_rates_were_followed(firmware: str) -> None:
+    (good,) = said(firmware, "heading", 0.4, 0.01, (RATES, replace(RATES, steady_error=0.02)))
+    assert "`tune heading` and `tune yaw` both set" in good
+    assert "turn rates reach 98% of the asked rate" in good and "would follow" not in good
+    (poor,) = said(firmware, "heading", 0.4, 0.3, (RATES, replace(RATES, steady_error=0.4)))
+    assert "turn rates reach 60% of the asked rate; `tune yaw` would follow them better" in poor
+
+
+@pytest.mark.parametrize("firmware", ["ardurover", "ardusub"])
+def test_a_yaw_tune_sends_to_heading_only_where_headings_are_predicted_to_suffer(firmware: str) -> None:
+    (sentence,) = said(firmware, "yaw", 0.02, 0.05)
+    assert "Run `tune heading` for gains that serve both" in sentence
+    assert "5.0%, before by 2.0%" in sentence
+    assert said(firmware, "yaw", 0.05, 0.03) == []
 
 
 def test_the_shared_parameters_are_named() -> None:
-    (sentence,) = said("ardusub", "yaw")
-    assert "ATC_RAT_YAW_P, ATC_RAT_YAW_I" in sentence and "ATC_ANG_YAW_P" in sentence
-    assert "ATC_STR_ANG_P" not in said("ardurover", "yaw")[0]
+    assert "ATC_RAT_YAW_P, ATC_RAT_YAW_I" in said("ardusub", "yaw", 0.02, 0.05)[0]
+    assert "ATC_STR_ANG_P" not in said("ardurover", "yaw", 0.02, 0.05)[0]
 
 
 @pytest.mark.parametrize(("firmware", "axis"), [("ardusub", "depth"), ("ardurover", "speed")])
 def test_an_axis_that_shares_nothing_says_nothing(firmware: str, axis: str) -> None:
-    assert said(firmware, axis) == []
+    own = FIRMWARE[firmware]
+    assert list(on_the_other_axis(own.axes[axis], own, cast(Any, SimpleNamespace(beside=None)), None)) == []

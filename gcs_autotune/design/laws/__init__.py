@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from gcs_autotune.design.laws.law import SKID, THROTTLE, Law, LoopMotion, Scenario, Settings
-from gcs_autotune.design.laws.rover_heading import RoverHeading
+from gcs_autotune.design.laws.rover_heading import RoverHeading, alike
 from gcs_autotune.design.laws.rover_speed import RoverSpeed
 from gcs_autotune.design.laws.rover_steering import most_feed_forward
 from gcs_autotune.design.laws.rover_yaw import RoverYaw
@@ -14,7 +14,7 @@ from gcs_autotune.design.laws.sub_heading import SubHeading
 from gcs_autotune.design.laws.sub_yaw import SubYaw
 from gcs_autotune.models import SingleDof
 
-__all__ = ["CEILINGS", "LAWS", "SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings"]
+__all__ = ["ALIKE", "CEILINGS", "LAWS", "OTHER_MODE", "SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings"]
 
 LAWS: Mapping[str, Law] = {
     law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())
@@ -25,3 +25,10 @@ CEILINGS: Mapping[str, Callable[[SingleDof, Settings, float | None], Mapping[str
     RoverHeading.name: most_feed_forward
 }
 """Law -> largest values worth offering on a model at a speed [m/s], where that is less than the documented range."""
+
+_SHARED = ((RoverHeading.name, RoverYaw.name), (SubHeading.name, SubYaw.name))
+OTHER_MODE: Mapping[str, str] = {one: other for pair in _SHARED for one, other in (pair, pair[::-1])}
+"""Law -> the law of another mode of the same autopilot, which has the same gains."""
+
+ALIKE: Mapping[str, Callable[[Settings, float], Mapping[str, float]]] = {RoverHeading.name: alike}
+"""Law -> gains with another feed-forward whose step in position is nearly the same."""

@@ -25,7 +25,7 @@ from gcs_autotune.design.open_loop import (
 from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
-__all__ = ["RoverHeading"]
+__all__ = ["RoverHeading", "alike"]
 
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
@@ -126,3 +126,12 @@ class RoverHeading(PositionLoop):
             f"deg/s at most at this speed, while ATC_STR_RAT_MAX asks for up to "
             f"{self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
+
+
+def alike(settings: Settings, feed: float) -> dict[str, float]:
+    """Return gains with feed-forward *feed* that hold headings nearly as *settings* do.
+
+    ``(FF + P) ANG`` and the rate at which a constant force is worked off stay.
+    """
+    more = (feed + settings[P]) / max(settings[FF] + settings[P], 1e-9)
+    return {**settings, FF: feed, I: settings[I] * more, ANG: settings[ANG] / more}

@@ -27,6 +27,7 @@ from gcs_autotune.report.toolkit.wording import (
 from gcs_autotune.report.tune.figures import draw_pictures
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.tables import (
+    beside_table,
     changed_parameters,
     gains_table,
     margins_table,
@@ -62,6 +63,7 @@ def _context(story: TuneStory) -> dict[str, Any]:
         "doubts": (*story.doubts, *(() if fit is None else (doubt_sentence(d) for d in fit.doubts))),
         "pictures": _by_kind(draw_pictures(story)),
         "metrics": _metrics(story),
+        "beside": None if story.beside is None else beside_table(story),
         "gains": gains_table(story.changes) if story.changes or proposal is not None else None,
         "proof": proof_command(story) if story.awaits_proof and story.proving else "",
         "proof_sentence": PROOF_SENTENCE,

@@ -73,6 +73,9 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "kept": story.kept,
         "verdict_reasons": list(story.verdict_reasons),
         "metrics": {"before": _metrics(story.metrics_before), "after": _metrics(story.metrics_after)},
+        "turn_rates": None
+        if story.beside is None
+        else dict(zip(("before", "after"), map(_metrics, story.beside), strict=True)),
         "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
         "stable": None
         if proposal is None

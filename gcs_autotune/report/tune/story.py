@@ -50,6 +50,7 @@ class TuneStory:
     vehicle : what is known of it: ``name, firmware, version, system_id, link, simulated`` and more.
     announced : what the tune said it would do, before anything moved.
     rates : message name -> (asked, measured) [Hz].
+    beside : the turn-rate step flown beside a heading step, with the old gains and with the new.
     kept : whether the new gains stayed; None when that was never decided; ``verdict_reasons`` say why.
     parameters_before, parameters_after : as read from the vehicle; empty when not read.
     events : (vehicle time [s] or NaN, what happened).
@@ -78,6 +79,7 @@ class TuneStory:
     proving: str = ""
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None
+    beside: tuple[StepMetrics, StepMetrics] | None = None
     kept: bool | None = None
     verdict_reasons: tuple[str, ...] = ()
     parameters_before: Mapping[str, float] = field(default_factory=dict)

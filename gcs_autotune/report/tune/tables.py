@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import PurePath
 
 from rich.console import Console, Group, RenderableType
@@ -93,7 +94,7 @@ def _split(reason: str) -> tuple[str, str]:
 def _gain_row(change: Change, common: str) -> tuple[str, ...]:
     meaning, how = _split(change.reason)
     limits = f"{format_number(change.low)} to {format_number(change.high)}"
-    remark = " (at limit)" if change.at_limit else ""
+    remark = " (at limit)" if change.at_limit else " (beyond)" if change.beyond else ""
     return (
         change.parameter,
         format_number(change.old),
@@ -119,6 +120,13 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
             )
         )
     return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows))
+
+
+def beside_table(story: TuneStory) -> Table:
+    """The turn-rate step flown beside the heading step; no rows where none was flown."""
+    before, after = story.beside or (None, None)
+    table = metrics_table(before, after)
+    return replace(table, heads=("turn rates, lower is better", *table.heads[1:]))
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
@@ -206,6 +214,8 @@ def _details(story: TuneStory) -> list[RenderableType]:
         parts.append(grid(gains_table(story.changes)))
     if story.metrics_before is not None:
         parts.append(grid(metrics_table(story.metrics_before, story.metrics_after)))
+    if story.beside is not None:
+        parts.append(grid(beside_table(story)))
     parts.extend(bullet(reason) for reason in story.verdict_reasons)
     doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
     if doubts or story.fit is not None:

@@ -59,6 +59,8 @@ def headline(story: TuneStory) -> Headline:
     sentences = [] if says_enough else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
+        if story.beside is not None:
+            sentences.append(turn_rates(*story.beside))
     elif story.ending == "unchanged" and story.metrics_before is not None:
         sentences.append(as_it_is(story.metrics_before))
     elif story.proposal is not None:
@@ -78,6 +80,15 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
         f"{_settling_words(after)} (before: {settling_cell(before)})."
+    )
+
+
+def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
+    """Return one sentence on the turn-rate step that was flown with the same gains."""
+    old, new = (format_share(max(1.0 - m.steady_error, 0.0)) for m in (before, after))
+    return (
+        f"Turn rates with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; {new} of "
+        f"the step is reached, before {old}."
     )
 
 

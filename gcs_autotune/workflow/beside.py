@@ -1,0 +1,75 @@
+"""The turn-rate step that a heading tune flies beside its own, before and after: the same gains serve both modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs_autotune.axes import axis_kind
+from gcs_autotune.design import OTHER_MODE, StepMetrics, Verdict, is_followed, scatter_of
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.designing import StepCriteria
+from gcs_autotune.workflow.experiments import STEP_AHEAD, common_windows, noise_in, resolution
+from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
+
+__all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside"]
+
+BESIDE = "turn rates"
+"""What the step beside a heading step shows."""
+PRESENT, PROVING = "turn rate with present gains", "turn rate with new gains"
+"""The stages of the step beside."""
+
+
+def flies_beside(context: TuneContext) -> bool:
+    """Whether a proof of this axis has a turn-rate step beside it."""
+    return not context.law.controls_velocity and context.axis.law in OTHER_MODE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """The step beside with the old gains and with the new, and the verdict on it."""
+
+    before: StepMetrics
+    after: StepMetrics
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepBeside:
+    """How the step is read, and what was flown with the present gains."""
+
+    criteria: StepCriteria
+    before: Trial
+
+    @classmethod
+    def flown(cls, context: TuneContext, known: Known | None) -> StepBeside | None:
+        """Fly it with the present gains; None where the axis has none, or nothing is known of the craft to size it."""
+        if known is None or not flies_beside(context):
+            return None
+        try:
+            proof = proof_of_turn_rate(context.settings, context.speed, known, beside=True)
+        except PreconditionFailed as error:
+            context.log.say(f"no turn-rate step is flown: {error}")
+            return None
+        before = _fly(context, StepCriteria(proof, known.noise_std, 0.0), "turn-rate-before", PRESENT)
+        noise = min(known.noise_std, noise_in(before, "r"))
+        return cls(StepCriteria(proof, noise, resolution(before)), before)
+
+    def compared(self, context: TuneContext) -> Compared:
+        """Fly it with the new gains, and compare."""
+        after = _fly(context, self.criteria, "turn-rate-after", PROVING)
+        return context.run_in_background(_compared, self.criteria, self.before, after)
+
+
+def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:
+    context.come_about(name, STEP_AHEAD, last=True)
+    context.runner.come_to_rest(stage, axis_kind("yaw"))
+    return context.fly(criteria.proof.step(name), stage).trial
+
+
+def _compared(criteria: StepCriteria, before: Trial, after: Trial) -> Compared:
+    windows = common_windows(before, after)
+    scatter = scatter_of(criteria.halves(before, windows), criteria.halves(after, windows))
+    then, now = criteria.read(before, windows), criteria.read(after, windows)
+    return Compared(then, now, is_followed(then, now, scatter, BESIDE))
