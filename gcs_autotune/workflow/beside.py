@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import OTHER_MODE, StepMetrics, Verdict, is_followed, scatter_of
 from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
-from gcs_autotune.workflow.experiments import STEP_AHEAD, common_windows, noise_in, resolution
+from gcs_autotune.workflow.experiments import STEP_AHEAD, noise_in, resolution
 from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
 
 __all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside"]
