@@ -144,8 +144,19 @@ def test_a_loop_with_a_slow_integral_that_is_under_way_when_the_record_begins_is
     (sheet,) = ship_figures(swung(20.0, a, math.radians(0.25)))
     for slug, true in zip(("natural-frequency", "damping"), truth, strict=True):
         told = sheet[slug].reading
-        assert told.std < 0.15 * true
+        assert told.std < 0.2 * true  # 18 % and 5 % at the optimum itself
         assert abs(told.value - true) < 3.0 * told.std
+
+
+def test_a_loop_is_read_the_same_whatever_the_last_bits_of_a_record() -> None:
+    run = swung(20.0, (22.0, 141.9, 392.5), math.radians(0.25))
+    psi = run["psi"]
+    beside = replace(run, channels={**run.channels, "psi": replace(psi, values=psi.values * (1.0 + 1e-13))})
+    (one,), (other,) = ship_figures(run), ship_figures(beside)
+    for slug in ("natural-frequency", "damping"):
+        a, b = one[slug].reading, other[slug].reading
+        assert b.value == pytest.approx(a.value, abs=0.05 * a.std)
+        assert b.std == pytest.approx(a.std, rel=0.05)
 
 
 def test_a_third_pole_too_quick_to_show_takes_nothing_from_what_is_known_of_the_others() -> None:
