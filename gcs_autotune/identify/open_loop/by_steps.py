@@ -2,14 +2,16 @@
 
 Two residuals a step, each zero when the model is right: the balance at the steady velocity,
 ``tau + Delta - (beta + beta_nn*|k_ss|)*k_ss``, and the lag ``(eta_0 - eps_v) - lag(model)`` (or the time to the knee).
-With one step, one drag and no Delta this is Miskovic2010, table 4.1 exactly.
+With one step, one drag and no Delta this is Miskovic2010, table 4.1 exactly, once the response has settled. With
+quadratic drag and little force it never quite has: the velocity then dies out as one over the time. So the model's own
+response is read over the same seconds as the record's, and what is left of the transient stands in both.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,9 @@ from scipy.optimize import least_squares
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.open_loop.answer import axis_answer
+from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
-from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
+from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
 
 __all__ = ["StepModel", "fit_by_steps", "fit_readings"]
@@ -76,7 +79,8 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
         def residual(x: Array, at: Array = theta, units: Array = scale, w: Sequence[Array] = whiteners) -> Array:
             moved = at.copy()
             moved[free] = x * units
-            return np.concatenate([m @ _errors(r, moved) for r, m in zip(readings, w, strict=True)])
+            errors = zip(readings, _as_read(readings, moved), w, strict=True)
+            return np.concatenate([m @ _errors(r, moved, read) for r, read, m in errors])
 
         found = least_squares(residual, theta[free] / scale, method="trf", x_scale=1.0)
         theta = theta.copy()
@@ -126,10 +130,65 @@ def _dynamics(r: StepReading, theta: Array) -> float | None:
     return time_to(float(theta[0]), drags, force, r.nu_0.value, r.level) if r.has_knee else None
 
 
-def _errors(r: StepReading, theta: Array) -> Array:
-    k = r.k_ss.value
-    balance = r.tau + theta[3] - (theta[1] + theta[2] * abs(k)) * k
-    predicted = _dynamics(r, theta)
+POINTS, TOP = 240, 20.0
+"""Chosen: steps in which a response is integrated, and how many times its fastest it may be before it runs away."""
+
+
+def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float, float, float]]:
+    """Return (k_ss, lag) that are read off the model's responses over the seconds they were read off the record's.
+
+    And, third, by how much the velocity at the end of them still differs from that k_ss. NaN where a reading does not
+    say which these were, or where it started from is not known.
+    """
+    alpha, beta, quadratic, delta = (float(value) for value in theta)
+    known = [
+        not r.steady_only and all(map(math.isfinite, r.window)) and r.window[1] > 0.0 and alpha != 0.0 for r in readings
+    ]
+    chosen = [r for r, is_known in zip(readings, known, strict=True) if is_known]
+    force = np.array([r.tau + delta for r in chosen])
+    step = np.array([r.window[1] for r in chosen]) / POINTS
+    nu = np.array([r.nu_0.value for r in chosen])
+    top = TOP * np.array([max(abs(r.nu_0.value), abs(r.k_ss.value), 1e-9) for r in chosen])
+
+    def slope(at: Array) -> Array:
+        at = np.clip(at, -top, top)
+        result: Array = (force - (beta + quadratic * np.abs(at)) * at) / alpha
+        return result
+
+    velocity, position = [nu], [np.zeros(len(chosen))]
+    for _ in range(POINTS):
+        k_1 = slope(nu)
+        k_2 = slope(nu + 0.5 * step * k_1)
+        k_3 = slope(nu + 0.5 * step * k_2)
+        k_4 = slope(nu + step * k_3)
+        position.append(position[-1] + step * (nu + step * (k_1 + k_2 + k_3) / 6.0))
+        nu = np.clip(nu + step * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4) / 6.0, -top, top)
+        velocity.append(nu)
+    nus, etas = np.array(velocity), np.array(position)
+    found = iter([_read_off(r, nus[:, i], etas[:, i]) for i, r in enumerate(chosen)])
+    return [next(found) if is_known else (math.nan, math.nan, math.nan) for is_known in known]
+
+
+def _read_off(r: StepReading, nu: Array, eta: Array) -> tuple[float, float, float]:
+    """Return what :func:`_as_read` does of a response (POINTS + 1,) from zero position."""
+    t = np.linspace(0.0, r.window[1], POINTS + 1)
+    late = t >= min(r.window[0], float(t[-3]))
+    if not r.has_lag:
+        mean = float(nu[late].mean())
+        return mean, math.nan, float(nu[-1]) - mean
+    k, intercept = np.polyfit(t[late], eta[late], 1)
+    return float(k), -float(intercept), float(nu[-1] - k)
+
+
+def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> Array:
+    """Return the residuals of a reading; *read*: the same two numbers read off the model's response."""
+
+    def drag(nu: float) -> float:
+        return float((theta[1] + theta[2] * abs(nu)) * nu)
+
+    asked = r.tau + float(theta[3]) if math.isnan(read[0]) else drag(read[0])
+    balance = asked - drag(r.k_ss.value)
+    predicted = read[1] if r.has_lag and math.isfinite(read[1]) else _dynamics(r, theta)
     if predicted is None:
         return np.array([balance])
     return np.array([balance, (r.lag.value if r.has_lag else r.knee.value) - predicted])
@@ -163,6 +222,9 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
     return (high - low) / (2.0 * h)
 
 
+MOVES = 3.0
+"""Chosen: standard errors from which on a velocity is not zero."""
+
 CLOSE = 2.0
 """Difference of the criterion below which two structures count as undecided."""
 
@@ -190,8 +252,13 @@ def fit_by_steps(case: Case) -> AxisFit:
             f"the steps of run '{case.names[0]}' cannot tell structure '{case.structure}': step to more levels"
         )
     model, undecided = _choose(models)
+    steady = _from_rest_or_steady(readings, model)
+    if steady != readings:
+        again = _candidates(steady, case.structure)
+        if again:
+            readings, (model, undecided) = steady, _choose(again)
     rows = [row for row in map(row_of, readings) if row is not None]
-    doubts = [*_doubts(everything, model), *unevenness_doubts(rows, model.structure)]
+    doubts = [*_doubts(everything, len(readings), model), *unevenness_doubts(rows, model.structure)]
     if undecided and case.structure is None:
         doubts.append(_undecided())
     extra = {
@@ -236,14 +303,39 @@ def _damps(model: StepModel) -> bool:
     return bool(np.all(model.theta[1:3] * model.theta[0] >= 0.0))
 
 
-def _doubts(everything: Sequence[StepReading], model: StepModel) -> list[Doubt]:
+def _from_rest_or_steady(readings: Sequence[StepReading], model: StepModel) -> list[StepReading]:
+    """Return *readings* without holds too short by the *model*, and where they start from only where that is known.
+
+    A step continues in a straight line what was before it; where that still bends, it starts elsewhere.
+    """
+    found: list[StepReading] = []
+    bends, off, nan = False, 0.0, Reading(math.nan, math.nan)
+    for r, read in zip(readings, _as_read(readings, model.theta), strict=True):
+        bent = bends or abs(off) > r.nu_0.std
+        short = _still_moving(r, model)
+        if not short:
+            found.append(replace(r, lag=nan, knee=nan, steady_only=True) if bent and not r.steady_only else r)
+        bends, off = short, read[2] if math.isfinite(read[2]) else 0.0
+    return found
+
+
+def _still_moving(r: StepReading, model: StepModel) -> bool:
+    """Whether a hold that the record begins in was too short, by the *model*, for what moved then to have settled."""
+    if not r.steady_only or abs(r.k_ss.value) < MOVES * r.k_ss.std:
+        return False
+    alpha, beta, quadratic, _ = model.theta
+    slope = beta + 2.0 * quadratic * abs(r.k_ss.value)
+    return not r.window[1] * slope / alpha >= ENOUGH if alpha != 0.0 else False
+
+
+def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> list[Doubt]:
     found = []
-    restless = [r for r in everything if not r.settled]
-    if restless:
+    short = len(everything) - used
+    if short:
         found.append(
             Doubt(
                 "not-settled",
-                f"{len(restless)} of {len(everything)} step(s) had not settled when the input changed: left out",
+                f"{short} of {len(everything)} step(s) had not settled when the input changed: left out",
                 "hold each step for at least five time constants",
             )
         )

@@ -41,6 +41,7 @@ class StepReading:
     ``k_ss`` steady velocity [rad/s or m/s]; ``lag`` = eta_0 - eps_v [rad or m] for a measured position; ``knee``
     [s] the time to velocity ``level`` for a measured velocity (the one not measured has NaN); ``nu_0`` velocity at the
     step; ``shared`` the covariance of k_ss and lag. ``steady_only``: where it started from is not in the record.
+    ``window``: seconds after the step between which ``k_ss`` and ``lag`` were read.
     """
 
     run: str
@@ -55,6 +56,7 @@ class StepReading:
     shared: float = 0.0
     settled: bool = True
     steady_only: bool = False
+    window: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def has_lag(self) -> bool:
@@ -118,6 +120,7 @@ class _Reader:
         fit = self._with_transient(self._fit_from(start), start, nu_0.value, constant)
         settled = settled and self._is_straight(start)
         self.tail = fit if settled else self._bent_tail()
+        first = float(self.t[self._first(start)])
         nan = Reading(math.nan, math.nan)
         k = fit.slope(self.velocity_unit) if self.is_position else fit.value(self.velocity_unit)
         lag, shared, knee, level = nan, 0.0, nan, math.nan
@@ -130,8 +133,9 @@ class _Reader:
             knee = self._crossing(level, start)
         before = self.hold.level if self.previous is None else self.previous[0].level
         return StepReading(
-            self.record.run, self.step, before, self.hold.level, k, nu_0, lag, knee, level, shared, settled, not known
-        )
+            self.record.run, self.step, before, self.hold.level, k, nu_0, lag, knee, level, shared, settled, not known,
+            (first - self.step, float(self.t[-1]) - self.step),
+        )  # fmt: skip
 
     def _origin(self) -> tuple[Reading, Reading, bool]:
         """Return velocity and position at the step from the stretch before it, and whether they are known."""
@@ -165,8 +169,7 @@ class _Reader:
         """Return *fit* with what the rest of the transient may have done to it added to its covariance."""
         if not constant > 0.0:
             return fit
-        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
-        t = self.t[first:] - self.step
+        t = self.t[self._first(start) :] - self.step
         rest = np.exp(-t / constant)
         if self.is_position:
             change = (
@@ -191,8 +194,12 @@ class _Reader:
         area = float(np.trapezoid(k - self.y, self.t)) + (k - nu_0) * max(float(self.t[0]) - self.step, 0.0)
         return abs(area / (k - nu_0))
 
+    def _first(self, start: float) -> int:
+        """Return the index of the first sample of the part that begins at *start* [s]."""
+        return min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+
     def _fit_from(self, start: float) -> LocalFit:
-        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        first = self._first(start)
         degree = 1 if self.is_position else 0
         return local_fit(self.t[first:], self.y[first:], self.step, degree, self.floor)
 
@@ -203,7 +210,7 @@ class _Reader:
 
     def _is_straight(self, start: float) -> bool:
         """Whether the settled part is free of a bend larger than a settled transient leaves."""
-        first = min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
+        first = self._first(start)
         t, y = self.t[first:], self.y[first:]
         degree = 2 if self.is_position else 1
         bend = local_fit(t, y, float(t[0]), degree, self.floor)

@@ -21,6 +21,7 @@ from gcs_autotune.identify.open_loop.step_table import (
     unevenness,
     unevenness_doubts,
 )
+from gcs_autotune.trial import Channel, Trial
 
 LEVELS = (0.0, 0.05, 0.0, -0.05, 0.0, 0.1, -0.1, 0.02)
 
@@ -165,3 +166,37 @@ def test_a_rudder_ramp_with_noise_is_two_holds():
     assert (one.level, other.level) == pytest.approx((0.0, 10.0), abs=0.1)
     assert other.before == pytest.approx(15.0, abs=0.5)
     assert other.start == pytest.approx(20.0, abs=0.5)
+
+
+def coasting(seed: int, alpha: float = 0.63, drag: float = 1.146, delta: float = 0.0077) -> Trial:
+    """Ten seconds at each of six levels, already turning at first; with no input quadratic drag never lets it rest."""
+    levels, rng = (0.0, 0.67, 0.34, 0.0, -0.67, -0.34), np.random.default_rng(seed)
+    t = np.arange(0.0, 61.5, 0.1)
+    tau = np.array(
+        [levels[int(max(s - 1.5 + 1e-9, 0.0) // 10.0) + (s >= 1.5 - 1e-9)] if s < 51.4 else -0.34 for s in t]
+    )
+    nu, psi, turned = -0.14, 0.0, []
+    for force in tau:
+        turned.append(psi)
+        for _ in range(20):
+            nu += 0.005 * (force + delta - drag * abs(nu) * nu) / alpha
+            psi += 0.005 * nu
+    psi_measured = np.array(turned) + rng.normal(0.0, 0.0044, len(t))
+    return Trial("steps", {"N": Channel("N", "1", t, tau), "psi": Channel("psi", "rad", t, psi_measured)})
+
+
+def test_steps_back_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
+    errors = []
+    for seed in range(3):
+        fit = fit_axis(coasting(seed), dof="yaw", method="step", structure="nonlinear")
+        inertia = fit.parameters["alpha_r"]
+        assert "steps-disagree" not in {d.slug for d in fit.doubts}
+        assert abs(inertia.value - 0.63) < 3.5 * inertia.std
+        errors.append(inertia.value / 0.63 - 1.0)
+    assert abs(np.mean(errors)) < 0.01
+
+
+def test_a_hold_in_which_the_craft_still_slows_down_as_the_record_begins_is_left_out():
+    fit = fit_axis(coasting(1), dof="yaw", method="step", structure="nonlinear")
+    (doubt,) = [d for d in fit.doubts if d.slug == "not-settled"]
+    assert doubt.cause.startswith("1 of 6 step(s) had not settled")
