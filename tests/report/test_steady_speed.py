@@ -1,0 +1,43 @@
+"""The speed that an output sustains: beyond the speeds flown its error is that of the shape of damping too."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.report.toolkit.axis_fit import fit_summary
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.trial import Channel, Trial
+
+ALPHA, BETA, OUTPUT = 4.0, 2.0, 0.6
+"""A craft with a time constant of 2 s; 0.6 of full output sustains 0.3 m/s."""
+
+
+def told(half: float) -> tuple[float, float]:
+    """Return the speed [m/s] stated, and its error, after pushes of *half* [s] to either side."""
+    t = np.arange(0.0, 80.0, 0.1)
+    X = OUTPUT * np.where((t / half).astype(int) % 2 == 0, 1.0, -1.0)
+    u = np.zeros(len(t))
+    for i in range(len(t) - 1):
+        steady = X[i] / BETA
+        u[i + 1] = steady + (u[i] - steady) * np.exp(-0.1 * BETA / ALPHA)
+    noise = np.random.default_rng(1).normal(0.0, 0.005, len(t))
+    run = Trial("run", {"X": Channel("X", "1", t, X), "u": Channel("u", "m/s", t, u + noise)})
+    text = " ".join(render_text(fit_summary(fit_axis(run, dof="surge"))).split())
+    found = re.search(r"sustains ([\d.]+) ± ([\d.]+) m/s", text)
+    assert found is not None
+    return float(found[1]), float(found[2])
+
+
+def test_a_speed_that_was_flown_has_the_error_of_the_fit() -> None:
+    speed, error = told(half=20.0)
+    assert abs(speed - 0.3) < 3.0 * error
+    assert error < 0.006
+
+
+def test_a_speed_that_was_never_reached_has_the_error_of_the_shape_of_damping() -> None:
+    speed, error = told(half=1.0)
+    assert abs(speed - 0.3) < 3.0 * error
+    assert error > 0.02
