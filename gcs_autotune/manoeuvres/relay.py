@@ -199,7 +199,7 @@ class Relay(Manoeuvre):
             "speed": self._approach.speed,
             "from_t": self._began,
             "enough": self._enough,
-            "to_t": self._counted_to,
+            **({"to_t": self._counted_to} if math.isfinite(self._counted_to) else {}),
         }
 
     def commands(self, now: Observation) -> Commands:

@@ -26,7 +26,7 @@ class Outputs:
     """A session and its telemetry in one: outputs heard every 0.1 s, from *silent* seconds on."""
 
     def __init__(self, outputs: dict[str, float], silent: float = 0.0) -> None:
-        self.clock = ManualClock()
+        self.clock = self.liveness = ManualClock()
         self.outputs, self.output_ticks, self.silent = outputs, 0, silent
         self.asked = 0
 

@@ -40,6 +40,8 @@ def fly(craft, settings, envelope=WIDE, rule=None):
 class EnoughAfter:
     """A stop rule that has enough after so many reversals."""
 
+    counted_to = math.nan
+
     def __init__(self, reversals):
         self.reversals, self.begun, self.asked = reversals, 0, []
 

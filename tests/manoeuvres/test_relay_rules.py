@@ -187,6 +187,8 @@ def test_one_too_quick_for_the_link_is_widened_as_much_as_that_takes_within_reas
 class Rule:
     """A stop rule that has enough after so many reversals; it counts how often it began."""
 
+    counted_to = math.nan
+
     def __init__(self, enough: float) -> None:
         self.enough, self.begun, self.asked = enough, 0, 0
 

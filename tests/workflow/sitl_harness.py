@@ -115,11 +115,15 @@ class SitlHarness:
 
     def assert_as_found(self) -> None:
         """Neutral, disarmed, the old mode, the old parameters, and the record on disk."""
+        self.assert_untouched()
+        self.assert_recorded()
+
+    def assert_untouched(self) -> None:
+        """Neutral, disarmed, the old mode, the old parameters."""
         self.assert_neutral()
         assert not self.vehicle.autopilot.armed
         assert self.found in ("", self.mode)
         assert dict(self.vehicle.parameters.values) == self.parameters
-        self.assert_recorded()
 
     def assert_neutral(self) -> None:
         assert all(pwm in (0, 1500) for pwm in self.vehicle.autopilot.pwm)

@@ -73,7 +73,8 @@ def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
     harness = SitlHarness(tmp_path, QUICK, meddling=copter)
     with pytest.raises(WrongVehicle, match="QUADROTOR"):
         harness.tune()
-    harness.assert_as_found()
+    harness.assert_untouched()
+    assert not harness.directory.exists()
 
 
 def test_arming_refused_says_the_vehicles_own_reason(tmp_path):

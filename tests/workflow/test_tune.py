@@ -214,7 +214,8 @@ def test_a_boat_has_no_depth_loop(tmp_path):
     harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(WrongVehicle, match="no depth loop"):
         harness.tune(axis="depth")
-    harness.assert_as_found()
+    harness.assert_untouched()
+    assert not harness.directory.exists()
 
 
 @pytest.mark.slow
