@@ -25,11 +25,13 @@ from gcs_autotune.foreign_text import visible
 from gcs_autotune.sname import SIGNALS, parse_header, to_si
 
 __all__ = [
+    "LAST",
     "Cells",
     "Note",
     "TableNumbers",
     "cells_of",
     "clock_notes",
+    "is_believable",
     "is_pulses",
     "numbers_of",
     "shares_of_pulses",
@@ -306,6 +308,20 @@ def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
             cause = f"the stamps of {file} have no unit and were read as {unit} since 1970"
             return t * factor, [("epoch-stamps", cause, f"if that is right, call the column t[{unit}]")]
     return t, []
+
+
+ABSURD, LAST = 1e12, 1e11
+"""Chosen: no signal in SI units, no stamp [s], is larger; such a number is damage."""
+
+
+def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_], list[Note]]:
+    """Return which values (n,) of a channel in SI units can be one's at all, with a note when some cannot."""
+    with np.errstate(invalid="ignore"):
+        absurd = np.isfinite(values) & (np.abs(values) > ABSURD)
+    if not absurd.any():
+        return np.isfinite(values), []
+    cause = f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are absurd, as {values[absurd][0]:.3g}"
+    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; those samples were left out")]
 
 
 def clock_notes(file: str, t: Array) -> list[Note]:
