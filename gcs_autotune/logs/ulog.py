@@ -120,7 +120,8 @@ def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> N
                 if not store.modes or store.modes[-1][1] != int(mode):
                     store.modes.append((float(moment), int(mode)))
             return
-        values = SIGNALS[topic](columns)
+        with np.errstate(invalid="ignore", over="ignore"):  # a damaged number may be infinite
+            values = SIGNALS[topic](columns)
     except (KeyError, TypeError, ValueError):
         return
     if values and all(v.shape == t.shape for v in values.values()):
