@@ -151,6 +151,11 @@ def cells_of(path: Path) -> Cells:
     if len(rows) < 2:
         raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
     head, body = rows[0], rows[1:]
+    if len(head) == 1 < len(body[0]):
+        raise BadFile(
+            f"{path}, row 1: {_short(head[0])} is a title above the head line: remove the lines above the one like "
+            "t[s],psi[deg],N[N m], or begin them with #"
+        )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)
         head, body = head[:-1], [row[:-1] if len(row) == width else row for row in body]
