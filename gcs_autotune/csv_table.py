@@ -25,11 +25,13 @@ from gcs_autotune.foreign_text import visible
 from gcs_autotune.sname import SIGNALS, parse_header, to_si
 
 __all__ = [
+    "LAST",
     "Cells",
     "Note",
     "TableNumbers",
     "cells_of",
     "clock_notes",
+    "is_believable",
     "is_pulses",
     "numbers_of",
     "shares_of_pulses",
@@ -149,6 +151,11 @@ def cells_of(path: Path) -> Cells:
     if len(rows) < 2:
         raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
     head, body = rows[0], rows[1:]
+    if len(head) == 1 < len(body[0]):
+        raise BadFile(
+            f"{path}, row 1: {_short(head[0])} is a title above the head line: remove the lines above the one like "
+            "t[s],psi[deg],N[N m], or begin them with #"
+        )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)
         head, body = head[:-1], [row[:-1] if len(row) == width else row for row in body]
@@ -229,6 +236,10 @@ def numbers_of(cells: Cells) -> TableNumbers:
     nans, infinite = [0] * len(kept), [0] * len(kept)
     dropped = 0
     for number, row in enumerate(cells.rows, start=cells.first):
+        plain = _plain_numbers(row) if len(row) == width and not texts else None
+        if plain is not None:
+            values.append(plain)
+            continue
         numbers = [_number(row[i]) for i in kept] if len(row) == width else []
         whole = [value for value in numbers if value is not None]
         if len(whole) < len(kept):
@@ -246,6 +257,18 @@ def numbers_of(cells: Cells) -> TableNumbers:
         raise BadFile(f"{path} holds no complete row of samples")
     heads = [cells.head[i] for i in texts]
     return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
+
+
+def _plain_numbers(row: Sequence[str]) -> list[float] | None:
+    """Return the numbers of a row of finite numbers only, quickly; None when it is any other."""
+    text = "".join(row)
+    if not text.isascii() or "_" in text:
+        return None
+    try:
+        numbers = [float(cell) for cell in row]
+    except ValueError:
+        return None
+    return numbers if math.isfinite(sum(numbers)) else None
 
 
 def _number(cell: str) -> float | None:
@@ -269,8 +292,11 @@ def _is_text(cells: Cells, i: int) -> bool:
     name, unit = parse_header(cells.head[i])
     if name in SIGNALS or unit or name.lower() in ("t", "time"):
         return False
-    filled = [row[i] for row in cells.rows if len(row) > i and row[i].strip()]
-    return bool(filled) and all(_number(cell) is None and not _DATE.match(cell) for cell in filled)
+    filled = (row[i] for row in cells.rows if len(row) > i and row[i].strip())
+    first = next(filled, "")
+    if not first or _number(first) is not None or _DATE.match(first):
+        return False
+    return all(_number(cell) is None and not _DATE.match(cell) for cell in filled)
 
 
 def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
@@ -306,6 +332,20 @@ def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
             cause = f"the stamps of {file} have no unit and were read as {unit} since 1970"
             return t * factor, [("epoch-stamps", cause, f"if that is right, call the column t[{unit}]")]
     return t, []
+
+
+ABSURD, LAST = 1e12, 1e11
+"""Chosen: no signal in SI units, no stamp [s], is larger; such a number is damage."""
+
+
+def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_], list[Note]]:
+    """Return which values (n,) of a channel in SI units can be one's at all, with a note when some cannot."""
+    with np.errstate(invalid="ignore"):
+        absurd = np.isfinite(values) & (np.abs(values) > ABSURD)
+    if not absurd.any():
+        return np.isfinite(values), []
+    cause = f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are absurd, as {values[absurd][0]:.3g}"
+    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; those samples were left out")]
 
 
 def clock_notes(file: str, t: Array) -> list[Note]:

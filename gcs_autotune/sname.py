@@ -219,6 +219,9 @@ _READ_BY_PREFIX = frozenset({*SIGNALS, "force"})
 INPUTS = _FORCES | {"delta"}
 """Names of what drives a craft."""
 
+_PULSES = ("pwm", "servo", "rc", "rudder", "throttle", "thruster", "motor", "esc", "force_")
+"""Beginnings of names, in small letters, whose microseconds are a pulse."""
+
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _BOXED = re.compile(r"^\s*\[[^\[\]]+\[[^\[\]]*\]\s*\]\s*$")
 _ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
@@ -276,7 +279,7 @@ def wrap(angle: float) -> float:
 def column_unit(name: str, unit: str) -> tuple[str, float]:
     """Return :func:`to_si` of a column's unit; ``us`` of a pulse is no time.
 
-    A pulse is what is called ``pwm...``, ``servo...`` or ``rc...``, and an input: no force is a time. A column without
+    A pulse is what begins with one of ``_PULSES``, and an input: no force is a time. A column without
     a unit that is a signal by its name has that signal's, but of a force a share of full output. ``1/s`` are radians of
     an angular velocity, revolutions of a propeller. A column that is no signal keeps a unit that is not known.
 
@@ -288,7 +291,7 @@ def column_unit(name: str, unit: str) -> tuple[str, float]:
     plain = _plain(unit)
     if not plain and name in SIGNALS and name not in _FORCES:
         return SIGNALS[name][0], 1.0
-    if plain in ("us", "pwm") and (name.lower().startswith(("pwm", "servo", "rc")) or name in INPUTS):
+    if plain in ("us", "pwm") and (name.lower().startswith(_PULSES) or name in INPUTS):
         return "pwm", 1.0
     if plain in _REVOLUTIONS and not re.match(r"(n|rpm|rps|prop)(?![a-z])", name, re.IGNORECASE):
         si = "rad/s" if SIGNALS.get(name, ("", ""))[0] == "rad/s" else "1/s"

@@ -20,10 +20,12 @@ from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.csv_table import (
+    LAST,
     Note,
     TableNumbers,
     cells_of,
     clock_notes,
+    is_believable,
     is_pulses,
     numbers_of,
     shares_of_pulses,
@@ -366,6 +368,7 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
     )
 
 
+@np.errstate(invalid="ignore", over="ignore")  # damaged numbers may be signalling NaN, or overflow
 def _channels(
     path: Path, heads: Sequence[tuple[str, str]], table: NDArray[np.float64]
 ) -> tuple[dict[str, Channel], list[Note]]:
@@ -376,20 +379,22 @@ def _channels(
         raise BadFile(f"{path}: {error}") from None
     time_column = _time_column(path, heads, units)
     t = table[:, time_column] * units[time_column][1]
-    known_t = np.isfinite(t)
     if not heads[time_column][1]:
         t, notes = since_1970(path.name, t)
     else:
         notes = []
+    t = np.where(np.abs(t) <= LAST, t, np.nan)
+    known_t = np.isfinite(t)
     notes += clock_notes(path.name, t)
     channels: dict[str, Channel] = {}
     for i, (name, _) in enumerate(heads):
         if i != time_column:
             unit, factor = units[i]
-            keep = known_t & np.isfinite(table[:, i])
-            channel, note = as_share(Channel(name, unit, t[keep], table[keep, i] * factor), path.stem)
-            channels[name] = channel
-            notes += note
+            values = table[:, i] * factor
+            keep, doubts = is_believable(name, values, path.name)
+            keep &= known_t
+            channels[name], more = as_share(Channel(name, unit, t[keep], values[keep]), path.stem)
+            notes += [*doubts, *more]
     return channels, notes
 
 

@@ -19,6 +19,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import METHODS
+from gcs_autotune.logs import formats, load_runs
 
 
 def added(folder: Path, name: str) -> ModuleType:
@@ -32,6 +33,16 @@ def added(folder: Path, name: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_a_kind_of_file_is_read_by_its_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    form = added(tmp_path, "paddle_log").FORMAT
+    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, form))
+    log = tmp_path / "lake.txt"
+    log.write_text("PADDLE 1\n0.0 10.0 0.5\n0.1 11.0 0.5\n")
+    (run,) = load_runs(log)
+    assert run["psi"].values == pytest.approx([math.radians(10.0), math.radians(11.0)])
+    assert run["N"].values.tolist() == [0.5, 0.5]
 
 
 def test_a_method_is_listed_and_fits(

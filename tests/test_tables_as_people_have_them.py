@@ -51,6 +51,7 @@ COMMAS = PLAIN.replace(",", ";").replace(".", ",")
         (HEAD + "\n", "holds no samples"),
         ("0,1,2\n1,2,3\n", "has no head line: write one above its numbers"),
         ("t,psi\nseconds,heading angle\n0,1\n1,2\n", "row 2: 'seconds', 'heading angle' are words"),
+        ("Trial of 2 May\n" + PLAIN, "row 1: 'Trial of 2 May' is a title above the head line: remove"),
         (PLAIN + PLAIN, r"row 5, column 't\[s\]': 't\[s\]' repeats the head line"),
         ("t[s],N[N m]\n0,1_0\n1,2\n", "row 2, column 'N.N m.': '1_0' is no number"),
         ("t[s],N[N m]\n0,١٢\n1,2\n", "is no number"),

@@ -32,7 +32,7 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="RUN",
         help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog), a log on board "
-        "(.bin, .log) or what Mission Planner or mavlogdump made of one (.csv)",
+        "(.bin, .log), what Mission Planner or mavlogdump made of one (.csv), a PX4 ULog, MATLAB file or ROS bag",
     )
 
 

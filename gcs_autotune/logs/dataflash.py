@@ -103,7 +103,8 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
         It lacks a column.
     """
     try:
-        found = {source: np.asarray(v, dtype=np.float64) for source, v in SIGNALS[kind](columns).items()}
+        with np.errstate(invalid="ignore", over="ignore"):  # a damaged number may be infinite
+            found = {source: np.asarray(v, dtype=np.float64) for source, v in SIGNALS[kind](columns).items()}
     except (KeyError, TypeError, ValueError) as error:  # a damaged FMT makes words of numbers
         raise Missing(str(error)) from None
     for name in INSTANCE:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,19 +11,13 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.logs.sample_store import LogReader
 from gcs_autotune.trial import Trial
 
-__all__ = ["FAULTS", "Format", "Head", "RunReader", "absent"]
+__all__ = ["Format", "Head", "RunReader", "absent"]
 
 SIZE = 1 << 16
 """Chosen: bytes of a file that are looked at to recognise it."""
 
 RunReader: TypeAlias = Callable[[Path, Mapping[str, str]], list[Trial]]
 """Reads (path, name in the file -> ``channel[unit]``); raises ``BadFile`` or ``UsageError``."""
-
-FAULTS = (
-    ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, AssertionError, EOFError, OSError,
-    MemoryError, NotImplementedError, RecursionError, RuntimeError, StopIteration, struct.error, zlib.error,
-)  # fmt: skip
-"""What a library that reads a damaged file may raise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,8 @@ SciPy reads them. A MAT file names no units: they are those of the signals (SI),
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.foreign_text import visible
-from gcs_autotune.logs.format import FAULTS, Format, Head
+from gcs_autotune.logs.format import Format, Head
 from gcs_autotune.trial import TIMES, Trial, trial_of_columns
 
 __all__ = ["FORMAT", "read_mat"]
@@ -40,8 +42,9 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     import scipy.io
 
     try:
+        _see_it_is_whole(path.read_bytes())
         tree = scipy.io.loadmat(path, squeeze_me=True, simplify_cells=True)
-    except FAULTS as error:
+    except Exception as error:  # noqa: BLE001 - what reads a damaged file may raise anything
         raise BadFile(f"{path} is a MATLAB file that cannot be read ({_first_line(error)}): {EXPORT}") from None
     vectors = dict(_vectors("", tree, 0))
     short = [name.rpartition(".")[2] for name in vectors]
@@ -67,6 +70,70 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     return [replace(run, name=visible(path.stem), meta={**run.meta, "format": "MATLAB file", "notes": notes})]
 
 
+TYPES = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})
+"""Codes of data elements (MATLAB's "MAT-File Format", level 5): numbers, text, 14 an array, 15 compressed."""
+ARRAY, COMPRESSED = 14, 15
+CLASSES = range(1, 18)
+FLAGS = 6
+"""Type of the element that an array begins with; its lowest byte is the class of the array."""
+IS_COMPLEX = 0x0800
+PARTS = {4: 4, 5: 6, **dict.fromkeys(range(6, 16), 4)}
+"""Class of array (4 text, 5 sparse, 6 to 15 numbers) -> elements in it, one more where it is complex."""
+HEADER = 128
+LARGEST = 1 << 31
+"""Chosen: bytes of a compressed element when unpacked."""
+
+
+def _see_it_is_whole(data: bytes) -> None:
+    """Raise ``ValueError`` unless the elements of a level-5 file nest as they should.
+
+    SciPy 1.17 ends the whole process by a segmentation fault where a type code of an element is none of these.
+    """
+    if not HEAD.match(data):
+        raise ValueError("it does not begin as a MAT file of level 5")
+    order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
+    if order is None or len(data) <= HEADER:
+        raise ValueError("nothing follows its head")
+    _see_elements(data[HEADER:], order, 0)
+
+
+def _see_elements(data: bytes, order: str, depth: int) -> list[int]:
+    """Return the types of the elements in *data*; raises ``ValueError`` where one is none."""
+    at, found = 0, []
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start, end = at + 8, at + 8 + size
+        if kind >> 16:  # a small element: its size in the upper half of the first word, its data in the second
+            kind, size = kind & 0xFFFF, kind >> 16
+            start, end = at + 4, at + 4 + size
+            if size > 4:
+                raise ValueError("a damaged element")
+        if kind not in TYPES or end > len(data) or depth > 2 * DEEPEST or (kind == COMPRESSED and depth):
+            raise ValueError("a damaged element")
+        if kind == COMPRESSED:
+            _see_elements(zlib.decompressobj().decompress(data[start:end], LARGEST), order, depth + 1)
+            at = end
+            continue
+        if kind == ARRAY and size:
+            _see_array(data[start:end], order, depth)
+        found.append(kind)
+        at = max(at + 8, end + -end % 8)
+    return found
+
+
+def _see_array(data: bytes, order: str, depth: int) -> None:
+    """Raise ``ValueError`` unless an array has the elements of its class, without which SciPy reads on past its end."""
+    head = data[:12]
+    if len(head) < 12 or struct.unpack_from(f"{order}I", head)[0] != FLAGS:
+        raise ValueError("a damaged array")
+    word = struct.unpack_from(f"{order}I", head, 8)[0]
+    kind, is_complex = word & 0xFF, bool(word & IS_COMPLEX)
+    parts = _see_elements(data, order, depth + 1)
+    needed = PARTS.get(kind, 0)
+    if kind not in CLASSES or (needed and (len(parts) < needed + is_complex or ARRAY in parts)):
+        raise ValueError("a damaged array")
+
+
 def _first_line(error: BaseException) -> str:
     return visible(str(error).partition("\n")[0][:80]) or type(error).__name__
 
@@ -78,7 +145,8 @@ def _vectors(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarra
             if not str(key).startswith("__"):
                 yield from _vectors(f"{name}.{key}" if name else str(key), inner, depth + 1)
     elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub" and len(value) >= SHORTEST:
-        yield name, value.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
+            yield name, value.astype(np.float64)
 
 
 def _fits(head: Head) -> bool:

@@ -14,9 +14,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from gcs_autotune.csv_table import LAST, is_believable
 from gcs_autotune.errors import BadFile
 from gcs_autotune.foreign_text import visible
-from gcs_autotune.logs.format import FAULTS, Format, Head, absent
+from gcs_autotune.logs.format import Format, Head, absent
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Note, Trial
 
@@ -110,18 +111,23 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             found, topics = _collected(reader)
-    except (*FAULTS, _any_reader_error()) as error:
+    except Exception as error:  # noqa: BLE001 - what reads a damaged file may raise anything
         why = visible(str(error).partition("\n")[0][:80]) or type(error).__name__
         raise BadFile(f"{path} is a ROS bag that cannot be read ({why}): {INSTEAD}") from None
     if not found:
         shown = ", ".join(visible(f"{name} ({kind})") for name, kind in topics[:8]) or "none"
         raise BadFile(f"{path} is a ROS bag without a topic that is understood; it has {shown}: {INSTEAD}")
-    channels = {}
+    channels: dict[str, Channel] = {}
+    notes: list[Note] = []
     for name, (t, values) in found.items():
         unit = "pwm" if name.startswith("servo") else SIGNALS.get(name, ("1", ""))[0]
         order = np.argsort(t, kind="stable")
-        channels[name] = Channel(name, unit, np.array(t)[order], np.array(values, dtype=np.float64)[order])
-    notes: list[Note] = [
+        stamps, numbers = np.array(t)[order], np.array(values, dtype=np.float64)[order]
+        keep, doubts = is_believable(name, numbers, path.name)
+        keep &= np.abs(stamps) <= LAST
+        notes += doubts
+        channels[name] = Channel(name, unit, stamps[keep], numbers[keep])
+    notes += [
         (
             "ros-axes",
             f"the axes of {path.name} were taken as ROS counts them (east, north, up; ahead, port, up) and turned",
@@ -130,12 +136,6 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     ]
     run = Trial(visible(path.stem), channels, meta={"source": path.name, "format": "ROS bag", "notes": notes})
     return [renamed(run, columns) if columns else run]
-
-
-def _any_reader_error() -> type[Exception]:
-    from rosbags.highlevel import AnyReaderError
-
-    return AnyReaderError
 
 
 def _collected(reader: Any) -> tuple[dict[str, tuple[list[float], list[float]]], list[tuple[str, str]]]:

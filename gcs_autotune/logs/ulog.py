@@ -6,6 +6,8 @@ normalised force and torque that its controllers asked for: which output does wh
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.foreign_text import visible
-from gcs_autotune.logs.format import FAULTS, Format, Head, absent
+from gcs_autotune.logs.format import Format, Head, absent
 from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
 
 __all__ = ["FORMAT", "SIGNALS", "record_ulog"]
@@ -77,12 +79,13 @@ def record_ulog(path: Path, system: int | None = None) -> Recording:
     except ImportError:
         raise absent(path, "a PX4 ULog", "pyulog", INSTEAD) from None
     try:
-        log = ULog(str(path), [*SIGNALS, "vehicle_status"])
+        with path.open("rb") as stream, contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it doubts
+            log = ULog(stream, [*SIGNALS, "vehicle_status"])
         topics = [(str(d.name), d.data) for d in log.data_list if d.multi_id == 0 and "timestamp" in d.data]
         said = {key: visible(str(log.msg_info_dict.get(key, ""))) for key in ("sys_name", "ver_sw_release", "ver_sw")}
         parameters = {str(k): float(v) for k, v in log.initial_parameters.items()}
         damaged = bool(log.file_corruption)
-    except FAULTS as error:
+    except Exception as error:  # noqa: BLE001 - what reads a damaged file may raise anything
         why = visible(str(error).partition("\n")[0][:80]) or type(error).__name__
         raise BadFile(f"{path} is a PX4 ULog that cannot be read ({why}): {INSTEAD}") from None
     store = SampleStore(path.stem, "vehicle (ULog)", f"PX4 {said['ver_sw'][:12]}".strip())
@@ -117,7 +120,8 @@ def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> N
                 if not store.modes or store.modes[-1][1] != int(mode):
                     store.modes.append((float(moment), int(mode)))
             return
-        values = SIGNALS[topic](columns)
+        with np.errstate(invalid="ignore", over="ignore"):  # a damaged number may be infinite
+            values = SIGNALS[topic](columns)
     except (KeyError, TypeError, ValueError):
         return
     if values and all(v.shape == t.shape for v in values.values()):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.csv_table import cells_of, numbers_of
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.sname import parse_header, to_si
 from gcs_autotune.thrusters.propeller import OpenWaterTest
@@ -81,27 +82,18 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     BadFile
         Not readable, no rows, a cell that is no number, an unknown unit.
     """
+    cells = cells_of(path)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadFile(f"{path} cannot be read as a table: {error}") from error
-    if len(rows) < 2:
-        raise BadFile(f"{path} holds no rows; a pull test needs a head line like n[rpm],T[N] and rows")
-    heads = [parse_header(h) for h in rows[0]]
-    columns: dict[str, tuple[str, Array]] = {}
-    for i, (name, unit) in enumerate(heads):
-        si, factor = (_RAW[unit], 1.0) if unit in _RAW else to_si(unit)
-        columns[name] = (si, np.array([_cell(path, k, row, i) for k, row in enumerate(rows[1:], 2)]) * factor)
-    return columns
-
-
-def _cell(path: Path, number: int, row: Sequence[str], i: int) -> float:
-    try:
-        text = row[i].strip()
-        return math.nan if not text else float(text)
-    except (ValueError, IndexError) as error:
-        raise BadFile(f"{path}, row {number}: {error}") from error
+        heads = [parse_header(head) for head in cells.head]
+        units = [(_RAW[unit], 1.0) if unit in _RAW else to_si(unit) for _, unit in heads]
+    except BadFile as error:
+        raise BadFile(f"{path}: {error}") from None
+    table = numbers_of(cells)
+    if table.dropped:
+        raise BadFile(
+            f"{path}, row {cells.first + len(cells.rows) - 1}: it is cut off, or holds a cell that is no number"
+        )
+    return {heads[i][0]: (units[i][0], table.values[:, k] * units[i][1]) for k, i in enumerate(table.columns)}
 
 
 def read_pull_test(

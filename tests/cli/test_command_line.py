@@ -114,7 +114,7 @@ BAD_FILES = {
     "damaged in the middle": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,x,1\n0.2,0,1\n", "row 3"),
     "no head": ("1,2,3\n4,5,6\n", "no head line"),
     "unknown unit": ("t[s],psi[furlong],N[N m]\n0,0,1\n0.1,0,1\n", "furlong"),
-    "empty": ("", "no samples"),
+    "empty": ("", "is empty"),
     "too short": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,-1\n0.2,0,1\n", "too short"),
     "nothing moves": (
         "t[s],psi[rad],N[N m]\n" + "".join(f"{i / 10},0,{1 if i % 40 < 20 else -1}\n" for i in range(300)),

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from early_board import as_binary, sailed
+from early_board import as_text as early_text
+from foreign_writing import PSI, N, R, T, bag2, mat, ulog
 from log_on_board import Board
 from log_writing import BOAT, Tlog, beats, parameters, sail, swing
 
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.logs import cut_runs, record, survey
+from gcs_autotune.logs import cut_runs, load_runs, record, survey
 from gcs_autotune.logs.dataflash_format import BinaryLog
 
 CASES = 60
@@ -106,3 +109,79 @@ def test_whatever_is_in_a_file_it_is_read_or_refused_in_our_own_words(
             said += 1
             assert str(path.name) in str(error) or str(path) in str(error)
     assert said >= CASES // 8
+
+
+def table(folder: Path) -> bytes:
+    rows = [f"{t:.3f},{np.degrees(psi):.4f},{r:.5f},{n:.2f}" for t, psi, r, n in zip(T, PSI, R, N, strict=True)]
+    return "\n".join(["t[s],psi[deg],r[rad/s],N[N m]", *rows]).encode()
+
+
+def bag(folder: Path) -> bytes:
+    (file,) = bag2(folder).glob("*.db3")
+    return file.read_bytes()
+
+
+WORDS = [
+    b"nan", b"inf", b"1e999", b"", b"1_0", "١٢".encode(), b";", b'"', b"\0", b"9" * 400, b"1e308", b"-1e300", b",",
+    b"\n", b"\r", b"\t", b"#", b"[", b"]", b"2024-05-02", b"--", b"1,5", b"\xff\xfe", b"\xb0", b"FMT, 1, 2, X",
+    b"t[s]", b"N[us]",
+]  # fmt: skip
+"""What stands in the cells of tables that nobody meant for us."""
+
+
+def misspelt(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
+    """Yield text with other words in a few cells, now and then with a line of it in another place."""
+    for _ in range(CASES):
+        lines = data.split(b"\n")
+        for _ in range(int(rng.integers(1, 5))):
+            at = int(rng.integers(0, len(lines)))
+            cells = lines[at].split(b",")
+            cells[int(rng.integers(0, len(cells)))] = WORDS[int(rng.integers(0, len(WORDS)))]
+            lines[at] = b",".join(cells)
+        if rng.random() < 0.2:
+            lines.insert(int(rng.integers(0, len(lines))), lines[int(rng.integers(0, len(lines)))])
+        yield b"\n".join(lines)
+
+
+def damaged_heads(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
+    """Yield a file with a few bytes in its first hundreds changed, where it says what it is and how it lies."""
+    for _ in range(CASES):
+        torn = bytearray(data)
+        for i in rng.integers(0, min(600, len(torn)), int(rng.integers(1, 5))):
+            torn[int(i)] = int(rng.choice([0, 1, 13, 127, 128, 255]))
+        yield bytes(torn)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "make"),
+    [
+        (".csv", table),
+        (".log", lambda folder: early_text(sailed()).encode()),
+        (".bin", lambda folder: as_binary(sailed())),
+        (".tlog", tlog),
+        (".ulg", lambda folder: ulog()),
+        (".mat", lambda folder: mat()),
+        (".db3", bag),
+    ],
+    ids=["csv", "early text", "early binary", "tlog", "ulog", "mat", "rosbag"],
+)
+def test_a_spoilt_run_is_refused_by_its_name_or_holds_believable_numbers_only(
+    tmp_path: Path, suffix: str, make: Callable[[Path], bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = make(tmp_path)
+    path = tmp_path / f"spoilt{suffix}"
+    path.write_bytes(data)
+    assert suffix == ".tlog" or len(load_runs(path)) == 1
+    rng = np.random.default_rng(34)
+    is_text = suffix in (".csv", ".log")
+    for bad in (*spoilt(data, rng), *damaged_heads(data, rng), *(misspelt(data, rng) if is_text else ())):
+        path.write_bytes(bad)
+        try:
+            runs = load_runs(path)
+        except AutotuneError as error:
+            assert "spoilt" in str(error)
+            assert "\n" not in str(error)
+            continue
+        for channel in (c for run in runs for c in run.channels.values()):
+            assert np.all(np.isfinite(channel.t)) and np.all(np.abs(channel.values) <= 1e12)
+    assert capsys.readouterr().out == "", "nothing else may stand beside JSON on standard output"

@@ -141,9 +141,11 @@ def test_a_recording_counts_each_hold_once(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [
-        ("", BadFile, "no rows"),
+        ("", BadFile, "pull.csv is empty"),
+        ("n[rpm];T[N]\n1;2\n", BadFile, "pull.csv separates its columns by ';'"),
+        ("n[rpm],T[N]\n1,2\n2\n", BadFile, "row 3"),
         ("n[rpm],T[N]\n1,x\n", BadFile, "row 2"),
-        ("n[rpm],T[lb]\n1,2\n", BadFile, "lb"),
+        ("n[rpm],T[lb]\n1,2\n", BadFile, r"pull.csv: unit \[lb\] is not known"),
         ("n[rpm],depth[m]\n1,2\n", MissingChannel, "force"),
         ("n[rpm],T[N]\n1,2\n2,3\n", NotInformative, "different commands"),
         ("n[rpm],T[N]\n1,2\n2,2\n3,2\n4,2\n5,2\n6,2\n", NotInformative, "never changes"),
@@ -154,6 +156,13 @@ def test_bad_tables_say_what_is_wrong(tmp_path: Path, text: str, error: type[Exc
     path.write_text(text)
     with pytest.raises(error, match=words):
         read_pull_test(path)
+
+
+@pytest.mark.parametrize("head", ["n[1/s]", "n[rev/s]", "[n[1/s]]", "n[Hz]"])
+def test_revolutions_a_second_are_understood(tmp_path: Path, head: str):
+    path = tmp_path / "pull.csv"
+    path.write_text(f"{head},T[N]\n" + "".join(f"{k},{0.1 * k * k}\n" for k in range(-5, 6)))
+    assert read_pull_test(path).command == pytest.approx(2.0 * np.pi * np.arange(-5, 6))
 
 
 def test_kilograms_of_a_luggage_scale_are_newtons(tmp_path: Path):
