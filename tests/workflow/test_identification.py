@@ -71,6 +71,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     context.log = SimpleNamespace(say=lambda text: None, fit=None)
     context.craft = SimpleNamespace(firmware=SimpleNamespace(needs_way=False), least_period=0.0)
     context.axis = SimpleNamespace(dof="yaw")
+    context.await_worker = None
     context.throttle = 0.0
     context.come_about = lambda before, ahead: False
     context.earlier = SimpleNamespace(has=lambda name: name in context.resumed)
