@@ -15,6 +15,7 @@ from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.excursion import (
     LATE,
+    NO_LIMITS,
     Ahead,
     Excursion,
     PaperVisit,
@@ -122,7 +123,8 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
             check = sign_check_for(
                 axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
             )
-            visit = PaperVisit(paper, envelope, PaperState(), under_way=True)
+            limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
+            visit = PaperVisit(paper, limits, PaperState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
     return worst_of(seen)
