@@ -88,8 +88,9 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
             most = replace(envelope, distance=None).distance_limit
             least = least_distance(
                 lambda metres: _under_way(context, replace(envelope, distance=metres), itineraries).distance > metres,
-                max(most, 2.0 * envelope.distance),
+                most := 2.0 * max(most, envelope.distance),
             )
+            least = most if math.isnan(least) else least
             raise PreconditionFailed(too_small(_what(context), "max-distance", envelope.distance, least, "m"))
     else:
         deepest = _deepest(context.axis.dof, settings, now)

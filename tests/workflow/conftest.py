@@ -25,7 +25,7 @@ def without_pictures() -> Iterator[None]:
     """Leave the pictures out of reports, a quarter of many a job, but where a file looks at them and says so."""
     with pytest.MonkeyPatch.context() as patch:
         for page, name in DRAWN:
-            patch.setattr(page, name, lambda *story: [])
+            patch.setattr(page, name, lambda *story, **how: [])
         yield
 
 
