@@ -19,6 +19,7 @@ from gcs_autotune.craft import Actuate, HeadingTarget, Observation
 from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres import (
     ComeBack,
+    Commands,
     Envelope,
     Manoeuvre,
     Outcome,
@@ -30,7 +31,6 @@ from gcs_autotune.manoeuvres import (
     far_out,
     preview,
 )
-from gcs_autotune.manoeuvres.manoeuvre import Commands
 from gcs_autotune.trial import Trial
 
 __all__ = [
