@@ -1,26 +1,52 @@
-"""Whether every manoeuvre of the table flies to its end at its usual sizes, on every simulated vehicle that can fly it.
+"""Whether every manoeuvre of the table flies to its end at its usual sizes, on every simulated vehicle that can fly it,
+and in the water and the time that were announced.
 
-Run: ``python3 -m benchmarks.every_manoeuvre [VEHICLE ...] [--only NAME,..] [--force X,..]``. Each is flown over MAVLink
-inside the usual limits, by every force that it may drive. Printed: how each ended, what was made of it, what was said;
-exit status 1 when one ended early without having been refused, or left the vehicle other than neutral and disarmed.
+Run: ``python3 -m benchmarks.every_manoeuvre [VEHICLE ...] [--only NAME,..] [--force X,..] [--tunes] [--quick]``. Each
+is flown over MAVLink inside the usual limits, by every force that it may drive. Printed: how each ended, what was made
+of it, what was said. Exit status 1 when one ended early without having been refused, or left the vehicle other than
+neutral and disarmed.
+
+Then a table of announced against used: the greatest distance from where the vehicle lay (of its true hull, until it has
+stopped), and the time from arming until it is restored. Goal: never less than used, at most 1.5 times it. Where a loop
+is flown, two numbers are announced: used is held against the larger one, the usual one against 1.5 times used.
+``--tunes`` flies the tunes and experiments as well, ``--quick`` leaves figures and models out.
 ``hand-release`` (somebody must push) and ``wall-relay`` (needs a wall) are flown where the vehicle has what they need.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import math
+import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
-from gcs_autotune.manoeuvres import MANOEUVRES
-from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, FlySettings, TuneSettings, Unattended, fly
-from sitl import VEHICLES, open_vehicle
+from gcs_autotune.manoeuvres import MANOEUVRES, Preview
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Progress, SilentWatcher
+from gcs_autotune.workflow import (
+    Connection,
+    FlightResult,
+    FlySettings,
+    PlannedRun,
+    TuneSettings,
+    Unattended,
+    experiment,
+    fly,
+    tune,
+)
+from gcs_autotune.workflow.flight_result import FlownRun
+from sitl import VEHICLES, Server, open_vehicle
+
+fly_module = importlib.import_module("gcs_autotune.workflow.fly")
 
 BY_HAND = "hand-release"
 QUICK = {"SCHED_LOOP_RATE": 100.0}
@@ -28,13 +54,83 @@ QUICK = {"SCHED_LOOP_RATE": 100.0}
 
 
 class Ear(SilentWatcher):
-    """Hears whether it was armed."""
+    """Hears whether it was armed and what was announced, and watches where *server*'s hull goes meanwhile."""
 
-    armed = False
+    def __init__(self, server: Server) -> None:
+        self._vehicle = server.vehicle
+        self.armed, self.announced = False, ""
+        self._began, self._home, self.far = math.nan, (0.0, 0.0), 0.0
 
     def say(self, text: str) -> None:
         """Take what is said once all that comes before arming is over."""
-        self.armed = self.armed or text.startswith("found: mode")
+        if text.startswith("will "):
+            self.announced += f"{text} "
+        if text.startswith("found: mode"):
+            self.armed = True
+            self._began, self._home = self._vehicle.seconds, (self._vehicle.body.x, self._vehicle.body.y)
+
+    def update(self, progress: Progress) -> None:
+        """Look where it is."""
+        if self.armed:
+            self.far = max(self.far, self._away)
+
+    @property
+    def _away(self) -> float:
+        return math.hypot(self._vehicle.body.x - self._home[0], self._vehicle.body.y - self._home[1])
+
+    def used(self) -> tuple[float, float]:
+        """Return the time [s] by now, and the distance [m] once the hull has stopped."""
+        seconds, vehicle = self._vehicle.seconds - self._began, self._vehicle
+        until = vehicle.seconds + COASTS
+        while vehicle.seconds < until and abs(vehicle.body.u) > STOPPED:
+            vehicle.move()
+            vehicle.control()
+            self.far = max(self.far, self._away)
+        return seconds, self.far
+
+
+COASTS, STOPPED = 60.0, 0.02
+"""Chosen [s, m/s]: how long a hull is watched that coasts, and at what speed it has stopped."""
+MOST = 1.5
+"""Goal: announced over used at most."""
+_TIME = r"(?:(\d+) min ?)?(?:(\d+) s)?"
+
+
+@dataclass(frozen=True)
+class Told:
+    """Announced, the most and the usual, and used: seconds and metres, NaN where nothing was said."""
+
+    most: tuple[float, float]
+    usual: tuple[float, float]
+    used: tuple[float, float]
+
+    @property
+    def misses(self) -> str:
+        """What is not as it should be."""
+        found = []
+        for name, most, usual, used in zip(("time", "distance"), self.most, self.usual, self.used, strict=True):
+            if math.isfinite(most) and used > most:
+                found.append(f"{name} LOW")
+            if math.isfinite(usual) and usual > MOST * used:
+                found.append(f"{name} HIGH {usual / used:.1f}" if used else f"{name} HIGH")
+        return ", ".join(found)
+
+
+def told_in(text: str, used: tuple[float, float]) -> Told:
+    """Return what an announcement says."""
+    far = re.search(r"need up to ([\d.]+) m ", text)
+    metres = float(far[1]) if far else math.nan
+    whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
+    longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
+    usual = re.search(rf"usually (?:about (\d+) m and )?{_TIME}", text)
+    seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
+    if usual is None:
+        return Told((most, metres), (seconds, metres), used)
+    return Told((most, metres), (_seconds(usual.groups()[1:]), float(usual[1]) if usual[1] else metres), used)
+
+
+def _seconds(pair: Sequence[str | None]) -> float:
+    return 60.0 * float(pair[0] or 0.0) + float(pair[1] or 0.0)
 
 
 def cases(vehicle: str, only: set[str], forces: set[str]) -> Iterator[tuple[str, str]]:
@@ -55,29 +151,64 @@ def cases(vehicle: str, only: set[str], forces: set[str]) -> Iterator[tuple[str,
                 yield kind.name, force
 
 
-def flown(vehicle: str, name: str, force: str) -> tuple[bool, str]:
-    """Fly one; return whether it came to its end or was refused beforehand, and what is to be said of it."""
+def flown(vehicle: str, name: str, force: str) -> tuple[bool, str, Told | None]:
+    """Fly one; return whether it came to its end or was refused beforehand, what is to be said of it, and the room it
+    took (None: it did not come to its end)."""
     server = open_vehicle(vehicle, seed=1)
     if not server.vehicle.data.is_boat:
         server = open_vehicle(vehicle, seed=1, parameters=QUICK)
     link = MemoryLink(server)
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
-        ear = Ear()
-        common = TuneSettings("heading", Connection("memory", opened=link), Path(place) / "run")
+        ear, room = Ear(server), None
+        verb, _, axis = name.rpartition(" ")
+        common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), Path(place) / "run")
         try:
-            result = fly(FlySettings(name, common, force=force), Unattended(), ear, "")
-            models = ", ".join(model.fit.dof for model in result.models) or "no model"
-            trial = result.trial
-            assert trial is not None  # it was flown
-            good, told = True, f"{trial.duration:.0f} s, {models}; {' '.join(result.remarks)}"
+            if verb:
+                {"tune": tune, "experiment": experiment}[verb](common, Unattended(), ear, "")
+                good, told = True, "done"
+            else:
+                result = fly(FlySettings(name, common, force=force), Unattended(), ear, "")
+                models = ", ".join(model.fit.dof for model in result.models) or "no model"
+                trial = result.trial
+                assert trial is not None  # it was flown
+                good, told = True, f"{trial.duration:.0f} s, {models}; {' '.join(result.remarks)}"
+            room = told_in(ear.announced, ear.used()) if ear.armed else None
         except AutotuneError as error:
             good = isinstance(error, (PreconditionFailed, WrongVehicle)) and not ear.armed
             told = f"{'refused' if good else type(error).__name__}: {error}"
     autopilot = server.vehicle.autopilot
     if autopilot.armed or any(pwm not in (0, 1500) for pwm in autopilot.pwm):
-        return False, f"NOT LEFT AS FOUND; {told}"
-    return good, told.replace(place, "DIR")
+        return False, f"NOT LEFT AS FOUND; {told}", room
+    return good, told.replace(place, "DIR"), room
+
+
+def tunes(vehicle: str) -> Iterator[tuple[str, str]]:
+    """Yield the tunes and experiments of the vehicle's firmware."""
+    boat = open_vehicle(vehicle, seed=1).vehicle.data.is_boat
+    for axis in FIRMWARE["ardurover" if boat else "ardusub"].axes:
+        yield f"tune {axis}", ""
+    yield from (("experiment heading", ""), ("experiment surge", ""))
+
+
+def show(rooms: Sequence[tuple[str, Told]]) -> None:
+    """Print the table of announced against used."""
+    sys.stdout.write(f"\n{'':<34}{'time used':>10}{'usual':>7}{'most':>7}{'far used':>10}{'usual':>7}{'most':>7}\n")
+    for case, told in rooms:
+        pairs = zip(told.used, told.usual, told.most, strict=True)
+        (s, s_usual, s_most), (m, m_usual, m_most) = pairs
+        numbers = f"{s:>8.0f} s{s_usual:>7.0f}{s_most:>7.0f}{m:>8.1f} m{m_usual:>7.0f}{m_most:>7.0f}"
+        sys.stdout.write(f"{case:<34}{numbers}  {told.misses}\n")
+    low, high = (sum(word in told.misses for _, told in rooms) for word in ("LOW", "HIGH"))
+    sys.stdout.write(
+        f"{len(rooms)} runs: in {low} less was announced than used, in {high} more than {MOST:g} times as much\n"
+    )
+
+
+def _first(flight: Sequence[Any]) -> tuple[PlannedRun, Preview, Trial | None]:
+    """Return the first run of what a flight is read from."""
+    run = flight[3][0]
+    return run.planned, run.preview, run.trial
 
 
 def main() -> int:
@@ -86,16 +217,24 @@ def main() -> int:
     parser.add_argument("vehicles", nargs="*", metavar="VEHICLE")
     parser.add_argument("--only", default="", metavar="NAME,..")
     parser.add_argument("--force", default="", metavar="X,..")
+    parser.add_argument("--tunes", action="store_true", help="tunes and experiments as well")
+    parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
     args = parser.parse_args()
+    if args.quick:
+        fly_module.read_flight = lambda *flight: FlightResult([FlownRun(*_first(flight))])  # type: ignore[attr-defined]
     only, forces = ({x for x in text.split(",") if x} for text in (args.only, args.force))
     done = bad = 0
+    rooms: list[tuple[str, Told]] = []
     for vehicle in args.vehicles or sorted(VEHICLES):
-        for name, force in cases(vehicle, only, forces):
-            good, told = flown(vehicle, name, force)
+        for name, force in (*cases(vehicle, only, forces), *(tunes(vehicle) if args.tunes else ())):
+            good, told, room = flown(vehicle, name, force)
+            if room is not None:
+                rooms.append((f"{vehicle} {name} {force}", room))
             done, bad = done + 1, bad + (not good)
             mark = "" if good else "ENDED EARLY "
             sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{told}\n")
             sys.stdout.flush()
+    show(rooms)
     sys.stdout.write(f"{done} flown or refused beforehand, {bad} ended early\n")
     return 1 if bad else 0
 

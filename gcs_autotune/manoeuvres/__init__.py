@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
 from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.manoeuvre import Ending, Manoeuvre, Outcome, limited_orders
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, PaperState, Preview, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings, StopRule
@@ -49,6 +49,7 @@ __all__ = [
     "CalmCheck",
     "ComeBack",
     "ComeToRest",
+    "Commands",
     "Dive",
     "DiveSettings",
     "Ending",

@@ -113,10 +113,11 @@ class SetPointRelay(Manoeuvre):
         yield self._wanted(0.0)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End the last relay with what is recorded, if it has switched often enough: the loop takes all of them."""
-        if self._flown < len(self._relays) or self._switchings < LEAST_SWITCHINGS:
+        """End a relay with what is recorded, if it has switched often enough to show how the loop is damped."""
+        if self._switchings < LEAST_SWITCHINGS:
             return None
-        told = f"not settled after {self._switchings} reversals of the last relay, and the room ends: {where}"
+        which = "the last relay" if self._flown == len(self._relays) else f"relay {self._flown}"
+        told = f"not settled after {self._switchings} reversals of {which}, and the room ends: {where}"
         return Outcome("stopped", f"{told}; what was recorded is used")
 
     @property

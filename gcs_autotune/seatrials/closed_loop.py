@@ -334,7 +334,8 @@ def relays_of(run: Trial) -> list[Trial]:
     """
     starts = [m.t for m in run.marks if m.kind == "relay"]
     if len(starts) < 2:
-        raise NotInformative(f"run '{run.name}' holds {len(starts)} relays on the set-point; the loop takes two")
+        flown = f"{len(starts)} relay{'s' * (len(starts) != 1)}"
+        raise NotInformative(f"run '{run.name}' has {flown} on the set-point, and two are needed")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
     holds = [m.t for m in run.marks if m.kind == "hold"]

@@ -15,6 +15,7 @@ from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.excursion import (
     LATE,
+    NO_LIMITS,
     Ahead,
     Excursion,
     PaperVisit,
@@ -87,8 +88,9 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
             most = replace(envelope, distance=None).distance_limit
             least = least_distance(
                 lambda metres: _under_way(context, replace(envelope, distance=metres), itineraries).distance > metres,
-                max(most, 2.0 * envelope.distance),
+                most := 2.0 * max(most, envelope.distance),
             )
+            least = most if math.isnan(least) else least
             raise PreconditionFailed(too_small(_what(context), "max-distance", envelope.distance, least, "m"))
     else:
         deepest = _deepest(context.axis.dof, settings, now)
@@ -122,7 +124,8 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
             check = sign_check_for(
                 axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
             )
-            visit = PaperVisit(paper, envelope, PaperState(), under_way=True)
+            limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
+            visit = PaperVisit(paper, limits, PaperState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
     return worst_of(seen)

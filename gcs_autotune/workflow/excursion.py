@@ -19,6 +19,7 @@ from gcs_autotune.craft import Actuate, HeadingTarget, Observation
 from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres import (
     ComeBack,
+    Commands,
     Envelope,
     Manoeuvre,
     Outcome,
@@ -30,7 +31,6 @@ from gcs_autotune.manoeuvres import (
     far_out,
     preview,
 )
-from gcs_autotune.manoeuvres.manoeuvre import Commands
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -228,16 +228,17 @@ class Excursion:
     def beyond(self, envelope: Envelope, what: str) -> str:
         """Return why *what* is refused: a limit of *envelope* that it cannot keep, with the nearest that it can.
 
-        Empty for nothing. Only limits that somebody set are looked at; distance and time as the worst craft needs them,
-        others as every craft does.
+        Empty for nothing. Only limits that somebody set are looked at: distance and time as the worst craft needs them,
+        others as every craft does. A loop that is flown is assumed to damp well: else its run ends with the space.
         """
         usual = Envelope()
         for option, name, factor, unit in LIMITED:
             limit = getattr(envelope, name)
             value = SPARE * getattr(self, name) if name == "time" else self.least.get(name, getattr(self, name))
-            value = self.needs if name == "distance" else value
+            value = (self.usual or self).needs if name == "distance" else value
             if limit is not None and limit != getattr(usual, name) and value > limit:
-                shown = math.ceil(factor * value) if factor * value >= 10.0 else math.ceil(10.0 * factor * value) / 10.0
+                shown = factor * value * (SPARE if name not in ("distance", "time") else 1.0)
+                shown = math.ceil(shown) if shown >= 10.0 else math.ceil(10.0 * shown) / 10.0
                 return too_small(what, option, factor * limit, shown, unit)
         return ""
 

@@ -139,7 +139,7 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
     try:
         (sheet,) = ship_figures(trial)
     except NotInformative as error:
-        return None, str(error)
+        return None, trial.reason if trial.reason.startswith("not settled") else str(error)
     return sheet, ""
 
 

@@ -184,5 +184,5 @@ def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
 def test_one_relay_is_too_few_for_the_loop() -> None:
     run = flown(PondCraft())
     second = [m for m in run.marks if m.kind == "relay"][1]
-    with pytest.raises(NotInformative, match="holds 1 relays"):
+    with pytest.raises(NotInformative, match="has 1 relay on"):
         ship_figures(replace(run, marks=tuple(m for m in run.marks if m is not second)))

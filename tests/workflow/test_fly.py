@@ -122,7 +122,7 @@ def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_on
 def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[SitlHarness, Any]) -> None:
     harness, result = charlie
     said = " ".join(harness.said)
-    for words in ("m of free water", "Go ahead?", "draw on the battery", "take about", "write no parameter"):
+    for words in ("m from where it lies", "Go ahead?", "draw on the battery", "sign check ", "write no parameter"):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("found: mode")
     harness.assert_neutral()

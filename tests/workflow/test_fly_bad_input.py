@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import AutotuneError, GuardTripped, NotAchieved
+from gcs_autotune.errors import AutotuneError, NotAchieved, PreconditionFailed
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import Envelope
 from sitl import make_effect
@@ -29,11 +29,12 @@ def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: st
     assert last.ending == "aborted"
 
 
-def test_a_spiral_without_the_room_it_needs_is_ended_at_the_limit(tmp_path: Path) -> None:
+def test_a_spiral_without_the_space_it_needs_is_refused_before_arming_with_the_nearest_limit(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
-    narrow = Envelope(distance=20.0)
-    ended(harness, GuardTripped, "'distance from start' tripped", "spiral", {"steering": 0.3}, envelope=narrow)
-    assert any("preview ends early, but on assumed numbers: " in text for text in harness.said)
+    with pytest.raises(PreconditionFailed, match=r"spiral needs --max-distance (\d+), and the limit is 20 m"):
+        flown(harness, {"steering": 0.3}, name="spiral", envelope=Envelope(distance=20.0))
+    assert not any(text.startswith(("will ", "found: mode")) for text in harness.said)
+    assert not harness.vehicle.autopilot.armed
 
 
 def test_a_rudder_that_stalls_never_brings_the_heading_there_and_less_of_it_is_advised(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope
 from gcs_autotune.workflow import FlySettings
-from gcs_autotune.workflow.paper_craft import paper_craft
+from gcs_autotune.workflow.paper_craft import Kin, paper_craft
 
 from .sitl_harness import SLOW_LOOP, SitlHarness
 from .test_fly import flown
@@ -58,7 +58,7 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
     assert any("ends early, but on assumed numbers: safety limit 'depth excursion'" in text for text in harness.said)
     assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
     assert result.preview.deep > 5.0
-    assert any("it would take 60 s" in text for text in harness.said)
+    assert any("it would need " in text and "doublets 1 min" in text for text in harness.said)
 
 
 def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
@@ -93,9 +93,8 @@ def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known
 
 def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself(tmp_path: Path) -> None:
     settings = FlySettings("doublets", SitlHarness(tmp_path).settings(), force="Z")
-    heavy, light = (
-        paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, sinks=sinks).others["Z"] for sinks in (True, False)
-    )
+    kin = (Kin(sinks=sinks) for sinks in (True, False))
+    heavy, light = (paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, one).others["Z"] for one in kin)
     assert heavy.delta == -light.delta > 0.0
     assert heavy.steady_velocity(1.0 - heavy.delta) == pytest.approx(1.5)
     assert heavy.steady_velocity(0.0) > 0.05

@@ -13,6 +13,7 @@ from gcs_autotune.report.toolkit.live import describe_progress
 from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, legs_of_tune, pace_of
 
 RUDDER, THRUSTERS = (pace_of(under_way=True, skid=skid) for skid in (False, True))
@@ -58,7 +59,7 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
         )
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of(under_way=False, skid=False, restless=True)))
     )
-    assert how_long(usual, patient.seconds).startswith("take about 90 s of the vehicle's time, up to 7 min where ")
+    assert how_long(usual, patient.seconds).startswith("take about 110 s of the vehicle's time, up to 7 min where ")
     assert "up to" not in how_long(patient, patient.seconds)
 
 
@@ -171,17 +172,19 @@ def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_
 
 def test_the_room_is_that_of_the_craft():
     here = Observation(0.0, 0.0, z=0.2)
-    assert room("yaw", 1.2, settings(stop_rule="settled"), here) == "need about 120 m of free water around"
-    assert room("yaw", 1.2, settings(), here).startswith("need up to 228 m of free water around: it turns about once")
-    small = settings(envelope=Envelope(distance=150.0))
-    assert room("yaw", 1.2, small, here).startswith(
-        "need up to 135 m of free water around: it turns about once it is 60 m"
+    whole, deep = Excursion(200.0, 182.0), Observation(0.0, 0.0, z=10.0)
+    assert room("yaw", 1.2, settings(stop_rule="settled"), here, whole).startswith(
+        "need up to 220 m from where it lies: it turns around before each stage"
     )
-    assert room("yaw", 0.0, settings(), here) == "need about 2 m of free water around"
-    assert room("heave", 0.0, settings("depth"), here) == "need about 2 m of free water around, and 4 m of depth"
-    deep = Observation(0.0, 0.0, z=10.0)
-    assert room("heave", 0.0, settings("depth", step=-3.0), deep).endswith("and 14 m of depth")
-    assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0)).endswith("and 4 m of depth")
+    assert room("yaw", 1.2, settings(), here, whole).startswith(
+        "need up to 220 m from where it lies: it turns around once it is 120 m away"
+    )
+    small = settings(envelope=Envelope(distance=150.0))
+    assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from where it lies: it turns around once")
+    assert room("yaw", 0.0, settings(), here, whole) == "need about 2 m of free water around"
+    assert room("heave", 0.0, settings("depth"), here, whole) == "need about 2 m of free water around, and 4 m of depth"
+    assert room("heave", 0.0, settings("depth", step=-3.0), deep, whole).endswith("and 14 m of depth")
+    assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0), whole).endswith("and 4 m of depth")
 
 
 def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():

@@ -17,6 +17,7 @@ from gcs_autotune.identify import Fit
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Preview
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
+from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.flight_plan import FlightLeg
 from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for, see_it_can_be_told
 
@@ -92,7 +93,7 @@ def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_en
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, settings)
     seen = SimpleNamespace(seconds=30.0, trouble="")
-    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen))
+    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
     said: list[str] = []
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, said.append)
     lost = Outlook(cast(Fit, None), {"beta_r": math.inf}, math.nan, None)
@@ -220,7 +221,8 @@ def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path:
 def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tmp_path: Path) -> None:
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, SitlHarness(tmp_path, QUICK).settings())
-    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, SimpleNamespace(seconds=30.0)))
+    seen = cast(Preview, SimpleNamespace(seconds=30.0))
+    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)
     run = cast(Trial, SimpleNamespace(duration=30.0))
     known = Outlook(cast(Fit, None), {"beta_r": 0.04}, math.nan, ())

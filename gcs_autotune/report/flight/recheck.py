@@ -87,6 +87,7 @@ class LoopCheck:
 
 def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str:
     """Return the page: the verdict, the numbers beside those of the last tune, and the picture of *run*."""
+    numbers, of = _numbers(check), "Now" if check.then is None else "Now and after the last tune"
     return render_page(
         "flight/page.html",
         {
@@ -98,7 +99,7 @@ def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str
             "runs": None,
             "story": None,
             "pictured": "Commanded and flown",
-            "sheets": [("Now" if check.then is None else "Now and after the last tune", _numbers(check), "")],
+            "sheets": [(of, numbers, "")] if numbers.rows else [],
             "models": [],
             "pictures": _picture(check.axis, run),
         },
@@ -107,7 +108,9 @@ def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str
 
 def recheck_summary(check: LoopCheck) -> Group:
     """Return what the terminal shows: verdict, numbers, what to doubt."""
-    parts = [title(check.text, STYLES[check.tone]), *(bullet(note) for note in check.notes), grid(_numbers(check))]
+    numbers = _numbers(check)
+    parts = [title(check.text, STYLES[check.tone]), *(bullet(note) for note in check.notes)]
+    parts += [grid(numbers)] if numbers.rows else []
     doubts = _doubts(check)
     if doubts:
         parts += [title("What to doubt", "bold yellow"), *(bullet(text) for text in doubts)]

@@ -1,0 +1,107 @@
+"""What a whole run takes, on paper: the sign check, the approach, the way back and the coasting belong to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.manoeuvres import Envelope, OpenLoopProgramme, PaperCraft, PaperState, preview
+from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.announcement import exactly, whole_of
+from gcs_autotune.workflow.excursion import (
+    NO_LIMITS,
+    Ahead,
+    Excursion,
+    PaperVisit,
+    least_distance,
+    overhead,
+    worst_of,
+)
+from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
+
+BOAT = PaperCraft(SingleDof("yaw", "1", 5.0, 3.0), 1.0, "a test", others={"X": SingleDof("surge", "1", 6.0, 0.0, 1.0)})
+
+
+def visit(craft: PaperCraft = BOAT, envelope: Envelope = NO_LIMITS) -> PaperVisit:
+    return PaperVisit(craft, envelope, PaperState(), under_way=True)
+
+
+def test_each_stage_begins_as_the_last_one_ended_and_the_coasting_counts():
+    flown = visit()
+    flown.fly(Ahead(1.0, 30.0), "first")
+    flown.fly(Ahead(1.0, 30.0), "second")
+    whole = flown.excursion()
+    alone = preview(Ahead(1.0, 30.0), BOAT, NO_LIMITS).away
+    assert whole.distance > 2.0 * alone + 5.0
+    assert whole.seconds == pytest.approx(60.0 + overhead(2), abs=0.5)
+    assert [name for name, _ in whole.stages] == ["first", "second"]
+    assert whole.speed == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_preview_goes_on_from_the_state_another_left():
+    def ahead(t: float) -> dict[str, float]:
+        return {"X": 1.0}
+
+    first = preview(OpenLoopProgramme("one", ahead, 20.0, force="X"), BOAT, NO_LIMITS)
+    second = preview(OpenLoopProgramme("two", ahead, 20.0, force="X"), BOAT, NO_LIMITS, begins=first.ends)
+    assert second.trial["x"].values[0] == pytest.approx(first.ends.x)
+    assert second.trial["u"].values[0] == pytest.approx(first.ends.u)
+    assert second.away > first.away + 15.0
+
+
+def test_a_boat_that_would_leave_its_space_turns_around_as_on_the_water_and_comes_back():
+    flown = visit(envelope=replace(NO_LIMITS, distance=60.0, cruise=1.0))
+    flown.fly(Ahead(1.0, 40.0), "first")
+    flown.come_about(0.5, 30.0)
+    flown.fly(Ahead(1.0, 30.0), "second")
+    whole = flown.excursion()
+    assert [name for name, _ in whole.stages] == ["first", "turning around", "second"]
+    assert whole.distance < 60.0
+    stays = visit(envelope=replace(NO_LIMITS, distance=300.0, cruise=1.0))
+    stays.fly(Ahead(1.0, 40.0), "first")
+    stays.come_about(0.5, 30.0)
+    assert len(stays.excursion().stages) == 1
+
+
+def test_of_several_craft_the_worst_counts_and_what_every_one_needs_is_known():
+    craft = [assumed_craft(FIRMWARE["ardurover"], {}, 0.5, 1.2, kin) for kin in kin_of(under_way=True, skid=False)]
+    radii = [1.2 / one.yaw.steady_velocity(1.0) for one in craft]
+    assert max(radii) == pytest.approx(6.7) and min(radii) == pytest.approx(3.0)
+    worst = worst_of([Excursion(50.0, 20.0, turn_rate=0.2), Excursion(40.0, 35.0, turn_rate=0.5)])
+    assert (worst.seconds, worst.distance, worst.turn_rate) == (50.0, 35.0, 0.5)
+    assert worst.least["turn_rate"] == 0.2
+
+
+def test_a_limit_that_was_set_and_cannot_be_kept_is_refused_with_the_nearest_that_can():
+    whole = worst_of([Excursion(80.0, 50.0, time=40.0, speed=1.0, turn_rate=r) for r in (0.2, 0.4)])
+    assert whole.needs == 60.0
+    assert not whole.beyond(Envelope(), "zig-zag")
+    assert not whole.beyond(Envelope(distance=60.0), "zig-zag")
+    refused = whole.beyond(Envelope(distance=59.0), "zig-zag")
+    assert refused.startswith("not started: zig-zag needs --max-distance 60, and the limit is 59 m. Nothing was armed.")
+    assert "--max-time 48" in whole.beyond(Envelope(time=30.0), "zig-zag")
+    assert "--max-speed 1.2" in whole.beyond(Envelope(speed=0.5), "zig-zag")
+    assert not whole.beyond(Envelope(turn_rate=0.3), "zig-zag"), "a craft that turns slowly keeps it"
+    assert "--max-turn-rate 14" in whole.beyond(Envelope(turn_rate=0.1), "zig-zag")
+
+
+def test_the_nearest_feasible_distance_is_found_between_none_and_the_most():
+    assert least_distance(lambda metres: metres < 83.0, 300.0) == pytest.approx(85.0, abs=5.0)
+    assert math.isnan(least_distance(lambda metres: True, 300.0))
+
+
+def test_the_announcement_has_the_whole_of_it_with_its_stages():
+    whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
+    told = whole_of(whole, Envelope(), "a test")
+    assert told == (
+        "need up to 90 m from where it lies, and up to 2 min 20 s: sign check 40 s, zig-zag 1 min; by a test"
+    )
+    assert "up to 80 m from where it lies (the run is ended there: --max-distance)" in whole_of(
+        whole, Envelope(distance=80.0)
+    )
+    loop = replace(whole, usual=Excursion(60.0, 30.0))
+    assert "where the loop hardly damps; usually about 40 m and 1 min 10 s:" in whole_of(loop, Envelope())
+    assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]

@@ -1,0 +1,137 @@
+"""Is the old tune still good? Verdicts, the last tune found, other sizes flown, and what people are shown."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.axes import AXES
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.report import recheck_summary
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.seatrials import Figure, Sheet
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, recheck
+from gcs_autotune.workflow.recheck import LastTune, LoopNumbers, Recheck, last_tune, verdict_of
+
+from .sitl_harness import WHEN, Ear, SitlHarness
+
+
+def sheet(zeta: tuple[float, float], over: tuple[float, float], *doubts: Doubt, settling: float = 4.0) -> Sheet:
+    figures = {
+        "damping": Reading(*zeta),
+        "overshoot": Reading(*over),
+        "rise": Reading(0.5 * settling, math.nan, "s"),
+        "settling": Reading(settling, math.nan, "s"),
+    }
+    return Sheet("run", "set-point-relay", "loop", tuple(Figure(n, n, r) for n, r in figures.items()), "", doubts)
+
+
+def judged(of: Sheet | None, tune: LoopNumbers | None = None, **more: Any) -> Any:
+    check = Recheck(AXES["heading"], Path("runs"), SilentWatcher())
+    check.sheet = of
+    check.tune = None if tune is None else LastTune(Path("runs/a"), WHEN, tune, {})
+    for name, value in more.items():
+        setattr(check, name, value)
+    return verdict_of("heading", check)
+
+
+LIMITED = Doubt("saturated", "at its limit", "smaller")
+GOOD, TUNED = sheet((0.7, 0.05), (0.05, 0.02)), LoopNumbers(0.04, 1.8, 3.5)
+
+
+@pytest.mark.parametrize(
+    ("of", "tune", "kind", "tone"),
+    [
+        (GOOD, TUNED, "good", "good"),
+        (GOOD, None, "good", "good"),
+        (sheet((0.45, 0.05), (0.19, 0.02)), TUNED, "degraded", "bad"),
+        (sheet((0.7, 0.05), (0.05, 0.02), settling=9.0), TUNED, "degraded", "bad"),
+        (sheet((0.2, 0.05), (0.5, 0.1)), None, "poorly damped", "bad"),
+        (sheet((0.6, 0.05), (0.22, 0.05)), None, "undecided", "neutral"),
+        (sheet((0.7, 0.4), (0.05, 0.02)), None, "not identifiable", "neutral"),
+        (sheet((0.7, 0.05), (0.05, 0.02), LIMITED), TUNED, "not identifiable", "neutral"),
+        (None, TUNED, "not identifiable", "neutral"),
+    ],
+)  # fmt: skip
+def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumbers | None, kind: str, tone: str) -> None:
+    found = judged(of, tune)
+    assert (found.kind, found.tone) == (kind, tone)
+    assert found.text.endswith(".")
+
+
+def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
+    shown = render_text(recheck_summary(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
+    assert "tune of" in shown and "overshoot of a step" in shown and "5 ± 2" in shown
+    assert "halved and it was flown again" in shown and "ATC_STR_RAT_P changed since" in shown
+    assert "a_1" not in shown and "b_1" not in shown
+
+
+def noted(folder: Path, name: str, when: str, board: str, **summary: Any) -> None:
+    run = folder / name
+    run.mkdir()
+    after = {"overshoot": 0.1, "rise": 1.0, "settling": None}
+    told = {"axis": "heading", "kept": True, "when": when, "metrics": {"after": after}, **summary}
+    (run / "summary.json").write_text(json.dumps(told))
+    (run / "setting_out.json").write_text(json.dumps({"vehicle": {"uid": board}, "fingerprint": {}}))
+    (run / "parameters_after.json").write_text(json.dumps({"P": 0.3}))
+
+
+def test_the_last_tune_is_the_newest_that_kept_gains_on_this_vehicle_and_broken_folders_are_passed_over(
+    tmp_path: Path,
+) -> None:
+    noted(tmp_path, "a", "2026-01-01", "mine")
+    noted(tmp_path, "b", "2026-02-01", "mine")
+    noted(tmp_path, "c", "2026-03-01", "other")
+    noted(tmp_path, "d", "2026-04-01", "mine", kept=False)
+    noted(tmp_path, "e", "2026-05-01", "mine", axis="depth")
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f" / "summary.json").write_text("[")
+    found = last_tune(tmp_path, "heading", lambda about: about["vehicle"]["uid"] == "mine")
+    assert found is not None and found.directory.name == "b"
+    assert found.numbers.overshoot == 0.1 and math.isnan(found.numbers.settling)
+    assert found.changed({"P": 0.3}) == () and found.changed({"P": 0.4}) == ("P",)
+    assert last_tune(tmp_path / "none", "heading", lambda about: True) is None
+
+
+def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None = None, **common: Any) -> Any:
+    settings = FlySettings("set-point-relay", harness.settings(**common), options or {}, force="N")
+    return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
+
+
+def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path)
+    found = checked(harness, tmp_path)
+    assert (found.kind, found.tone) == ("oscillates", "bad")
+    assert math.degrees(found.now.oscillation) > 20.0
+    page = (harness.directory / "report.html").read_text(encoding="utf-8")
+    assert '<div class="verdict bad">' in page and page.count("<figure") == 1
+    assert json.loads((harness.directory / "summary.json").read_text())["ending"] == "oscillates"
+    assert any("is made --hysteresis" in text and "steering would be at its limit" in text for text in harness.said)
+    assert not harness.vehicle.autopilot.armed
+    harness.assert_neutral()
+
+
+def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_called_good(tmp_path: Path) -> None:
+    """The space ends before the second relay, whatever its size."""
+    harness = SitlHarness(tmp_path)
+    found = checked(harness, tmp_path, envelope=Envelope(distance=160.0))
+    assert (found.kind, found.tone) == ("not identifiable", "neutral")
+    assert any("flying again at half of them" in text for text in harness.said)
+    assert "halved" in found.notes[0]
+    names = {path.stem.partition("-")[2] for path in (harness.directory / "trials").glob("*.csv")}
+    assert {"set-point-relay", "set-point-relay-again"} <= names
+    assert '<div class="verdict neutral">' in (harness.directory / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_limit_that_a_recheck_cannot_keep_is_refused_before_arming(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path)
+    with pytest.raises(PreconditionFailed, match=r"needs --max-distance \d+, and the limit is 30 m"):
+        checked(harness, tmp_path, envelope=Envelope(distance=30.0))
+    assert harness.found == ""
