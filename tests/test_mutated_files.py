@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
+from referencing import Registry, Resource
 
 from gcs_autotune.cli.config_file import read_config
 from gcs_autotune.documents import conformed, load_json
@@ -27,6 +29,7 @@ from gcs_autotune.models import load_form
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Connection, TuneSettings, load_flight_plan
 from gcs_autotune.workflow.resuming import _SetOut
+from gcs_autotune_files import parse
 from sitl import BadVehicle, load_vehicle
 from sitl.modelfile import BadModel, read_model
 
@@ -39,7 +42,10 @@ SINGLE = {
     "schema": 1, "model": "single-dof", "dof": "yaw", "input_unit": "1",
     "alpha": 1.5, "beta": 0.5, "beta_quadratic": 0.1, "delta": 0.01, "delay": 0.2,
     "known_from": {
-        "parameters": {"alpha_r": {"value": 1.5, "std": 0.1}, "beta_r": {"value": 0.5, "std": 0.1}},
+        "parameters": {
+            "alpha_r": {"value": 1.5, "unit": "s^2/rad", "std": 0.1},
+            "beta_r": {"value": 0.5, "unit": "s/rad", "std": 0.1},
+        },
         "correlation": [[1.0, 0.25], [0.25, 1.0]],
         "noise": {"psi": 0.01}, "inputs": {"N": "1"},
     },
@@ -143,9 +149,11 @@ class Kind:
     name: str
     load: Callable[[Path], object]
     data: Any = None
-    text: str = ""
     free: tuple[str, ...] = ()
     positive: tuple[str, ...] = ()
+    schema: str = ""
+    """Name of the published schema, for what is one document."""
+    text: str = ""
     torn: str = "-"
     """Where damage is expected, as a power cut leaves it."""
 
@@ -164,12 +172,19 @@ _KNOWN = ("known_from.parameters.alpha_r.value", "known_from.parameters.beta_r.v
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("single.json", load_model, SINGLE, free=_KNOWN, positive=("alpha", "delay", "known_from.noise.psi")),
-        Kind("coupled.json", load_model, COUPLED, positive=("values.m",)),
-        Kind("extended.json", load_model, EXTENDED),
-        Kind("flown.json", read_model, EXTENDED),
+        Kind(
+            "single.json",
+            load_model,
+            SINGLE,
+            free=_KNOWN,
+            schema="model-file",
+            positive=("alpha", "delay", "known_from.noise.psi"),
+        ),
+        Kind("coupled.json", load_model, COUPLED, schema="model-file", positive=("values.m",)),
+        Kind("extended.json", load_model, EXTENDED, schema="model-file"),
+        Kind("flown.json", read_model, EXTENDED, schema="model-file"),
         Kind("area.geojson", lambda path: read_area(str(path)), GEOJSON, free=("features.0.properties",)),
-        Kind("side.json", _trial, SIDE, free=("meta", "marks.0.detail", "marks.1.detail")),
+        Kind("side.json", _trial, SIDE, free=("meta", "marks.0.detail", "marks.1.detail"), schema="trial-file"),
         Kind("setting_out.json", lambda p: conformed(load_json(p, "it"), _SetOut, p), SET_OUT, free=("settings",)),
         Kind("parameters.json", load_params, PARAMETERS, free=("schema", "comment")),
         Kind("journal.jsonl", read_journal, JOURNAL, free=("time",), torn="5."),
@@ -202,6 +217,15 @@ WRONG = ('"text"', "true", "[]", "{}", '""', "[[1]]", '{"a": 1}')
 """What is no number, where a number should be."""
 NEVER_TOML = ("nan", "inf", "-inf", "1e999", "9" * 400, "9" * 5000, "0x" + "f" * 400, DEEP, "٣", '"text"', "true", "{}")
 NEVER_LINES = ("nan", "inf", "1_0", "٣", "0x10", "1e39", "text", "1.2.3", "--1", "9" * 5000, "")
+
+
+REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+DOCUMENTS = {path.name: json.loads(path.read_text()) for path in REFERENCE.glob("*.schema.json")}
+REGISTRY: Any = Registry().with_resources((name, Resource.from_contents(text)) for name, text in DOCUMENTS.items())
+SCHEMAS = {
+    name: Draft202012Validator(DOCUMENTS[f"{name}.schema.json"], registry=REGISTRY)
+    for name in ("model-file", "trial-file")
+}
 
 
 def places(data: Any, at: str = "") -> Iterator[tuple[str, Any]]:
@@ -324,6 +348,7 @@ def test_a_damaged_file_is_refused_in_one_line_and_no_nonsense_is_taken(name: st
         path.write_bytes(data)
         said = outcome(kind, path)
         assert said or not why, f"taken: {why}"
+        assert said or not kind.schema or SCHEMAS[kind.schema].is_valid(parse(data)), "taken against the schema"
         assert len(said) < LONGEST
         assert "\n" not in said
 
