@@ -1,6 +1,6 @@
 """JSON schemas of the files that people write, made from the tables that read them:
 
-python3 docs/site_schemas.py        # writes docs/reference/plan-file.schema.json and settings-file.schema.json
+python3 docs/site_schemas.py        # writes those of MADE into docs/reference
 """
 
 from __future__ import annotations
@@ -10,10 +10,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from gcs_autotune.cli.config_file import TABLES
 from gcs_autotune.limits import axes_of
 from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.workflow.flight_plan import MOST_RUNS
+from sitl.vehicle_file import VehicleFile
 
 REFERENCE = Path(__file__).parent / "reference"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -113,7 +116,14 @@ def settings() -> dict[str, Any]:
     }
 
 
-MADE = {"plan-file.schema.json": plan, "settings-file.schema.json": settings}
+def vehicle() -> dict[str, Any]:
+    """Return the schema of a vehicle file of the simulator, from the types that read it."""
+    (schema,), parts = msgspec.json.schema_components((VehicleFile,), ref_template="#/$defs/{name}")
+    whole = parts.pop(schema["$ref"].rpartition("/")[2])
+    return {"$schema": DRAFT, **whole, "title": "vehicle file of the simulator", "$defs": dict(sorted(parts.items()))}
+
+
+MADE = {"plan-file.schema.json": plan, "settings-file.schema.json": settings, "vehicle-file.schema.json": vehicle}
 """File in docs/reference -> what makes it."""
 
 

@@ -35,8 +35,9 @@ Schema = Literal[1]
 
 
 class ParameterData(Struct, frozen=True):
-    """What was fitted, as far as a model file needs it: its standard error."""
+    """What was fitted, as far as a model file needs it: ``std`` is its standard error."""
 
+    unit: str
     std: Annotated[float, Meta(ge=0.0)] | None = None
 
 

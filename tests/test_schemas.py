@@ -31,6 +31,7 @@ referencing = pytest.importorskip("referencing")
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCHEMAS = {path.name.removesuffix(".schema.json"): path for path in (DOCS / "reference").glob("*.schema.json")}
+VEHICLES = Path(__file__).parents[1] / "sitl" / "vehicles"
 TOML = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -73,13 +74,13 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_to_it() -> None:
-    kinds = ("diagnosis", "figures", "fit", "gains", "model", "plan", "settings", "summary", "trial")
+    kinds = ("diagnosis", "figures", "fit", "gains", "model", "plan", "settings", "summary", "trial", "vehicle")
     assert set(SCHEMAS) == {"journal", *(f"{kind}-file" for kind in kinds)}
     formats = (DOCS / "reference" / "formats.md").read_text()
     assert [path.name for path in SCHEMAS.values() if f"]({path.name})" not in formats] == []
 
 
-@pytest.mark.parametrize("name", ["plan-file", "settings-file"])
+@pytest.mark.parametrize("name", ["plan-file", "settings-file", "vehicle-file"])
 def test_the_schemas_made_from_tables_are_current(name: str) -> None:
     made = site_schemas().text_of(f"{name}.schema.json")
     assert SCHEMAS[name].read_text(encoding="utf-8") == made, "run: PYTHONPATH=. python3 docs/site_schemas.py"
@@ -226,3 +227,10 @@ def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -
         examples.append(("three.toml", (DOCS / "three.toml").read_text()))
     assert examples
     assert [page for page, text in examples if list(accepted(name, text, tmp_path)) != [True, True]] == []
+
+
+@pytest.mark.parametrize("path", sorted(VEHICLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_vehicle_holds_to_the_schema_and_one_in_pounds_does_not(path: Path) -> None:
+    told = tomllib.loads(path.read_text())
+    assert troubles("vehicle-file", told) == []
+    assert troubles("vehicle-file", {**told, "surge": {"alpha": {"value": 90.0, "unit": "lb", "source": "x"}}}) != []

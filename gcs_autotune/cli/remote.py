@@ -38,6 +38,7 @@ from gcs_autotune.watch import (
     Watcher,
     Words,
 )
+from gcs_autotune_files import parse
 
 if TYPE_CHECKING:
     import argparse
@@ -176,7 +177,7 @@ class RemoteOperator(ConsoleOperator):
 
     def _take(self, line: bytes) -> None:
         try:
-            told = json.loads(line)
+            told = parse(line)
             if told.get("stop"):
                 self._stop = True
             if "answer" in told:

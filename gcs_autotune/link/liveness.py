@@ -72,6 +72,53 @@ class Liveness:
         self.last_heard = self.listened + silence
 
 
+LOSSY = 0.1
+"""Chosen: share of lost messages that is worth naming as a cause; a good radio loses 1 to 3 %."""
+_ENOUGH = 12
+"""Chosen: messages sent before a share of them means something."""
+_JUMP = 128
+"""A sequence number that is ahead by more is behind: out of order, or a restart."""
+
+
+class Loss:
+    """How much of what the vehicle sends does not arrive, by the gaps in its sequence numbers.
+
+    An autopilot counts what it sends, not what its port had no room for: a gap was lost on the way.
+    """
+
+    def __init__(self) -> None:
+        self._last = -1
+        self.received = self.lost = 0
+
+    def hear(self, sequence: int) -> None:
+        """Take the *sequence* number (0 to 255) of the next message."""
+        gap = (sequence - self._last - 1) % 256 if self._last >= 0 else 0
+        self._last = sequence
+        self.received += 1
+        if gap < _JUMP:
+            self.lost += gap
+
+    @property
+    def share(self) -> float:
+        """Lost messages, in shares of those sent; 0 where those are too few to tell."""
+        return self.lost / (self.received + self.lost) if self.is_known else 0.0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether enough was sent to tell."""
+        return self.received + self.lost >= _ENOUGH
+
+    @property
+    def words(self) -> str:
+        """What is lost and what to do, for an error; empty where little is."""
+        if self.share < LOSSY:
+            return ""
+        return (
+            f"the link loses {100.0 * self.share:.0f} % of what the vehicle sends, by its sequence numbers. Check "
+            "antennas, range and interference, and whether a router on the way drops messages"
+        )
+
+
 GONE = 3.0
 """Chosen [s]: three heartbeats; so long a sender must have been silent before another may take its place."""
 _VOICES = 16
@@ -94,6 +141,7 @@ class HeldSender:
     Attributes
     ----------
     origin : where its bytes come from; empty where a link does not tell.
+    loss : how much of what it sends does not arrive.
     notes : things worth telling the operator.
     """
 
@@ -102,6 +150,7 @@ class HeldSender:
         self._notes = notes
         self._suspects: dict[str, str] = {}
         self._strangers: dict[str, None] = {}
+        self.loss = Loss()
         self._voices: dict[int, _Voice] = {}
         self._last: _Voice | None = None
         self._two_told = False
@@ -115,6 +164,7 @@ class HeldSender:
         if self._suspects:
             self._tell_of_strangers()
         sequence = frame.raw[4] if frame.raw[0] == 0xFD else frame.raw[2]
+        self.loss.hear(sequence)
         voice = self._voices.pop(sequence, None) or _Voice()
         if voice is not self._last:
             voice.turns += 1

@@ -17,7 +17,7 @@ from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.errors import LinkLost, OperatorStopped, TelemetryFault
 from gcs_autotune.link.discovery import Sightings, find, introduce
 from gcs_autotune.link.frame_port import FramePort
-from gcs_autotune.link.liveness import GONE, HeldSender, Liveness
+from gcs_autotune.link.liveness import GONE, HeldSender, Liveness, Loss
 from gcs_autotune.link.routing import Listener, Routing
 from gcs_autotune.link.transports.transport import Transport
 from gcs_autotune.mavlink import (
@@ -52,6 +52,12 @@ _ASKED_AGAIN = 0.5
 """Seconds after which a heartbeat that did not come is asked for again."""
 _ROUNDING = 1e-6
 """Seconds: what sums of decimal fractions may be off."""
+
+
+_SEEN = 3
+"""Chosen: messages without a gap between them, after which a link does not lose half of all."""
+_TO_TELL = 20.0
+"""Chosen [s]: a vehicle that streams nothing sends twenty heartbeats in so long."""
 
 
 @dataclass(slots=True, eq=False)
@@ -263,6 +269,21 @@ class Session:
             f"{' and '.join((self._held_sender.origin, *others))}. Only those from the first, "
             f"{self._held_sender.origin}, are believed"
         )
+
+    @property
+    def loss(self) -> Loss:
+        """How much of what the vehicle sends does not arrive."""
+        return self._held_sender.loss
+
+    def lossy(self) -> str:
+        """Return in words that the link loses much, once enough was heard to tell; empty where it does not.
+
+        For what is about to be blamed on something else: it waits where too little has come.
+        """
+        if self.loss.received >= _SEEN and not self.loss.lost:
+            return ""
+        self.wait_for(lambda: self.loss.is_known or None, _TO_TELL)
+        return self.loss.words
 
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         self._held_sender.hold(origin, known)

@@ -112,7 +112,7 @@ def _from_lines(path: Path, text: str) -> dict[str, float]:
         cells = [cell for cell in re.split(r"[,\s]+", line.partition("#")[0].strip()) if cell]
         if not cells:
             continue
-        if len(cells) == _QGC_COLUMNS and _COUNT.fullmatch(cells[0]) and _COUNT.fullmatch(cells[1]):
+        if len(cells) == _QGC_COLUMNS and all(_COUNT.fullmatch(cells[k]) for k in (0, 1, 4)):
             cells = cells[2:4]
         if len(cells) != 2:
             raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE")

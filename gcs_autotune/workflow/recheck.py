@@ -3,7 +3,6 @@ where they do not show it; the result stands beside that of the last tune of the
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from typing import Any
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import LoopCheck, LoopNumbers, render_recheck
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
@@ -23,6 +23,7 @@ from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import SUMMARY
 from gcs_autotune.workflow.resuming import SETTING_OUT
+from gcs_autotune_files import read
 
 __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
@@ -57,14 +58,14 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
     found = []
     for summary in runs.glob(f"*/{SUMMARY}"):
         try:
-            told = json.loads(summary.read_text(encoding="utf-8"))
+            told = read(summary)
             if told.get("axis") != axis or not told.get("kept"):
                 continue
-            about = json.loads((summary.parent / SETTING_OUT).read_text(encoding="utf-8"))
+            about = read(summary.parent / SETTING_OUT)
             after = told["metrics"]["after"] or {}
             names = ("overshoot", "rise", "settling")
             numbers = LoopNumbers(**{n: float(after[n]) if after.get(n) is not None else math.nan for n in names})
-            held = json.loads((summary.parent / AFTER).read_text(encoding="utf-8"))
+            held = read(summary.parent / AFTER)
             gains = {str(name): float(value) for name, value in held.items()}
             found.append((str(told["when"]), about, LastTune(summary.parent, str(told["when"]), numbers, gains)))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
@@ -246,7 +247,7 @@ def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watch
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
     title = f"Recheck of {axis.name}: {common.connection.uri}"
     (directory / "report.html").write_text(render_recheck(found, title, when, shown), encoding="utf-8")
-    (directory / "recheck.json").write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
+    (directory / "recheck.json").write_text(json_text(found.to_dict()), encoding="utf-8")
     summary = {"title": f"recheck {axis.name}", "when": when, "ending": found.kind, "reason": found.text}
-    (directory / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
     return found

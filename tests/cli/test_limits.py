@@ -13,7 +13,8 @@ import pytest
 import sitl.__main__
 from gcs_autotune.cli import main, make_parser
 from gcs_autotune.errors import UsageError
-from gcs_autotune.limits import LIMITS, Limit, axes_of, limit_of
+from gcs_autotune.limits import LIMITS, Limit, axes_of, finite, limit_of
+from gcs_autotune.link import open_link
 from gcs_autotune.manoeuvres import Envelope, RelaySettings
 from gcs_autotune.workflow import Connection, TuneSettings
 
@@ -296,3 +297,48 @@ def test_what_only_looks_like_a_time_is_refused(typed):
 def test_no_other_number_has_a_unit_of_time():
     with pytest.raises(UsageError, match="is no number"):
         limit_of("max-distance").parse("30min")
+
+
+def test_logs_on_board_are_counted_up_to_a_word_of_16_bits():
+    assert limit_of("number").parse("65535") == 65535
+    with pytest.raises(UsageError, match="65536 is out of range"):
+        limit_of("number").parse("65536")
+
+
+@pytest.mark.parametrize("text", ["1_0", "٣٠", "0x10", "1e", "", "1 0", "++1", "1,0", "²", "9" * 5000, "1e999", "nan"])
+def test_a_number_is_written_in_ascii_digits_and_a_long_one_is_not_quoted_whole(text):
+    for name in ("max-distance", "max-time", "system-id", "neutral"):
+        with pytest.raises(UsageError) as refused:
+            limit_of(name).parse(text)
+        assert len(str(refused.value)) < 300
+    with pytest.raises(UsageError):
+        finite(text)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "a.csv", "--pick", "9" * 5000),
+        ("identify", "a.csv", "--pick", "٣"),
+        ("identify", "a.csv", "--known", "m=" + "9" * 5000),
+        ("identify", "a.csv", "--known", "m=1_0"),
+        ("identify", "a.csv", "--option", "horizon=" + "[" * 5000),
+        ("identify", "a.csv", "--full-scale", "N=1_0"),
+        ("thrusters", "a.csv", "--forces", "1_0,2"),
+        ("fly", "--until", "N_r 1.2.3%"),
+        ("fly", "--until", "N_r " + "9" * 500 + "%"),
+        ("serve", "--port", "٣"),
+    ],
+)
+def test_numbers_inside_any_option_are_read_alike_and_never_quoted_whole(arguments, bare, capsys):
+    Path("a.csv").write_text("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,1\n")
+    assert len(refusal(arguments, capsys)) < 500
+
+
+@pytest.mark.parametrize(
+    "uri", ["udpin:127.0.0.1:٣", "udpin:127.0.0.1:²", "tcp:127.0.0.1:" + "9" * 5000, "sitl:charlie?seed=" + "9" * 5000]
+)
+def test_numbers_of_a_link_are_read_alike(uri):
+    with pytest.raises(UsageError) as refused:
+        open_link(uri)
+    assert len(str(refused.value)) < 300

@@ -51,7 +51,7 @@ class Held:
 
 
 def session(**changes: Any) -> Any:
-    base = {"notes": [], "port": SimpleNamespace(system=255), "vehicle": BOAT}
+    base = {"notes": [], "port": SimpleNamespace(system=255), "vehicle": BOAT, "lossy": str}
     return SimpleNamespace(**{**base, **changes})
 
 

@@ -24,6 +24,7 @@ class Answering:
         self.vehicle: Any = SimpleNamespace(system=7, component=2)
         self.clock = self.liveness = ManualClock(100.0)
         self.notes: list[str] = []
+        self.lossy = str  # it loses nothing
         self.texts = SimpleNamespace(recent=self.recent)
         self.looked_back: list[float] = []
         self.listeners: dict[str, list[Any]] = {}

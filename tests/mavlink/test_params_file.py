@@ -131,3 +131,31 @@ def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp
     with pytest.raises(BadFile) as caught:
         load_params(path)
     assert str(caught.value).startswith(f"{path}, 'ATC_STR_RAT_I': 'ATC_STR_RAT_I' = 'much'")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("A,1\nB,2\nA,3\n", "line 3: 'A' is named in line 1 already"),
+        ("A,1\n1\t1\tA\t1\t9\n", "line 2: 'A' is named in line 1 already"),
+        ('{"A": 1, "A": 2}', "'A' is named twice"),
+        ('{"parameters": {"A": 1, "B": 2, "A": 1}}', "'A' is named twice"),
+        ("A,1_0\n", "is not a parameter and a number"),
+        ("A,٣\n", "is not a parameter and a number"),
+        ("A,1e39\n", "is not a parameter and a number"),
+        ('{"A": "1_0"}', "is not a parameter and a number"),
+        ('{"A": true}', "is not a parameter and a number"),
+    ],
+)
+def test_a_name_twice_and_a_number_of_another_kind_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "boat.param"
+    path.write_text(text)
+    with pytest.raises(BadFile, match=words):
+        load_params(path)
+
+
+def test_a_long_value_is_not_quoted_whole(tmp_path: Path) -> None:
+    (tmp_path / "boat.param").write_text("A," + "9" * 5000 + "\n")
+    with pytest.raises(BadFile) as refused:
+        load_params(tmp_path / "boat.param")
+    assert len(str(refused.value)) < 400

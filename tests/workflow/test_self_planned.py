@@ -83,6 +83,11 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
     assert len(offers) > 20
     assert {o.settings.kind.name for o in offers} >= {"zig-zag", "turning-circle", "s-manoeuvre", "steps"}
     assert all(o.settings.kind.drives <= set(boat.channels) and o.throttle == 0.5 for o in offers)
+    assert MANOEUVRES["relay"].drives <= set(boat.channels)  # and yet it is for craft that can stay where they are
+    assert all(o.settings.kind.suits(boat) for o in offers)
+    assert "relay" in {
+        o.settings.kind.name for o in offers_for(asked, first_run(asked, settings), FIRMWARE["ardusub"], 0.0)
+    }
     sizes = {o.settings.options["steering"] for o in offers if o.settings.kind.name == "zig-zag"}
     assert len(sizes) >= 3
     assert all(o.make() is not o.make() for o in offers)

@@ -142,6 +142,8 @@ class Parameters:
         found = self.read_existing(wanted, as_is=as_is)
         missing = [name for name in wanted if name not in found]
         if missing:
+            if lossy := self.session.lossy():
+                raise NoReply(f"{self.session.vehicle} did not answer when asked for {', '.join(missing)}: {lossy}")
             self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}; "

@@ -88,8 +88,9 @@ def check_answers_come(
             return
     carried = (session.routing.traffic.total() - before) / (session.clock.now() - begun)
     session.wait_for(lambda: latency.answered or None, _PATIENCE)
-    if not latency.quickest > _LATE:
-        return
+    lossy = "" if math.isfinite(latency.quickest) else session.lossy()
+    if lossy or not latency.quickest > _LATE:
+        return  # what is lost for good waits in no queue
     demands = [Demand(name, rate, USUAL_SIZE, first.get(name, 0.0)) for name, rate in wanted.items()]
     if carried < least(demands):
         said = f"the link is too slow: {shortfall(carried, demands, 'about ')}"

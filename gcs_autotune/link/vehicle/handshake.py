@@ -16,6 +16,7 @@ from gcs_autotune.errors import (
     OutputsUnassigned,
     ParameterMissing,
     PreconditionFailed,
+    TelemetryFault,
     WrongVehicle,
 )
 from gcs_autotune.firmware import FIRMWARE, Firmware, ServoMap, firmware_for, read_servo_map
@@ -140,6 +141,8 @@ def open_craft(
         config = _read_config(session, parameters, firmware)
     except (ParameterMissing, NoReply, PreconditionFailed) as error:
         check_answers_come(session, wanted_rates, first_rates or {}, error)
+        if lossy := session.lossy():
+            raise TelemetryFault(f"{lossy}; nothing was armed") from error
         raise
     rates = Rates(session, commands, first_rates)
     craft = MavlinkCraft(

@@ -90,6 +90,9 @@ class Rates:
                 carried = self._session.routing.traffic.total() - before_all
                 seconds = max(self._session.clock.now() - begun, 1e-3)
                 least_of_all = [Demand(n, hz, USUAL_SIZE, self._first.get(n, 0.0)) for n, hz in wanted.items()]
+                offered = carried / seconds / max(1.0 - self._session.loss.share, 1e-3)
+                if carried / seconds >= least(least_of_all) or offered < least(least_of_all):
+                    self._name_loss(error)  # the line was not full
                 raise TelemetryFault(
                     f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
                     f"{FASTER}"
@@ -165,6 +168,8 @@ class Rates:
         begun = self._session.clock.now()
         measured = self.measure({})
         if self._is_holding_back(measured, floors, latency, begun):
+            if latency is None or not is_queueing(latency, begun):
+                self._name_loss()
             raise TelemetryFault(
                 f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
                 f"turned down to what an experiment needs. {FASTER}"
@@ -329,8 +334,14 @@ class Rates:
             if rates.get(n, 0.0) < tolerance * hz
         ]
         if slow:
+            self._name_loss()
             room = f"; it carries {self.capacity:.0f} bytes/s" if math.isfinite(self.capacity) else ""
             raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
+
+    def _name_loss(self, error: AutotuneError | None = None) -> None:
+        """Raise ``TelemetryFault`` where what looks like too slow a link is one that loses messages."""
+        if lossy := self._session.lossy():
+            raise TelemetryFault(f"{lossy}; nothing was armed") from error
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""

@@ -183,6 +183,10 @@ def _check(form: Form) -> None:
     strange = set(form.optional) - set(form.inputs)
     if strange:
         raise BadFile(f"form '{form.name}': optional {', '.join(sorted(strange))} is not among its inputs")
+    pushed = {force for pairs in form.inputs.values() for force, _ in pairs}
+    if not pushed <= set(FORCES):
+        nowhere = ", ".join(sorted(pushed - set(FORCES)))
+        raise BadFile(f"form '{form.name}': an input drives {nowhere}, which is none of {', '.join(FORCES)}")
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:

@@ -308,6 +308,9 @@ class CoupledModel:
         early = [n for n in ("delay", "lag") if self[n] < 0.0]
         if early:
             raise BadFile(f"{early[0]} is {self[early[0]]:g} s; it must be 0 or more")
+        heavy = [n for n in ("m", "I_x", "I_y", "I_z") if n in self.form.parameters and not self[n] > 0.0]
+        if heavy:
+            raise BadFile(f"{heavy[0]} is {self[heavy[0]]:g}; it must be above 0")
         try:
             inertia = np.diag(self.inertia)
             np.linalg.inv(self.inertia)

@@ -1,0 +1,63 @@
+"""A link that loses messages is told as such, by the gaps in the vehicle's sequence numbers."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from scripted_vehicle import ScriptedVehicle
+
+from gcs_autotune.errors import LinkError, NoReply
+from gcs_autotune.link import MemoryLink, Session, open_craft
+from gcs_autotune.link.liveness import Loss
+from gcs_autotune.link.parameters.client import Parameters
+from gcs_autotune.workflow.connection import telemetry_rates
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 0.6, 0.9])
+def test_the_share_that_is_lost_is_read_off_the_sequence_numbers(loss: float) -> None:
+    rng, counted = random.Random(3), Loss()
+    for k in range(5000):
+        if rng.random() >= loss:
+            counted.hear(k % 256)
+    assert counted.share == pytest.approx(loss, abs=0.03)
+    assert (f"loses {100.0 * counted.share:.0f} %" in counted.words) == (loss > 0.1)
+
+
+def test_a_restart_and_what_comes_out_of_order_are_no_loss() -> None:
+    counted = Loss()
+    for sequence in (*range(200), 0, *range(1, 100), 98, 99, 100, 101):
+        counted.hear(sequence)
+    assert counted.lost < 60
+    assert Loss().words == ""
+
+
+@pytest.mark.parametrize(("loss", "least"), [(0.3, 15), (0.9, 60)])
+def test_a_lossy_link_is_refused_as_one_and_not_as_slow_or_old(loss: float, least: int) -> None:
+    for seed in range(6):
+        link = MemoryLink(ScriptedVehicle(), loss=loss, seed=seed)
+        with Session(link, heartbeat_timeout=60.0) as session:
+            try:
+                session.discover(60.0)
+                open_craft(session, wanted_rates=telemetry_rates(10.0))
+            except LinkError as error:
+                said = str(error)
+                assert "loses" in said
+                assert least <= int(said.partition("loses ")[2].split(" ")[0]) <= 99
+                assert "too slow" not in said
+                assert "older" not in said
+
+
+def test_a_parameter_that_was_lost_nine_times_in_ten_is_not_said_to_be_missing() -> None:
+    refused = 0
+    for seed in range(4):
+        link = MemoryLink(ScriptedVehicle(), loss=0.9, seed=seed)
+        with Session(link, heartbeat_timeout=60.0) as session:
+            session.discover(60.0)
+            session.pause(20.0)
+            try:
+                Parameters(session).read_all(["SERVO1_FUNCTION", "SERVO3_FUNCTION", "CRUISE_SPEED", "WP_SPEED"])
+            except NoReply as error:
+                refused += 1
+                assert "loses" in str(error) or "no longer answers" in str(error)
+    assert refused

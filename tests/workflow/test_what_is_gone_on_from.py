@@ -1,0 +1,147 @@
+"""The rules of `--resume`, on run directories made by hand: nothing is flown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.mavlink import VehicleIdentity
+from gcs_autotune.trial import Channel, Trial, save_trial
+from gcs_autotune.workflow import Connection, TuneSettings
+from gcs_autotune.workflow.resuming import USED_AGAIN, Earlier, note_setting_out, way_on
+
+BOARD = VehicleIdentity(system=1, component=1, autopilot=3, vehicle_type=11, version="4.6.3", uid="ab12")
+OWN = {"ATC_STR_RAT_P": 0.2, "CRUISE_SPEED": 1.5}
+
+
+class Kept:
+    """Writes what a run leaves, as its run directory does."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "trials").mkdir(parents=True)
+
+    def save_json(self, name: str, content: Mapping[str, object]) -> None:
+        (self.folder / name).write_text(json.dumps(content))
+
+
+def craft(vehicle: VehicleIdentity = BOARD) -> MavlinkCraft:
+    session = SimpleNamespace(vehicle=vehicle)
+    return cast(MavlinkCraft, SimpleNamespace(session=session, parameters=SimpleNamespace(session=session)))
+
+
+def settings(folder: Path, **changes: Any) -> TuneSettings:
+    asked = TuneSettings("heading", Connection("sitl:charlie"), folder / "again", step=0.5, resume=folder / "run")
+    return replace(asked, **changes)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run that ended early: a step and a relay flown to their end, another relay cut off."""
+    kept = Kept(tmp_path / "run")
+    note_setting_out(cast(Any, kept), settings(tmp_path), craft(), OWN)
+    for number, (name, ending) in enumerate(
+        [("sign-check", "completed"), ("step-before", "completed"), ("relay-1", "completed"), ("relay-2", "aborted")], 1
+    ):
+        channel = Channel("psi", "rad", np.array([0.0, 0.1]), np.array([0.0, 0.1]))
+        trial = Trial(name, {"psi": channel}, ending=ending)
+        save_trial(trial, kept.folder / "trials" / f"{number:02d}-{name}.csv")
+    return kept.folder
+
+
+def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path) -> None:
+    earlier = Earlier(settings(tmp_path))
+    assert earlier.names == ["step-before", "relay-1"]
+    assert earlier.has("relay-1")
+    assert not earlier.has("relay-2")
+    trial = earlier.take("relay-1")
+    assert trial is not None and trial.ending == "completed"
+    assert earlier.take("relay-1") is None
+    assert earlier.take("sign-check") is None
+
+
+def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
+    earlier = Earlier(settings(tmp_path, resume=None))
+    assert earlier.names == []
+    earlier.see_that_it_is_the_same(craft(), {})
+
+
+def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"step 0.5 there, 0.25 here"):
+        Earlier(settings(tmp_path, step=0.25))
+    with pytest.raises(UsageError, match="axis heading there, yaw here"):
+        Earlier(settings(tmp_path, axis="yaw", step=None))
+    assert Earlier(settings(tmp_path, step=0.25), alike=False).names == ["step-before", "relay-1"]
+
+
+def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    with pytest.raises(UsageError, match="no run to go on from"):
+        Earlier(settings(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"settings": 3}', '{"parameters": {"A": "x"}}', '{"parameters": {"A": NaN}}']
+)
+def test_a_damaged_note_is_refused(run: Path, tmp_path: Path, text: str) -> None:
+    (run / "setting_out.json").write_text(text)
+    with pytest.raises(BadFile, match="setting_out"):
+        Earlier(settings(tmp_path))
+
+
+def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) -> None:
+    events = [
+        {"event": "opened", "vehicle": {}, "link": "", "mode": "", "armed": False, "fingerprint": {}},
+        {"event": "lent", "name": "A", "value": 1.0},
+        {"event": "writing", "name": "A", "value": 2.0},
+    ]
+    (run / "journal.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events))
+    with pytest.raises(PreconditionFailed, match="gcs-autotune restore"):
+        Earlier(settings(tmp_path))
+
+
+def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_path: Path) -> None:
+    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), dict(OWN))
+
+
+@pytest.mark.parametrize(
+    ("here", "words"),
+    [
+        (replace(BOARD, uid="cd34"), "its board is ab12 there, cd34 here"),
+        (replace(BOARD, version="4.5.7"), "its firmware is 4.6.3 there, 4.5.7 here"),
+        (replace(BOARD, vehicle_type=10), "vehicle_type 11 there, 10 here"),
+    ],
+)
+def test_another_vehicle_or_firmware_is_not_gone_on_with(
+    run: Path, tmp_path: Path, here: VehicleIdentity, words: str
+) -> None:
+    with pytest.raises(WrongVehicle, match=words):
+        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(here), OWN)
+
+
+@pytest.mark.parametrize("own", [{**OWN, "CRUISE_SPEED": 2.0}, {"ATC_STR_RAT_P": 0.2}, {**OWN, "ATC_STR_RAT_D": 0.0}])
+def test_a_parameter_that_differs_or_is_gone_or_new_is_told(run: Path, tmp_path: Path, own: dict[str, float]) -> None:
+    with pytest.raises(PreconditionFailed, match="other parameters"):
+        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), own)
+
+
+def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
+    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
+
+
+def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
+    asked = settings(tmp_path)
+    told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
+    assert told.startswith("of this run step-before, relay-1 can be used again")
+    assert f"--resume {asked.directory}" in told
+    assert way_on(asked, ["sign-check"], RuntimeError()) == ""
+    assert set(USED_AGAIN) >= {"step-before", "relay-1"}
