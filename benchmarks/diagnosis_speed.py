@@ -3,8 +3,8 @@ which is looked for as well, under 30 s and under 180 s.
 
 ``python3 -m benchmarks.diagnosis_speed [--weather]``: each is three runs of 600 samples, with a dead zone hidden on
 every input (several passes over the book) and with nothing hidden; ``--weather``: only beneath a force that wanders.
-Wall seconds depend on what else the machine does; beside them stand CPU seconds, and how many plain simulations by
-``scipy.integrate.solve_ivp`` of one such run take as long.
+Wall seconds depend on what else the machine does; beside them stand CPU seconds, how many plain simulations by
+``scipy.integrate.solve_ivp`` of one such run take as long, and the work: samples passed over, the same everywhere.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.diagnose import WORK, Diagnosis, diagnose
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
@@ -122,7 +122,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             hidden = f"{'dead zone' if width else 'nothing'}{' beneath weather' if weather else ''}"
             print(
                 f"{', '.join(dofs):18} {hidden:25} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal "
-                f"{goals[bool(weather)]:g}), {cpu / peer:5.1f} simulations by solve_ivp; {found.verdict}: {causes}",
+                f"{goals[bool(weather)]:g}), {cpu / peer:5.1f} simulations by solve_ivp; work {found.work:.3g} samples "
+                f"({100.0 * found.work / WORK:.1f} % of the budget), {found.work / cpu:.2g} per CPU second; "
+                f"{found.verdict}: {causes}",
                 flush=True,
             )
 

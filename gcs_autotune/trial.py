@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -446,11 +447,20 @@ def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[t
     raise BadFile(f"{path} has no time column t[s]; it has {found}. Say what the columns mean: --columns OLD=t[s],...")
 
 
+_BEGINNING = re.compile(rb'\s*\{\s*"schema":\s*\d+,\s*"name":')
+"""How a side file begins, to know one that is torn from what is no JSON at all."""
+
+
 def _with_side_file(trial: Trial, path: Path) -> Trial:
     """Return *trial* with what the file beside it says; one that is no side file of ours is left alone."""
-    if not path.exists():
+    if not path.is_file():
         return trial
-    data = load_json(path, "the side file of a run")
+    try:
+        data = load_json(path, "the side file of a run")
+    except BadFile:
+        if not _BEGINNING.match(path.read_bytes()[:200]):
+            return trial
+        raise  # torn: its marks would be missed
     if not (isinstance(data, dict) and ("marks" in data or {"ending", "meta"} <= set(data))):
         return trial
     side = conformed(data, _SideFile, f"{path} beside the run cannot be read")

@@ -134,9 +134,38 @@ def test_what_is_unknown_is_left_out_of_the_side_file(path: Path) -> None:
 
 def test_a_spoilt_side_file_is_refused(path: Path) -> None:
     save_trial(trial(), path)
-    path.with_suffix(".json").write_text('{"marks": [{"t": 1.0}]}', encoding="utf-8")
-    with pytest.raises(BadFile, match="beside the run cannot be read"):
-        load_trial(path)
+    side = path.with_suffix(".json")
+    good = side.read_text(encoding="utf-8")
+    for spoilt in (good[: len(good) // 2], good.replace('"t": ', '"at": ')):
+        side.write_text(spoilt, encoding="utf-8")
+        with pytest.raises(BadFile, match="cannot be read"):
+            load_trial(path)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        '{"schema": 1, "verdict": "no-effect", "causes": []}',
+        '{"schema": 1, "name": "mine"}',
+        '{"type": "FeatureCollection", "features": []}',
+        "[1, 2, 3]",
+        "null",
+        "[" * 100_000,
+        "no json",
+        "",
+    ],
+)
+def test_json_of_the_same_name_that_is_no_side_file_is_left_alone(path: Path, other: str) -> None:
+    save_trial(trial(), path)
+    path.with_suffix(".json").write_text(other, encoding="utf-8")
+    run = load_trial(path)
+    assert (run.name, run.marks, run.ending) == (path.stem, (), Trial("x", {}).ending)
+
+
+def test_bytes_of_the_same_name_are_left_alone(path: Path) -> None:
+    save_trial(trial(), path)
+    path.with_suffix(".json").write_bytes(b"\xff\xfe\x00")
+    assert load_trial(path).marks == ()
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     kinds = ("all", "numbers", *SHARES, "track", "clean-track", "weather", *GIVEN)
     parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
-    text = f"time for one diagnosis ({LONGEST:g}); more where others use the machine, for it is told by the clock"
+    text = "stop a diagnosis after so long (no limit); it then names nothing"
     parser.add_argument("--max-seconds", type=float, default=LONGEST, help=text)
     parser.add_argument("--quiet", action="store_true", help="the report only")
     return parser.parse_args(arguments)

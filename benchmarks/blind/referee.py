@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 import traceback
 from collections.abc import Mapping
@@ -27,8 +28,8 @@ __all__ = ["LONGEST", "NEAR", "Outcome", "form_of", "given_model", "judge", "pla
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
 
-LONGEST = 600.0
-"""Seconds after which a diagnosis ends with what it has, unless asked otherwise."""
+LONGEST = math.inf
+"""Seconds after which a diagnosis is stopped, unless asked otherwise: it is limited by its work."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def _as_plain(number: str) -> set[str]:
 def play(kind: str, seed: int, index: int, slug: str, longest: float = LONGEST) -> Outcome:
     """Draw a case, ask, and return the outcome; errors of either are outcomes too.
 
-    longest : seconds after which the diagnosis ends with what it has.
+    longest : seconds after which the diagnosis is stopped.
     """
     begun = time.perf_counter()
     try:

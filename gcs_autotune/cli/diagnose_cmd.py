@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from datetime import datetime
@@ -11,6 +12,8 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar, see_files
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.clock import WallClock
+from gcs_autotune.errors import UsageError
 from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
@@ -53,6 +56,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_number(parser, "horizon", "S")
     add_number(parser, "max-seconds", "S")
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="go on with the search that was stopped and wrote DIR: same runs and options; the results go there again",
+    )
     add_number(parser, "jobs", "N")
     add_reading(parser)
     add_loudness(parser)
@@ -67,8 +76,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    clock = WallClock()
+    begun = clock.now()
     if not args.list_effects:
-        see_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters)
+        see_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters, args.resume)
+        if args.resume is not None and args.out is not None:
+            raise UsageError("give --resume or --out: a resumed search writes where it was stopped")
     from rich.console import Console
     from rich.text import Text
 
@@ -77,24 +90,31 @@ def _run(args: argparse.Namespace) -> int:
 
     if args.list_effects:
         return _list(as_json=args.json)
-    runs = read_runs(args)
+    runs, simulations, others = read_runs(args), read_others(args, args.simulation), read_others(args, args.validate)
+    directory, replaced = args.resume or args.out, ""
+    if directory is None and not args.json:
+        directory = fresh(Path(f"diagnose-{args.runs[0].resolve().stem}"))
+    if directory is not None and args.resume is None:
+        replaced = on_replacing(directory)
+    # To draw a page takes about as long as it took to come here, on a machine of any speed.
+    until = math.inf if args.max_seconds is None else max(args.max_seconds - 2.0 * (clock.now() - begun), 0.0)
     settings = DiagnosisSettings(
         dof=args.dof,
         use=_names(args.use) or None,
         model=args.model,
-        simulations=tuple(read_others(args, args.simulation)),
+        simulations=tuple(simulations),
         effects=None if args.effects is None else _names(args.effects),
         without=_names(args.without),
         jobs=args.jobs if args.jobs > 0 else os.cpu_count() or 1,
         horizon=args.horizon,
-        max_seconds=args.max_seconds,
+        max_seconds=until,
+        keep=directory,
+        resume=args.resume is not None,
     )
-    with progress_bar(args, args.max_seconds) as bar:
-        told = run_diagnosis(runs, read_others(args, args.validate), settings, bar)
-    page, replaced = None, ""
-    if args.out is not None or not args.json:
-        directory = args.out or fresh(Path(f"diagnose-{args.runs[0].resolve().stem}"))
-        replaced = on_replacing(directory)
+    with progress_bar(args, until) as bar:
+        told = run_diagnosis(runs, others, settings, bar)
+    page = None
+    if directory is not None:
         page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
     if args.json:
         sys.stdout.write(told.to_json() + "\n")
@@ -102,6 +122,8 @@ def _run(args: argparse.Namespace) -> int:
     console = Console()
     console.print(diagnosis_summary(told))
     console.print(Text(f"\nPage: {page}{replaced}"), soft_wrap=True)
+    if told.verdict == "unfinished":
+        console.print(Text(f"Not finished. The same command with --resume {directory} goes on."), soft_wrap=True)
     return 0
 
 
@@ -126,7 +148,8 @@ COMMAND = Command(
     name="diagnose",
     help="say what a simulation gets wrong, name the cause, and extend the model by it",
     description="Compare measured runs with a plain simulation of the same commands (or --model, or --simulation), "
-    "name what is missing from it, and measure the gain on data it has not seen. Any verdict ends with exit code 0.",
+    "name what is missing from it, and measure the gain on data it has not seen. Any verdict ends with exit code 0. "
+    "Searches are limited by work, not by time: every machine gives the same answer.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -25,7 +25,7 @@ Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.exte
 
 from __future__ import annotations
 
-from gcs_autotune.diagnose.api import diagnose
+from gcs_autotune.diagnose.api import WORK, diagnose
 from gcs_autotune.diagnose.craft_changes import CHANGES, CraftChange, CraftComparison, compare_craft
 from gcs_autotune.diagnose.heldout import METRIC
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce
@@ -45,6 +45,7 @@ from gcs_autotune.diagnose.result import (
 __all__ = [
     "CHANGES",
     "METRIC",
+    "WORK",
     "Cause",
     "CraftChange",
     "CraftComparison",

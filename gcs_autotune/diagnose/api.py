@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gcs_autotune.clock import Deadline, OutOfTime, WallClock, time_limit
+from gcs_autotune.clock import Deadline, Effort, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
-from gcs_autotune.diagnose.report_builder import build_report
+from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.second_looks import foretells, look_at_all_runs, look_in_pieces
 from gcs_autotune.diagnose.simulation import surrogate_of
@@ -37,9 +36,8 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
 
-UNDERSTANDING, ORDINARY, SEARCHING, JUDGING = 0.2, 0.4, 0.8, 0.9
-"""Chosen: shares of the time given at which ends what is spent on understanding somebody else's simulator; the search
-without weather; all searching; judging the numbers of a model. The rest is for the report."""
+WORK = 1e9
+"""Chosen: samples that a diagnosis may pass over, ten minutes or so of one core: see docs/diagnose.md."""
 
 
 def diagnose(
@@ -55,6 +53,7 @@ def diagnose(
     progress: Progress | None = None,
     horizon: float | None = None,
     jobs: int = 1,
+    work: float = WORK,
     max_seconds: float = math.inf,
 ) -> Diagnosis:
     """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
@@ -75,8 +74,9 @@ def diagnose(
         whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
         hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
-    max_seconds : of the whole; it ends with what it has and says what it did not look at. Two fifths of it at most go
-        to the search that knows of no weather, a fifth is kept for a given model's numbers and the report.
+    work : samples that simulations and filters may pass over, see :class:`.Effort`.
+    max_seconds : the latest end. A search stopped by either names nothing: its verdict is ``unfinished``, and it
+        reports what was tried and what is left. Within :func:`.keeping` the same call goes on from there.
 
     Raises
     ------
@@ -85,12 +85,29 @@ def diagnose(
     UsageError
         Contradictory arguments. UnknownName: there is no such effect.
     """
-    begun, clock = time.perf_counter(), WallClock()
+    clock = WallClock()
+    begun = clock.now()
+    effort = Effort(work, None if math.isinf(max_seconds) else Deadline(clock, begun + max_seconds))
+    with limited_to(effort):
+        found = _diagnosed(runs, unseen, dof, use, form, model, simulations, effects, progress, horizon, jobs, effort)
+    return replace(found, seconds=clock.now() - begun, work=min(effort.done, work))
 
-    def until(share: float) -> Deadline:
-        return Deadline(clock, started + share * max_seconds)
 
-    started = clock.now()
+def _diagnosed(
+    runs: Trial | Sequence[Trial],
+    unseen: Sequence[Trial],
+    dof: str | None,
+    use: Sequence[str] | None,
+    form: Form | None,
+    model: ExtendedModel | ModelFile | None,
+    simulations: Sequence[Trial],
+    effects: Sequence[str] | None,
+    progress: Progress | None,
+    horizon: float | None,
+    jobs: int,
+    effort: Effort,
+) -> Diagnosis:
+    """Do as :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
         raise UsageError("no run was given to diagnose")
@@ -100,10 +117,9 @@ def diagnose(
     if simulations:
         if given is not None:
             raise UsageError("give either a model or a simulation's output, not both")
-        with time_limit(until(UNDERSTANDING)):
-            given, early = surrogate_of(
-                simulations, together, dof=dof, use=use, form=form, effects=slugs, progress=progress, jobs=jobs
-            )
+        given, early = surrogate_of(
+            simulations, together, dof=dof, use=use, form=form, effects=slugs, progress=progress, jobs=jobs
+        )
     together, doubts = taken_in(together)
     others, more = taken_in(unseen) if unseen else ([], [])
     together, repeats = without_repeats(together, others)
@@ -119,23 +135,19 @@ def diagnose(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, until(SEARCHING))
-    weather = given is None and horizon is None
-    with time_limit(until(ORDINARY if weather else SEARCHING)):
-        state = follow(begin(question), (*SEARCH, look_at_all_runs))
-    with time_limit(until(SEARCHING)):
-        state = follow(state, (look_under_process_noise, look_in_pieces))
-    if given is not None:
-        with time_limit(until(JUDGING)):
-            state = follow(state, (judge_numbers,))
-    chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
-    with time_limit(until(1.0)):
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
+    strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
+    state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
+    if not effort.stopped:
+        chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
         try:
+            check_effort("what is left over")
             sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
+            return build_report(state, doubts, together, others, sure=sure)
         except OutOfTime:
-            state, sure = replace(state, cut=(*state.cut, "whether it holds over whole runs")), False
-        found = build_report(state, doubts, together, others, max_seconds, sure=sure)
-    return replace(found, seconds=time.perf_counter() - begun)
+            pass  # told by what was under way
+    with limited_to(None):  # what there is costs no more fits
+        return unfinished_report(state, doubts, together, others, effort)
 
 
 def _form(runs: Sequence[Trial], dof: str | None, form: Form | None, given: ModelInQuestion | None) -> Form:

@@ -18,6 +18,7 @@ from gcs_autotune.diagnose.undo_data_errors import turned
 from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, EffectResidual, ExtendedSimulator, Observed, in_order
 from gcs_autotune.identify import Fitted, Problem, judged_by
+from gcs_autotune.kept_results import recalled
 
 __all__ = [
     "ROUGH",
@@ -33,6 +34,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+Promise = tuple[int, EffectInstance, float, Array]
+"""Which of the fits to begin at, with what, the cost that promises, and how the fit's own numbers would move."""
 
 ALSO = 2
 """Values kept beside the most promising ones."""
@@ -87,8 +90,17 @@ def screen(
     fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
     """
     grounds = [_TangentSpace(problem, fitted) for fitted in (*fits, *others)]
+    known = [problem, *((f.theta, f.effects, f.initial, f.shift) for f in (*fits, *others))]
 
-    def best_of(i: int) -> list[tuple[int, EffectInstance, float, Array]]:
+    def best_of(i: int) -> list[Promise]:
+        return recalled(
+            lambda: ("promise", *known, len(fits), [e.to_dict() for e in choices[i]]),
+            lambda: promises_of(i),
+            lambda found: [(k, own.to_dict(), promised, adapted.tolist()) for k, own, promised, adapted in found],
+            lambda kept: [(int(k), EffectInstance(**own), float(p), np.array(a, float)) for k, own, p, a in kept],
+        )
+
+    def promises_of(i: int) -> list[Promise]:
         entry = EFFECTS[choices[i][0].slug]
         found = []
         for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[: len(fits)]):

@@ -90,8 +90,7 @@ class WeatherSearch:
 
     ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
     every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force, and waves, over none.
-    ``still``: the same beside the causes named, inf where there was no time to ask; ``cut``: where time was over, in
-    words.
+    ``still``: the same beside the causes named, inf where it was stopped before; ``cut``: where, in words.
     ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
     """
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import OutOfTime, check_time
+from gcs_autotune.clock import Effort
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
@@ -32,12 +31,9 @@ from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
-__all__ = ["build_report"]
+__all__ = ["build_report", "unfinished_report"]
 
 Array = NDArray[np.float64]
-
-Made = TypeVar("Made")
-
 
 VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
     (False, True, True): "effect-found",
@@ -68,38 +64,25 @@ def build_report(
     doubts: Sequence[Doubt],
     runs: Sequence[Trial],
     unseen: Sequence[Trial],
-    max_seconds: float = math.inf,
     *,
     sure: bool = True,
 ) -> Diagnosis:
     """Return what there is to tell of a search that has ended; *sure*: its causes hold over whole runs.
 
-    max_seconds : what the diagnosis was given, for the words where it did not suffice. Within a :func:`.time_limit`
-    what takes long is left off and told; what was not tested counts as not explained.
+    Raises
+    ------
+    OutOfTime
+        Within an :class:`.Effort` that is used up.
     """
     problem, final, numbers = state.problem, state.fitted, state.numbers
     base = state.base if state.given is None else state.given
-    cut = list(state.cut)
-
-    def in_time(at: str, made: Callable[[], Made], otherwise: Made) -> Made:
-        try:
-            check_time(at)
-            return made()
-        except OutOfTime as over:
-            cut.append(str(over))
-            return otherwise
-
-    untested = Signature(("not looked at: the time given did not suffice",), 0.0)
-    left = in_time("what is left over", lambda: signature_of(problem, final)[0], untested)
-    gave_away = in_time("what gave it away", lambda: signature_of(problem, base)[0], untested)
+    left = signature_of(problem, final)[0]
+    gave_away = signature_of(problem, base)[0]
     weather = state.weather
     order = [effect for effect in _found_order(state) if effect in final.effects]
-    missing = None if weather is None else in_time("the missing force", lambda: missing_under(weather, state), None)
-    none: tuple[str, ...] = ()
+    missing = None if weather is None else missing_under(weather, state)
     # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
-    rivals = none
-    if weather is None:
-        rivals = in_time("laws without a name", lambda: nonparametric_rivals(problem, final), none)
+    rivals = nonparametric_rivals(problem, final) if weather is None else ()
     left = replace(left, findings=(*left.findings, *rivals))
     if weather is not None:
         left = replace(left, findings=(*words_of(weather, missing), *left.findings))
@@ -113,7 +96,7 @@ def build_report(
         alike = _alike(state, order)
         shares = {(e.slug, e.place): _share(state, e) for e in order}
     else:
-        gains = in_time("error several seconds ahead", lambda: gains_under(weather), ()) if order else ()
+        gains = gains_under(weather) if order else ()
         alike = weather.alike
         shares = shares_under(weather)
     return Diagnosis(
@@ -146,7 +129,6 @@ def build_report(
         seconds=math.nan,
         doubts=(
             *doubts,
-            *_cut_short(cut, max_seconds),
             *state.doubts,
             *_other_places(state, order),
             *_reversed(state),
@@ -216,20 +198,56 @@ def _relative_error(fitted: Fitted, *names: str) -> float:
     return math.sqrt(max(sum(a * b * float(covariance[i, k]) for i, a in at for k, b in at), 0.0))
 
 
-def _cut_short(cut: Sequence[str], seconds: float) -> tuple[Doubt, ...]:
-    if not cut:
-        return ()
-    said = dict.fromkeys(cut)
-    left_off, later = [s for s in said if not s.startswith(NOT_BEGUN)], [s for s in said if s.startswith(NOT_BEGUN)]
-    parts = [f"left off: {'; '.join(left_off)}"] if left_off else []
-    parts += [NOT_BEGUN + ", ".join(s.removeprefix(NOT_BEGUN) for s in later)] if later else []
-    doubt = Doubt(
-        "out-of-time",
-        f"the {seconds:g} s given did not suffice; {'; '.join(parts)}",
-        "give it longer (--max-seconds), or fewer runs, or the effects in question (--effects); what is told holds for "
-        "what was tried",
+def unfinished_report(
+    state: SearchState, doubts: Sequence[Doubt], runs: Sequence[Trial], unseen: Sequence[Trial], effort: Effort
+) -> Diagnosis:
+    """Return what there is to tell of a search that was stopped: what was tried and what is left, and no name.
+
+    A whole search may refuse any cause that an unfinished one holds likely: by a rival tried later, by a force that
+    wanders, on whole runs. effort : what it used up.
+    """
+    problem, base = state.problem, state.base if state.given is None else state.given
+    search = None if state.beneath is None else state.beneath[1]
+    ranking = (*_ranking(state), *(() if search is None else ranking_under(search, state)))
+    model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
+    unknown = Signature(("not looked at: the search was stopped",), math.nan)
+    return Diagnosis(
+        verdict="unfinished",
+        causes=(),
+        ranking=ranking,
+        indistinguishable=(),
+        gain=None,
+        gains=(),
+        base_model=model,
+        extended_model=model,
+        next_manoeuvre="",
+        left=unknown,
+        gave_away=unknown,
+        before=portraits_of(problem, base),
+        after=(),
+        used=tuple(r.name for r in runs),
+        held_out=tuple(r.name for r in unseen),
+        noise=dict(base.levels),
+        tried=state.tried,
+        seconds=math.nan,
+        doubts=(*doubts, _stopped(state, ranking, effort)),
     )
-    return (doubt,)
+
+
+def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Effort) -> Doubt:
+    """Return the doubt that says at what a search was stopped, what was tried and what is left."""
+    later = [s.removeprefix(NOT_BEGUN) for s in dict.fromkeys(state.cut) if s.startswith(NOT_BEGUN)]
+    tried = list(dict.fromkeys(r.cause for r in ranking))
+    at = "" if effort.stopped.startswith(NOT_BEGUN) else f" at: {effort.stopped}"
+    parts = [f"stopped{at}", f"tried to the end: {', '.join(tried) or 'nothing'}"]
+    parts += [f"{NOT_BEGUN}{', '.join(later)}"] if later else []
+    what = "work" if effort.by_work else "time"
+    return Doubt(
+        f"out-of-{what}",
+        f"the search used up the {what} it was given and names nothing; {'; '.join(parts)}",
+        "go on with --resume DIR, DIR the folder this search wrote; or look at fewer runs, or at the effects in "
+        "question (--effects)",
+    )
 
 
 def _found_order(state: SearchState) -> list[EffectInstance]:

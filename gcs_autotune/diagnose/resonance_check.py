@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from gcs_autotune.clock import check_time
+from gcs_autotune.clock import check_effort
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.effects import EffectResidual, ExtendedSimulator, Passage, rung
 from gcs_autotune.identify import Fitted, Problem, judged_by
@@ -59,7 +59,7 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
 
     None when the motion runs away.
     """
-    check_time()
+    check_effort()
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
     rows, at = [], 0
     for i, segment in enumerate(problem.segments):

@@ -38,10 +38,17 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Verdict = Literal[
-    "wrong-numbers", "wrong-numbers-and-effect", "effect-found", "partly-explained", "unexplained", "no-effect"
+    "wrong-numbers",
+    "wrong-numbers-and-effect",
+    "effect-found",
+    "partly-explained",
+    "unexplained",
+    "no-effect",
+    "unfinished",
 ]
 """``wrong-numbers``: with numbers of the given model set right nothing is missing; ``...-and-effect``: with these and
-the causes found nothing is. ``partly-explained``: numbers or causes pay on unseen data, but more remains than noise."""
+the causes found nothing is. ``partly-explained``: numbers or causes pay on unseen data, but more remains than noise.
+``unfinished``: the search was stopped, and names nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +226,8 @@ class Diagnosis:
     noise: Mapping[str, float]
     tried: int
     seconds: float
+    work: float = 0.0
+    """Samples that simulations and filters passed over."""
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
     missing: MissingForce | None = None
@@ -283,6 +292,7 @@ class Diagnosis:
                 "noise": dict(self.noise),
                 "tried": self.tried,
                 "seconds": self.seconds,
+                "work": self.work,
                 "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
             }
         )

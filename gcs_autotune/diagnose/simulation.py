@@ -51,8 +51,7 @@ def surrogate_of(
 ) -> tuple[ModelInQuestion, list[Doubt]]:
     """Return a model that moves as the simulator does with its fit, and what the comparison with the runs says at once.
 
-    simulations : one per run, in the same order; inputs they lack are taken from the run. Within a :func:`.time_limit`
-    a doubt says what of it was not looked at.
+    simulations : one per run, in the same order; inputs they lack are taken from the run.
 
     Raises
     ------
@@ -73,19 +72,10 @@ def surrogate_of(
             progress(f"the simulation: {stage}", done, total)
 
     problem, found = stand_in(base, segments, told)
-    cut: tuple[str, ...] = ()
     if any(share > PLAIN_ENOUGH for share in _missed(problem, found).values()):
         slugs = [s for s in effects if EFFECTS[s].family != "data errors"]
         state = follow(begin_with(Question(base, segments, slugs, progress=told, jobs=jobs), problem, found), SEARCH)
-        problem, found, cut = state.problem, state.fitted, state.cut
-    if cut:
-        doubts.append(
-            Doubt(
-                "simulation-out-of-time",
-                "the simulation was not understood to the end in its share of the time: " + "; ".join(cut),
-                "give it longer (--max-seconds), or its equations as a model file (--model)",
-            )
-        )
+        problem, found = state.problem, state.fitted
     for name, share in _missed(problem, found).items():
         if share > FAITHFUL:
             doubts.append(
@@ -142,7 +132,7 @@ def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
 def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
     """Return the plain model with what it needs of quadratic drag, delay and trim to follow a simulation.
 
-    Within a :func:`.time_limit` it is the best of those for which there was time.
+    Within an :class:`.Effort` that is used up it is the best of those fitted.
     """
     told("plain model", 0, 1)
     problem, best = fit_base(form, segments)

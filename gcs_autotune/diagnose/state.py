@@ -9,9 +9,10 @@ must pay on data left out.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from gcs_autotune.clock import Deadline, OutOfTime, check_time
+from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
@@ -52,7 +53,7 @@ Key = tuple[str, str, str]
 """A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
 
 NOT_BEGUN = "not begun: "
-"""Begins what is told of a look for which there was no time."""
+"""Begins the words for a part of the search that was not begun when it was stopped."""
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""
@@ -84,8 +85,7 @@ class Question:
 
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
     leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
-    ``end``: when all searching ends, that for a force that wanders too; None: never. ``weather``: whether such a force
-    may be blamed.
+    ``weather``: whether a force that wanders may be blamed.
     """
 
     form: Form
@@ -97,7 +97,6 @@ class Question:
     horizon: float | None = None
     progress: Progress | None = None
     jobs: int = 1
-    end: Deadline | None = None
     weather: bool = True
 
     def say(self, stage: str, done: int, total: int) -> None:
@@ -106,11 +105,11 @@ class Question:
         Raises
         ------
         OutOfTime
-            The time given is over.
+            The work or the time given is used up.
         """
         if self.progress is not None:
             self.progress(stage, done, total)
-        check_time(f"{stage}, {done} of {total} done")
+        check_effort(f"{stage}, {done} of {total} done")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +132,7 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``cut``: what the time given did not suffice for, in words.
+    problem it was asked about. ``cut``: at what the search was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -317,6 +316,8 @@ class SearchState:
 
 def begin(question: Question) -> SearchState:
     """Return the state of a search that has only fitted its base."""
+    with suppress(OutOfTime):  # some base there must be
+        question.say("plain model", 0, 1)
     if question.given is None:
         problem, fitted = fit_base(question.form, question.segments)
         return begin_with(question, problem, fitted)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_autotune.clock import OutOfTime, check_time
+from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import (
     correlation_of,
     explains_all,
@@ -76,13 +76,10 @@ HALF_WIDTH = 1.96
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
-    """Return the state after all *strategies*, in order, or after those for which there was time.
-
-    What there was no time for is told in ``cut``.
-    """
+    """Return the state after all *strategies*, in order, or where the search was stopped: see ``cut``."""
     for strategy in strategies:
         try:
-            check_time(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
+            check_effort(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
             state = strategy(state) or state
         except OutOfTime as over:
             state = replace(state, cut=(*state.cut, str(over)))
@@ -93,7 +90,10 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 
 
 def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchState:
-    """Take one step after the other until none pays, or time is over; *first*: the next one, judged already."""
+    """Take one step after the other until none pays, or the search is stopped.
+
+    first : the next step, judged already.
+    """
     found = True
     try:
         while found and len(state.steps) < MOST_CAUSES:

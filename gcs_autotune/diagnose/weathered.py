@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import time_limit
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of_water
 from gcs_autotune.diagnose.process_noise import (
@@ -54,8 +53,7 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     if question.given is not None or question.horizon is not None or not question.weather:
         return state, False
     if state.beneath is None or state.beneath[0] is not state.problem:
-        with time_limit(question.end):
-            found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
+        found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
         state = replace(state, beneath=(state.problem, found))
         assert state.beneath is not None
     search = state.beneath[1]
@@ -86,15 +84,13 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     if search.momentary:
         return replace(state, doubts=(*state.doubts, _no_weather(search)))
     if search.cut:
-        state = replace(state, cut=(*state.cut, search.cut))
-    with time_limit(None):  # a fit from where one ended; without it what was found beneath could not be weighed
-        if state.causes and _outdone(search, state):
-            return state
+        return replace(state, cut=(*state.cut, search.cut))
+    if state.causes and _outdone(search, state):
+        return state
     kept = replace(state, weather=search, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
     if not search.named:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
-    with time_limit(None):
-        fitted = _as_fitted(state, search)
+    fitted = _as_fitted(state, search)
     doubt = Doubt(
         "process-noise",
         f"between the samples a force wanders ({words_of_water(search)}); the causes named foretell the {search.dof} "

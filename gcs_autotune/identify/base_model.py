@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import OutOfTime, time_limit
+from gcs_autotune.clock import OutOfTime, limited_to
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.coupled.limits import physical
@@ -239,7 +239,7 @@ def base_limits(form: Form) -> Limits:
 def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tuple[Problem, Fitted]:
     """Fit *form* from several starts, *trials* steps each, and return the problem and the best fit.
 
-    Within a :func:`.time_limit` it is the best of those for which there was time, or else the best start as it is.
+    Within an :class:`.Effort` that is used up it is the best of those fitted, or else the best start as it is.
 
     Raises
     ------
@@ -276,7 +276,7 @@ def given_base(
     problem = Problem(form, segments, data_summary_of(form, segments, model.values), limits)
     ground = initial_guess_of(form, segments)
     low, high = limits.of(form.parameters)
-    with np.errstate(over="ignore", invalid="ignore"), time_limit(None):  # what it is compared with, come what may
+    with np.errstate(over="ignore", invalid="ignore"), limited_to(None):  # what it is compared with, come what may
         given = problem.states(model.theta, effects, ground.initial)
     own = (model.theta, given.initial if given else ground.initial, given.shift if given else 0.0)
     starts = ((np.clip(theta, low, high), ground.initial, 0.0) for theta in ground.starts(limits))
@@ -307,7 +307,7 @@ def _best_from(
                 fits.append(problem.fit(theta, effects, initial, trials=trials, shift=shift))
         except OutOfTime:
             if not any(fits):
-                with time_limit(None):
+                with limited_to(None):
                     fits = [problem.fit(x, effects, initial, trials=0, shift=s) for x, initial, s in begun]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import check_time
+from gcs_autotune.clock import check_effort
 
 __all__ = ["Local", "Minimum", "descend", "inverse_of"]
 
@@ -60,7 +60,7 @@ def descend(
     Raises
     ------
     OutOfTime
-        Within a :func:`.time_limit`, before the next trial.
+        Within an :class:`.Effort` that is used up, before the next trial.
     """
     x = np.clip(start, low, high)
     here = local(x)
@@ -68,7 +68,7 @@ def descend(
         return None
     damping, worse, converged, trial = 1e-6, 4.0, False, 0
     while trial < trials:
-        check_time()
+        check_effort()
         trial += 1
         step, expected = _step(here, x, low, high, damping)
         moved = np.clip(x + step, low, high)

@@ -7,8 +7,9 @@ of models with different effects can be compared. Initial states are fitted per 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedM
 from gcs_autotune.identify.least_squares import descend, inverse_of
 from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.kept_results import fingerprint, recalled
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["Fitted", "Problem", "label_of"]
@@ -117,8 +119,53 @@ class Problem:
         learn: bool = True,
         shift: float = 0.0,
     ) -> Fitted | None:
-        """Fit from these values on; None when the motion runs away at the start already."""
-        objective = Objective(self, theta, initial, in_order(effects), shift=shift, fixed_effects=fixed_effects)
+        """Fit from these values on; None when the motion runs away at the start already.
+
+        Within :func:`.keeping` a fit that is known is only evaluated.
+        """
+        effects = in_order(effects)
+
+        def calculate() -> Fitted | None:
+            return self._fit(theta, effects, initial, trials, fixed_effects=fixed_effects, learn=learn, shift=shift)
+
+        if trials == 0:
+            return calculate()
+        return recalled(
+            lambda: ("fit", self, theta, effects, initial, trials, fixed_effects, learn, shift),
+            calculate,
+            _plain_fit,
+            partial(self._refit, fixed_effects=fixed_effects),
+        )
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells this problem from others, for results that are kept."""
+        known = (self.form, self.segments, self.summary, self.limits, self.free, self.held, self.stamps)
+        return fingerprint(*known)
+
+    def _refit(self, kept: dict[str, Any] | None, *, fixed_effects: bool) -> Fitted | None:
+        """Return the fit that was kept as :func:`_plain_fit` has it."""
+        if kept is None:
+            return None
+        effects = in_order([EffectInstance(**e) for e in kept["effects"]])
+        initial = [np.array(x_0, dtype=np.float64) for x_0 in kept["initial"]]
+        theta, shift = np.array(kept["theta"], dtype=np.float64), float(kept["shift"])
+        objective = Objective(self, theta, initial, effects, shift=shift, fixed_effects=fixed_effects)
+        objective.levels = dict(kept["learnt"])
+        return _fitted(self, objective, objective.pack(), bool(kept["converged"]))
+
+    def _fit(
+        self,
+        theta: Array,
+        effects: Sequence[EffectInstance],
+        initial: Sequence[Array],
+        trials: int,
+        *,
+        fixed_effects: bool,
+        learn: bool,
+        shift: float,
+    ) -> Fitted | None:
+        objective = Objective(self, theta, initial, effects, shift=shift, fixed_effects=fixed_effects)
         low, high = objective.limits()
         x = np.clip(objective.pack(), low, high)
         learns = learn and any(EFFECTS[e.slug].is_disturbance for e in objective.effects)
@@ -184,7 +231,22 @@ def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -
         converged=converged,
         shift=shift,
         slack=problem.shift_std,
+        learnt=objective.levels,
     )
+
+
+def _plain_fit(fitted: Fitted | None) -> dict[str, Any] | None:
+    """Return a fit in JSON's own types: its numbers, from which all else follows."""
+    if fitted is None:
+        return None
+    return {
+        "theta": fitted.theta.tolist(),
+        "effects": [e.to_dict() for e in fitted.effects],
+        "initial": [x_0.tolist() for x_0 in fitted.initial],
+        "shift": fitted.shift,
+        "converged": fitted.converged,
+        "learnt": dict(fitted.learnt),
+    }
 
 
 def label_of(own: EffectInstance, name: str) -> str:
@@ -209,6 +271,7 @@ class Fitted:
     were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
     for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned
     out too early, the last column of ``jacobian`` when there are such; known beforehand to be 0 +- ``slack``.
+    ``learnt``: noise per signal when disturbances last learnt from what was left over; empty where there are none.
     """
 
     form: Form
@@ -225,6 +288,7 @@ class Fitted:
     converged: bool
     shift: float = 0.0
     slack: float = 0.0
+    learnt: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> ExtendedModel:

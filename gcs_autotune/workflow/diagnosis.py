@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gcs_autotune import __version__
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import load_model
+from gcs_autotune.kept_results import KeptResults, fingerprint, keeping
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MODEL_FILE, render_diagnosis
@@ -18,13 +21,17 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 
+KEPT_FILE = "search.jsonl"
+"""What a search that was stopped found so far, in the folder of its page."""
+
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
     """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
 
     ``model``: a model file; ``effects``: slugs to try, all when None; ``without``: slugs to leave out;
-    ``jobs``: processes; ``max_seconds``: the search ends then with what it has.
+    ``jobs``: processes; ``max_seconds``: the search is stopped then. ``keep``: the folder in which what a search found
+    is kept until it ends; ``resume``: go on from there.
     """
 
     dof: str | None = None
@@ -36,6 +43,8 @@ class DiagnosisSettings:
     jobs: int = 1
     horizon: float | None = None
     max_seconds: float = math.inf
+    keep: Path | None = None
+    resume: bool = False
 
     def slugs(self) -> tuple[str, ...] | None:
         """Return the effects to try; None for all.
@@ -68,8 +77,43 @@ def run_diagnosis(
     Raises
     ------
     AutotuneError
-        The runs, the model file or the settings cannot be used; the message says why and what to try.
+        The runs, the model file or the settings cannot be used; the message says why and what to try. So it is where
+        the folder to resume from keeps no search, or that of other runs or settings.
     """
+    kept = None
+    if settings.keep is not None:
+        model = None if settings.model is None else settings.model.read_bytes()
+        asked = replace(settings, model=None, jobs=1, max_seconds=math.inf, keep=None, resume=False)
+        path = settings.keep / KEPT_FILE
+        if settings.resume and not path.exists():
+            raise UsageError(f"{settings.keep} keeps no search to go on with: it ended, or it is another folder")
+        if not settings.resume:
+            path.unlink(missing_ok=True)
+        kept = KeptResults(path, fingerprint(__version__, list(runs), list(unseen), asked, model))
+    is_new = settings.keep is not None and not settings.keep.exists()
+    try:
+        with keeping(kept):
+            told = _diagnosed(runs, unseen, settings, watch)
+    except AutotuneError:  # refused: there is nothing to go on with
+        if kept is not None:
+            kept.remove()
+            with suppress(OSError):
+                if is_new:
+                    kept.path.parent.rmdir()
+        raise
+    if kept is not None and told.verdict == "unfinished":
+        kept.begin()
+    elif kept is not None:
+        kept.remove()
+    return told
+
+
+def _diagnosed(
+    runs: Sequence[Trial],
+    unseen: Sequence[Trial],
+    settings: DiagnosisSettings,
+    watch: Callable[[str, int, int], None] | None,
+) -> Diagnosis:
     return diagnose(
         runs,
         unseen=unseen,
@@ -88,12 +132,15 @@ def run_diagnosis(
 def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[Trial] = ()) -> Path:
     """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the page's path.
 
-    *runs*: what was looked at, for the page to draw their inputs and tracks.
+    *runs*: what was looked at, for the page to draw their inputs and tracks. A search that was stopped has no model.
     """
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "report.html"
     title = f"What does the simulation get wrong? {', '.join(dict.fromkeys(told.used))}"
     page.write_text(render_diagnosis(told, title, when, str(directory), runs), encoding="utf-8")
     (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
-    (directory / MODEL_FILE).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
+    if told.verdict == "unfinished":
+        (directory / MODEL_FILE).unlink(missing_ok=True)
+    else:
+        (directory / MODEL_FILE).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
     return page

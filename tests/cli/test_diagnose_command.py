@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from gcs_autotune import clock
 from gcs_autotune.cli import main
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
@@ -84,6 +86,52 @@ def test_the_document_of_a_diagnosis_serves_as_its_model(capsys, runs, found):
     )
     assert code == 0
     assert json.loads(out)["base_model"]["effects"][0]["slug"] == "dead-zone"
+
+
+@pytest.fixture
+def starved(monkeypatch):
+    """A clock on which every look takes ten minutes."""
+    looks = [0.0]
+
+    def now():
+        looks[0] += 600.0
+        return looks[0]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(clock, "time", SimpleNamespace(monotonic=now))
+        yield patch
+
+
+def test_a_search_that_is_stopped_says_how_to_go_on_and_ends_as_a_whole_one(capsys, tmp_path, runs, starved):
+    out = tmp_path / "out"
+    command = ("diagnose", runs[0], runs[1], *FAST)
+    code, text, _ = run(capsys, *command, "--max-seconds", 3600, "--out", out)
+    assert code == 0
+    assert "Unfinished" in text and f"--resume {out}" in " ".join(text.split())
+    assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "report.html", "search.jsonl"]
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert (told["verdict"], told["causes"]) == ("unfinished", [])
+    starved.undo()
+    code, text, err = run(capsys, "diagnose", runs[2], *FAST, "--resume", out)
+    assert code == 6 and "other runs, other options" in err
+    code, text, _ = run(capsys, *command, "--resume", out)
+    assert code == 0
+    assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "model.json", "report.html"]
+    told = json.loads((out / "diagnosis.json").read_text())
+    code, text, _ = run(capsys, *command, "--json")
+    whole = json.loads(text)
+    assert told["causes"] == whole["causes"] == ["dead-zone"]
+    code, _, err = run(capsys, *command, "--resume", out)
+    assert code == 2 and "keeps no search" in err
+
+
+def test_its_own_json_beside_a_run_is_no_side_file(capsys, tmp_path, runs):
+    mine = tmp_path / "mine.csv"
+    mine.write_bytes(runs[0].read_bytes())
+    for _ in range(2):
+        code, out, err = run(capsys, "diagnose", mine, *FAST, "--json")
+        assert (code, err) == (0, "")
+        mine.with_suffix(".json").write_text(out)
 
 
 def test_json_is_printed_alone_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):

@@ -66,6 +66,22 @@ def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
     assert told.exists() and not lived.exists()
 
 
+def test_a_search_that_is_stopped_amid_long_answers_ends() -> None:
+    """Answers longer than a pipe holds are under way when the parent has had enough."""
+
+    def enough(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    for _ in range(5):
+        with pytest.raises(KeyboardInterrupt):
+            in_parallel(lambda i: bytes(1_000_000), 8, 4, enough)
+
+
+def test_what_a_task_raises_is_raised() -> None:
+    with pytest.raises(ZeroDivisionError):
+        in_parallel(lambda i: 1 // (i - 3), 6, 2)
+
+
 @pytest.mark.slow
 def test_a_diagnosis_does_not_depend_on_the_number_of_processes() -> None:
     runs = [run_with_dead_zone(seed) for seed in (1, 2)]

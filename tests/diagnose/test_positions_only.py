@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from runs_in_the_tank import BOAT, UNITS
 
-from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose import WORK, diagnose
 from gcs_autotune.diagnose.residual_analysis import signature_of
 from gcs_autotune.errors import MissingChannel
 from gcs_autotune.identify.base_model import fit_base, overlooked, plain_form
@@ -102,6 +102,20 @@ def test_momentum_carried_sideways_is_named_from_a_track_alone(k):
     assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
     assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)
     assert cause.effect["Y_ur"] == pytest.approx(-5.0 / 7.0, rel=0.05)  # of a mass in sway that nothing tells
+
+
+def test_three_s_manoeuvres_are_explained_with_a_twentieth_of_the_work_there_is():
+    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)])
+    assert told.verdict == "effect-found"
+    assert [c.effect.slug for c in told.causes] == ["coriolis-coupling"]
+    assert told.causes[0].effect["X_vr"] == pytest.approx(7.0, rel=0.05)
+    assert told.work < 0.05 * WORK
+
+
+@pytest.mark.parametrize("work", [3e6, 1e7])
+def test_three_s_manoeuvres_looked_at_in_part_get_no_name(work):
+    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)], work=work)
+    assert (told.verdict, told.causes) == ("unfinished", ())
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import spend
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.kalman.waves import rough
 from gcs_autotune.identify.segment import Segment
@@ -160,6 +161,11 @@ class FilterBank:
             the estimate.
         sigma : carry mean and covariance by sigma points, which know no waves.
         full : keep what :meth:`smooth` needs.
+
+        Raises
+        ------
+        OutOfTime
+            Within an :class:`.Effort` that is used up: each state is as much work as a simulation.
         """
         n, p = len(self.states), len(self.free)
         N = n + p + levels.of_waves
@@ -177,6 +183,7 @@ class FilterBank:
             mean, cov = np.zeros(N), np.eye(N)
             mean[:n], mean[n : n + p] = prior.states[i], parameters
             cov[:n, :n], cov[n : n + p, n : n + p] = np.diag(prior.spread[i] ** 2), covariance
+            spend(len(track.stamps) * N)
             history = new_history(len(track.stamps), len(self.signals), n, N, full=full)
             fastest = forward(
                 self.program,

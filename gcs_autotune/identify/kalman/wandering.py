@@ -12,13 +12,14 @@ Derivatives by the unknowns are those of ``wandering_score``; steps and covarian
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cached_property
-from typing import TypeVar
+from dataclasses import asdict, replace
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import spend
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
 from gcs_autotune.identify.kalman.days import RunSays, integrate_out
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
@@ -28,6 +29,7 @@ from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
 from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.segment import Segment
+from gcs_autotune.kept_results import fingerprint, recalled
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.sname import DOFS
 
@@ -51,6 +53,9 @@ ENOUGH = 2e-2
 STEP = 0.3
 """Chosen: length of a difference in standard errors, all else held. Where unknowns go together that is a small share of
 their own error, and with a step of 0.02 rounding ended a fit 1.3 nats early, its errors half of what they are."""
+
+LINEAR_STATES = 3
+"""Position, velocity and the force: what a sample of the linear filter counts as work, as in a filter bank."""
 
 MOST_KEPT = 60
 """Commands as effects make them that are kept, at most."""
@@ -273,6 +278,7 @@ class WanderingProblem:
             seen = ~np.isnan(y)
             e, S = np.zeros((3 if water.differs else 1, len(y))), np.zeros(len(y))
             of_velocity = self.dof.velocity in track.record.signals
+            spend(len(y) * LINEAR_STATES)
             finite = linear_pass(
                 drive.t, np.stack(forces), damping, track.stamps, y, of_velocity, water.size, water.memory, water.noise,
                 water.waves, start, std, e, S,
@@ -315,9 +321,43 @@ class WanderingProblem:
     ) -> WanderingFit | None:
         """Fit from these values on; None when the filter runs away at the start already.
 
-        held : (slug, place) of effects whose numbers stay as they are.
+        held : (slug, place) of effects whose numbers stay as they are. Within :func:`.keeping` a fit that is known is
+        only evaluated.
         """
         effects = in_order(effects)
+        if only_log_likelihood or rounds == 0:
+            return self._fit(theta, effects, water, rounds, held, only_log_likelihood=only_log_likelihood)
+        return recalled(
+            lambda: ("wandering fit", self, theta, effects, water, rounds, held),
+            lambda: self._fit(theta, effects, water, rounds, held, only_log_likelihood=False),
+            _plain_fit,
+            partial(self._refit, held=held),
+        )
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells this problem from others, for results that are kept."""
+        return fingerprint(self.form, self.segments, self.data, self.limits)
+
+    def _refit(self, kept: dict[str, Any] | None, *, held: frozenset[tuple[str, str]]) -> WanderingFit | None:
+        """Return the fit that was kept as :func:`_plain_fit` has it."""
+        if kept is None:
+            return None
+        effects = in_order([EffectInstance(**e) for e in kept["effects"]])
+        water, theta = Water(**kept["water"]), np.array(kept["theta"], dtype=np.float64)
+        found = self._fit(theta, effects, water, 0, held, only_log_likelihood=False)
+        return None if found is None else replace(found, covariance=np.array(kept["covariance"], dtype=np.float64))
+
+    def _fit(
+        self,
+        theta: Array,
+        effects: tuple[EffectInstance, ...],
+        water: Water,
+        rounds: int,
+        held: frozenset[tuple[str, str]],
+        *,
+        only_log_likelihood: bool,
+    ) -> WanderingFit | None:
         free_effects = free_of(effects, held)
         coordinates = Coordinates(self, effects, free_effects, water)
         x = coordinates.clipped(coordinates.pack(theta, effects, water))
@@ -433,3 +473,15 @@ class WanderingProblem:
                 if found is not None:
                     errors.append(signal.values[goal] - found[0][-1, seen] - waves[0] * sea[-1])
         return np.array(errors)
+
+
+def _plain_fit(fit: WanderingFit | None) -> dict[str, Any] | None:
+    """Return a fit in JSON's own types: its numbers, from which the innovations follow."""
+    if fit is None:
+        return None
+    return {
+        "theta": fit.theta.tolist(),
+        "effects": [e.to_dict() for e in fit.effects],
+        "water": asdict(fit.water),
+        "covariance": fit.covariance.tolist(),
+    }

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from gcs_autotune.clock import check_time
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.kalman.waves import rough
 
@@ -179,7 +178,6 @@ class Coordinates:
 
     def at(self, x: Array) -> Point | None:
         """Return innovations, log-likelihood and that of each segment at *x* (q,); None where the filter fails."""
-        check_time()
         found = self.problem.innovations_at(*self.unpack(x))
         if found is None:
             return None

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.clock import spend
 from gcs_autotune.documents import conformed
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
@@ -126,12 +127,18 @@ class Simulator:
         Returns
         -------
         X (s, n) and S (s, n, q); S is (0, 0, 0) without *sensitivities*.
+
+        Raises
+        ------
+        OutOfTime
+            Within an :class:`.Effort` that is used up: every derivative is as much work as the motion itself.
         """
         try:
             M, M_inverse = self.matrices(theta)
         except np.linalg.LinAlgError:
             return None
         n, q = len(self.states), len(self.free) + len(self.free_states)
+        spend(len(t_out) * (1 + (q if sensitivities else 0)))
         X = np.empty((len(t_out), n))
         S = np.empty((len(t_out), n, q)) if sensitivities else np.empty((0, 0, 0))
         theta, x_0 = np.asarray(theta, dtype=np.float64), np.asarray(x_0, dtype=np.float64)

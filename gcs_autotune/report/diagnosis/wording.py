@@ -126,6 +126,7 @@ _TONES: Mapping[str, Tone] = {
     "partly-explained": "neutral",
     "unexplained": "bad",
     "no-effect": "good",
+    "unfinished": "neutral",
 }
 """Verdict -> tone: good is what can be relied on, whether it is pleasant or not."""
 
@@ -148,6 +149,10 @@ def _headline(diagnosis: Diagnosis) -> Headline:
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
             follows.insert(0, f"These runs contradict no number of the {diagnosis.numbers.of}.")
         return Headline(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
+    if diagnosis.verdict == "unfinished":
+        return Headline(
+            _unfinished(diagnosis), tone, ("It names nothing: the rest of the search may refuse any cause.",)
+        )
     if diagnosis.verdict == "unexplained":
         return Headline(_unexplained(diagnosis), tone, _findings(diagnosis.left))
     sentences = _beside_numbers(diagnosis)
@@ -362,17 +367,20 @@ def _ahead(gain: ErrorReduction) -> str:
 
 def _unexplained(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
-    doubts = {d.slug for d in diagnosis.doubts}
-    cut = "out-of-time" in doubts
-    known = "the time given did not suffice to say what" if cut else "it is none of the effects known here"
-    if "no-model" in doubts:
+    if any(d.slug == "no-model" for d in diagnosis.doubts):
         return "Something is missing, and no name is given: no model of the craft was found to name one beside."
-    said = f"Something is missing, and {known}"
+    said = "Something is missing, and it is none of the effects known here"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
     if not diagnosis.tried:
         return f"{said}; no candidate was tried to the end."
-    return f"{said}; none of the {diagnosis.tried} candidates tried{' so far' * cut} pays on unseen data."
+    return f"{said}; none of the {diagnosis.tried} candidates tried pays on unseen data."
+
+
+def _unfinished(diagnosis: Diagnosis) -> str:
+    """Return that the search was stopped, by what, and how to go on."""
+    what = "work" if any(d.slug == "out-of-work" for d in diagnosis.doubts) else "time"
+    return f"Unfinished: the search used up its {what} and was stopped. --resume goes on from here."
 
 
 def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
