@@ -35,6 +35,26 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
 
 
 @pytest.mark.slow
+def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned):
+    harness, story = tuned
+    stages = [t for t in harness.said if t.startswith(("step with", "turn rate with"))]
+    assert stages == [f"{what} with {gains} gains" for gains, what in PROOFS]
+    before, after = story.beside
+    assert after.itae < before.itae
+    assert any(reason.startswith("turn rates: error over time") for reason in story.verdict_reasons)
+    assert any("These gains were proved in both modes" in text for text in harness.said)
+    summary = json.loads((harness.directory / "summary.json").read_text(encoding="utf-8"))
+    assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
+    page = (harness.directory / "report.html").read_text(encoding="utf-8")
+    assert "turn rates, lower is better" in page
+    assert "Turn rates with the same gains (measured)" in page
+
+
+PROOFS = (("present", "step"), ("present", "turn rate"), ("new", "step"), ("new", "turn rate"))
+"""Gains, and what is flown with them, in their order."""
+
+
+@pytest.mark.slow
 def test_one_relay_ends_once_the_gains_are_known_and_nobody_is_told_that_it_had_not_settled(tuned):
     harness, story = tuned
     assert [trial.name for trial in story.relays] == ["relay-1"]
