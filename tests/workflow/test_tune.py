@@ -110,8 +110,9 @@ def test_everything_is_said_before_it_is_done(tuned):
 def test_the_run_directory_holds_the_whole_record(tuned):
     harness, story = tuned
     names = {p.name for p in (harness.directory / "trials").glob("*.csv")}
-    assert {"01-sign-check.csv", "02-step-before.csv", "03-relay-1.csv", "04-step-after.csv"} <= names
-    assert not any("turn-about" in name or "relay-2" in name for name in names)
+    assert {"01-sign-check.csv", "02-step-before.csv", "03-relay-1.csv", "04-turn-rate-before.csv"} <= names
+    assert [n for n in ("step-after", "turn-rate-after") if any(n in name for name in names)]
+    assert not any("relay-2" in name for name in names)
     trial = load_trial(harness.directory / "trials" / "03-relay-1.csv")
     assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
     assert any(m.kind == "switch" for m in trial.marks)
