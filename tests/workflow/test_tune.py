@@ -187,6 +187,7 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
 @pytest.mark.usefixtures("plainly")
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
+    monkeypatch.setattr("gcs_autotune.design.verdict.NO_WORSE", 0.0)
     harness = SitlHarness(tmp_path, "charlie")
     story = harness.tune()
     assert story.ending == "restored"
