@@ -49,6 +49,9 @@ SMALL = 1.0 / 3.0
 """Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
 FOLLOWED = 0.01
 """The other mode is followed well enough where it falls short by no more than this share."""
+NOTEWORTHY = 0.9
+"""Gains beyond the documented ranges are worth a word where the predicted error falls to this share, or turn rates fall
+short by a tenth less."""
 SAME = 1e-3
 """Gains closer than this (relative) count as unchanged."""
 
@@ -257,7 +260,9 @@ def _beyond_ranges(
     gains, late = ([beyond(g) for g in group] for group in (problem.gains, problem.late))
     beside = None if problem.law.controls_velocity else other
     found = refine_beyond(replace(problem, gains=gains, late=late), shown, beside, span)
-    return None if found is shown else found
+    old, new = shown.prediction.metrics.itae, found.prediction.metrics.itae
+    apart = 0.0 if beside is None else beside.shortfall(shown.settings) - beside.shortfall(found.settings)
+    return found if new <= NOTEWORTHY * old or (apart >= 1.0 - NOTEWORTHY and new <= old) else None
 
 
 def _at_end(gain: Gain, settings: Settings) -> bool:

@@ -50,6 +50,8 @@ REGRET = 0.5
 """...and by half a percent of it where no gains keep the wished-for margins: there the least ones have that price."""
 RESERVE = 1.05
 """Margins and noise are held this much above what is asked for: the gains are rounded afterwards."""
+RESERVE_BESIDE = 1.01
+"""...and so much where another mode counts, too: it may have what the first search has left."""
 MIN_ERROR = 1e-3
 """Stands in for an error over time of nothing [s^2], so that the prices still count."""
 HARDEST = 3
@@ -257,6 +259,7 @@ class _Cost:
     ) -> None:
         self._problem = problem
         self._other, self._most = other, most
+        self._held = RESERVE if other is None else RESERVE_BESIDE
         self._noise = noise
         self._lenient = lenient
         self._wanted = wanted
@@ -305,7 +308,7 @@ class _Cost:
         problem, spec = self._other.problem, self._problem.spec
         low = worst(problem.margins(settings, self._wanted, self._watched))
         gain, phase = (MIN_GAIN_MARGIN, MIN_PHASE_MARGIN) if self._lenient else (spec.gain_margin, spec.phase_margin)
-        return max(0.0, 1.0 - low.gain / (RESERVE * gain)) + max(0.0, 1.0 - low.phase / (RESERVE * phase))
+        return max(0.0, 1.0 - low.gain / (self._held * gain)) + max(0.0, 1.0 - low.phase / (self._held * phase))
 
     def _price(self, settings: Settings, step: StepError) -> float:
         """Return what missing limits costs, by the sum of the fractions of them that are missed."""
@@ -313,19 +316,19 @@ class _Cost:
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
         missed += max(0.0, step.overshoot - max_overshoot(problem))
-        missed += max(0.0, RESERVE * output_noise(problem, settings) / self._noise - 1.0)
+        missed += max(0.0, self._held * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
         wish = sum(
-            max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin))
-            + max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin))
-            + max(0.0, 1.0 - m.delay / (RESERVE * reserve))
+            max(0.0, 1.0 - m.gain / (self._held * spec.gain_margin))
+            + max(0.0, 1.0 - m.phase / (self._held * spec.phase_margin))
+            + max(0.0, 1.0 - m.delay / (self._held * reserve))
             for m in margins
         )
         if not self._lenient:
             return PRICE * (missed + wish)
         least = sum(
-            max(0.0, 1.0 - m.gain / (RESERVE * MIN_GAIN_MARGIN))
-            + max(0.0, 1.0 - m.phase / (RESERVE * MIN_PHASE_MARGIN))
+            max(0.0, 1.0 - m.gain / (self._held * MIN_GAIN_MARGIN))
+            + max(0.0, 1.0 - m.phase / (self._held * MIN_PHASE_MARGIN))
             for m in margins
         )
         return PRICE * (missed + least) + REGRET * wish

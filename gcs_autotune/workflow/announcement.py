@@ -150,13 +150,15 @@ def _fly_legs(visit: PaperVisit, check: Manoeuvre, legs: Sequence[Leg], throttle
     """
     visit.fly(check, legs[0].stage)
     for leg in legs[1:]:
-        is_step = leg.kind == "step"
+        is_step = leg.kind in STEPS
         ahead = math.inf if leg.before > 0.0 else STEP_AHEAD if is_step else SWING_AHEAD
         visit.come_about(throttle, ahead, last=is_step)
         least = LEAST_STEP if is_step else TOLD * leg.seconds
         visit.fly(Ahead(speed, leg.seconds, leg.stage, least), leg.stage)
 
 
+STEPS = ("step", "turn rate")
+"""Kinds of legs that are a proof."""
 LEAST_STEP, TOLD = 20.0, 0.35
 """Chosen: seconds of a step, and share of an oscillation, after which it may end where the space ends."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import OTHER_MODE, StepMetrics, Verdict, is_followed, scatter_of
@@ -12,9 +13,9 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import STEP_AHEAD, noise_in, resolution
-from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
+from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_turn_rate
 
-__all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside"]
+__all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside", "within"]
 
 BESIDE = "turn rates"
 """What the step beside a heading step shows."""
@@ -50,6 +51,7 @@ class StepBeside:
             return None
         try:
             proof = proof_of_turn_rate(context.settings, context.speed, known, beside=True)
+            proof = within(context.settings.envelope.heading_excursion, proof, known)
         except PreconditionFailed as error:
             context.log.say(f"no turn-rate step is flown: {error}")
             return None
@@ -61,6 +63,29 @@ class StepBeside:
         """Fly it with the new gains, and compare."""
         after = _fly(context, self.criteria, "turn-rate-after", PROVING)
         return context.run_in_background(_compared, self.criteria, self.before, after)
+
+
+def within(limit: float, proof: Proof, known: Known) -> Proof:
+    """Return *proof* with its turn rates reduced so that the heading stays within *limit* [rad] of where it began.
+
+    Raises
+    ------
+    PreconditionFailed
+        Such turn rates cannot be told from the noise.
+    """
+    s = proof.settings
+    turned = 0.5 * s.size * max(s.hold, s.settle, s.duration)
+    share = SHARE * limit / turned
+    if share >= 1.0:
+        return proof
+    size = share * s.size
+    if not size > LEAST_NOISES * known.noise_std:
+        raise PreconditionFailed(f"--max-heading-excursion {math.degrees(limit):.0f} leaves no space for it")
+    return replace(proof, settings=replace(s, size=size, base=-0.5 * size))
+
+
+SHARE = 0.8
+"""Chosen: of the heading limit that a turn-rate step may use."""
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:

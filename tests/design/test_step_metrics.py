@@ -365,7 +365,7 @@ def test_a_clearly_better_step_is_kept() -> None:
         (replace(GOOD, itae=3.0), "higher"),
         (replace(GOOD, itae=math.nan), "could not be measured"),
         (replace(GOOD, itae=1.0, overshoot=0.2), "overshoot"),
-        (replace(GOOD, itae=1.0, oscillation=0.2), "swing"),
+        (replace(GOOD, itae=1.0, oscillation=0.2), "remaining oscillation"),
         (replace(GOOD, itae=1.0, steady_error=0.2), "steady error"),
         (replace(GOOD, itae=1.0, travel=2.0), "travel"),
         (replace(GOOD, itae=1.0, settling=math.nan), "did not settle"),

@@ -96,6 +96,19 @@ def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_a
     assert seen.left == pytest.approx(TURN + boat.legs[2].seconds + boat.legs[3].seconds)
 
 
+def test_a_turn_rate_step_is_flown_beside_each_heading_step():
+    legs = legs_of_tune(settings(), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False, beside=True)
+    assert [leg.stage for leg in legs][-3:] == [
+        "turn rate with present gains",
+        "step with new gains",
+        "turn rate with new gains",
+    ]
+    dry = legs_of_tune(
+        settings(dry_run=True), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False, beside=True
+    )
+    assert not [leg for leg in dry if leg.stage.startswith("turn rate")]
+
+
 def test_time_counts_from_the_start_and_not_from_the_autopilots_boot():
     itinerary = heading()
     assert at(itinerary, 3130.0, "sign check").elapsed == 0.0

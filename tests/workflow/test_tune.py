@@ -35,6 +35,26 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
 
 
 @pytest.mark.slow
+def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned):
+    harness, story = tuned
+    stages = [t for t in harness.said if t.startswith(("step with", "turn rate with"))]
+    assert stages == [f"{what} with {gains} gains" for gains, what in PROOFS]
+    before, after = story.beside
+    assert after.itae < before.itae
+    assert any(reason.startswith("turn rates: error over time") for reason in story.verdict_reasons)
+    assert any("These gains were proved in both modes" in text for text in harness.said)
+    summary = json.loads((harness.directory / "summary.json").read_text(encoding="utf-8"))
+    assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
+    page = (harness.directory / "report.html").read_text(encoding="utf-8")
+    assert "turn rates, lower is better" in page
+    assert "Turn rates with the same gains (measured)" in page
+
+
+PROOFS = (("present", "step"), ("present", "turn rate"), ("new", "step"), ("new", "turn rate"))
+"""Gains, and what is flown with them, in their order."""
+
+
+@pytest.mark.slow
 def test_one_relay_ends_once_the_gains_are_known_and_nobody_is_told_that_it_had_not_settled(tuned):
     harness, story = tuned
     assert [trial.name for trial in story.relays] == ["relay-1"]
@@ -90,8 +110,9 @@ def test_everything_is_said_before_it_is_done(tuned):
 def test_the_run_directory_holds_the_whole_record(tuned):
     harness, story = tuned
     names = {p.name for p in (harness.directory / "trials").glob("*.csv")}
-    assert {"01-sign-check.csv", "02-step-before.csv", "03-relay-1.csv", "04-step-after.csv"} <= names
-    assert not any("turn-about" in name or "relay-2" in name for name in names)
+    assert {"01-sign-check.csv", "02-step-before.csv", "03-relay-1.csv", "04-turn-rate-before.csv"} <= names
+    assert [n for n in ("step-after", "turn-rate-after") if any(n in name for name in names)]
+    assert not any("relay-2" in name for name in names)
     trial = load_trial(harness.directory / "trials" / "03-relay-1.csv")
     assert trial["psi"].unit == "rad" and trial["N"].unit == "1"
     assert any(m.kind == "switch" for m in trial.marks)
@@ -166,6 +187,7 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
 @pytest.mark.usefixtures("plainly")
 def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
+    monkeypatch.setattr("gcs_autotune.design.verdict.NO_WORSE", 0.0)
     harness = SitlHarness(tmp_path, "charlie")
     story = harness.tune()
     assert story.ending == "restored"
