@@ -39,7 +39,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
-from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
+from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
 
 __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
 
@@ -70,6 +70,8 @@ class ManoeuvreRunner:
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
+        self.contradicted = False
+        """Whether sensors contradicted each other in a manoeuvre that more depends on."""
         self.too_fast = ""
         """Why the autopilot may drive too fast, in words, where that is known."""
         self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
@@ -122,13 +124,13 @@ class ManoeuvreRunner:
         if not isinstance(error, GuardTripped) or self._last is None:
             return
         if error.guard == "speed" and self.too_fast:
-            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {error}") from error
+            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {tripped(error)}") from error
         why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos)
         if why is not None:
             raise why from error
         found = contradiction_in(self._last)
         if found:
-            raise PreconditionFailed(f"{self._last.name}: {found}. {error}") from error
+            raise PreconditionFailed(f"{self._last.name}: {found}. {tripped(error)}") from error
 
     def _see_it_agrees(self, manoeuvre: Manoeuvre) -> None:
         """See that the sensors agree about what was just flown; where only a record was wanted, say what does not.
@@ -142,6 +144,7 @@ class ManoeuvreRunner:
         if not found:
             return
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
+            self.contradicted = True
             raise PreconditionFailed(f"{manoeuvre.name}: {found}. Nothing more is flown")
         self._watcher.say(f"{manoeuvre.name}: {found}")
 
