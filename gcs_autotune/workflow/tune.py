@@ -121,6 +121,7 @@ def _set_out(
     axis, own = learn_parameters(craft, axis, log)
     log.parameters_before = own
     earlier.see_that_it_is_the_same(craft, own)
+    craft.parameters.watch(own)  # a gain that another station writes from now on belies what is flown
     note_setting_out(record, settings, craft, own)
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)
