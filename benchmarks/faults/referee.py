@@ -197,6 +197,7 @@ class _Play:
         self.found = self.vehicle.condition()
         if case.has_station:
             self.vehicle.station = OtherStation(self.vehicle, _GAINS[case.subject.axis, self.found_firmware])
+        self.is_handed_over = False
         self.run_directory = folder / "run"
         self.vehicle.journal = self.run_directory / "journal.jsonl"
 
@@ -209,6 +210,7 @@ class _Play:
         outcome.message = "" if error is None else str(error)[:600]
         if error is not None and not isinstance(error, (AutotuneError, Killed)):
             outcome.failures.append(f"{type(error).__name__}: {error}")
+        self._know_earlier_orders(stage)
         self._check_writes()
         self.vehicle.wait(_SETTLE)
         proved = self._proved()
@@ -255,14 +257,12 @@ class _Play:
             self.vehicle.wait(station.sticks_until - self.vehicle.server.now + _SETTLE)
             now = self.vehicle.condition()
         for order in orders:
-            if order.what == "mode" and error is not None:
+            if order.what == "mode":
                 stays = now.mode == int(order.value)
                 fell = not self.case.has_receiver and now.mode in stops_in  # its own radio failsafe, sticks let go
                 if stays or fell:
                     self.found = replace(self.found, mode=now.mode, armed=now.armed)
-                    now = replace(now, steers_itself=True, outputs=() if now.armed else now.outputs)
-            elif order.what == "write":
-                self.found.parameters[order.name] = self.vehicle.server.vehicle.parameters.values[order.name]  # type: ignore[index]
+                    self.is_handed_over = now.armed
         kinds = self._possible_causes(stage, orders)
         if kinds and error is not None and not isinstance(error, Killed):
             wrong = misattributed(" ".join((str(error), *stage.ear.said)), kinds)
@@ -271,7 +271,7 @@ class _Play:
         return now
 
     def _possible_causes(self, stage: _Stage, orders: Sequence[Order]) -> list[str]:
-        """Return the kinds of faults that may have ended the run: a stall only where a failsafe acts as soon as that."""
+        """Return the kinds of faults that may have ended the run: a stall only if it outlasts a failsafe's wait."""
         kinds = ["station-" + {"armed": "disarm"}.get(o.what, o.what) for o in orders]
         for fault in self.case.faults:
             waits = 2.2 if self.found_firmware == "ardurover" else 2.7
@@ -302,7 +302,20 @@ class _Play:
             self.found = replace(self.found, armed=False)
 
     def _differences(self, now: Condition, proved: Mapping[str, float]) -> list[str]:
-        return now.differs_from(self.found, proved)
+        station = self.vehicle.station
+        written = {o.name for o in station.orders if o.what == "write"} if station is not None else set()
+        held = {**now.parameters, **{name: self.found.parameters[name] for name in written}}
+        outputs = () if self.is_handed_over else now.outputs
+        rest = {name: value for name, value in proved.items() if name not in written}
+        return replace(now, parameters=held, outputs=outputs).differs_from(self.found, rest)
+
+    def _know_earlier_orders(self, stage: _Stage) -> None:
+        """What the other station did before the tool looked is how the tool found the vehicle."""
+        for order in self.vehicle.station.orders if self.vehicle.station is not None else ():
+            if order.t < stage.found_at and order.what == "mode":
+                self.found = replace(self.found, mode=int(order.value))
+            elif order.t < stage.found_at and order.what == "write":
+                self.found = replace(self.found, parameters={**self.found.parameters, order.name: order.value})
 
     def _tune(self, stage: _Stage) -> Any:
         case, subject = self.case, self.case.subject

@@ -114,7 +114,7 @@ BLAME: Mapping[str, tuple[str, ...]] = {
     "station-disarm": ("not by us", "another station may have ordered"),
     "station-sticks": ("overrides other than ours", "somebody moves the sticks"),
     "station-write": ("another ground station wrote", "somebody else has changed it", "another station wrote"),
-    "reboot": ("has restarted",),
+    "reboot": ("has restarted", "has been silent"),
     "stall": ("this computer paused",),
     "silence": ("has been silent", "the link was silent", "another station may have ordered", "failsafe of its own"),
 }

@@ -72,6 +72,12 @@ class ParameterTransaction:
             What went wrong, and not everything could be put back.
         """
         self.lend(values)
+        for name, before, now in self._parameters.intrusions:
+            if name in values and not self.written:
+                raise PreconditionFailed(
+                    f"another ground station wrote {name} = {now:g} (it was {before:g}): what was flown tells nothing "
+                    "about that. Nothing was written; start again"
+                )
         try:
             for name, value in values.items():
                 self._write(name, value)

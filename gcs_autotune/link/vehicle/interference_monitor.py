@@ -98,6 +98,7 @@ class InterferenceMonitor:
         self.failsafes: Sequence[SetFailsafe] = ()
         self._let_go = let_go
         self._guard = ""
+        self._unanswered: set[int] = set()
         self.modes: frozenset[int] = frozenset()
         self.armed: bool | None = None
         self.is_ours = False
@@ -121,8 +122,15 @@ class InterferenceMonitor:
         """The mode of that *number* is about to be ordered by us: until it is confirmed both may be seen."""
         self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
 
+    def doubt_mode(self, number: int, before: frozenset[int]) -> None:
+        """The order of the mode of that *number* was never answered: what was expected *before* still is."""
+        if self.is_ours:
+            self.modes = before
+            self._unanswered.add(number)
+
     def confirm_mode(self) -> None:
         """What we ordered is in force."""
+        self._unanswered.clear()
         self.modes = frozenset({self._session.custom_mode}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
@@ -212,18 +220,25 @@ class InterferenceMonitor:
             return change.guard, Intervention(
                 what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
-        certain = not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
+        unanswered = change.guard == "mode" and change.mode in self._unanswered
+        certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
         copy = "" if certain else ", unless a copy of our own order came late"
+        if unanswered:
+            copy = ", unless it was our own order, which was never answered"
         pause = self._longest_pause()
         short = (
-            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe acts so soon)"
+            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
             if pause > _WORTH_A_WORD and not self._is_own_doing()
             else ""
         )
         what = f"{change.what}, not by us{self._last_words()}: {self._who(change.kinds)}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
-            what, mode_stands=by_mode, armed_stands=not by_mode and self._session.armed, is_certain=certain
+            what,
+            mode_stands=by_mode,
+            armed_stands=not by_mode and self._session.armed,
+            is_certain=certain,
+            may_go_on=unanswered,
         )
 
     def _named(self, change: _Change) -> SetFailsafe | None:
