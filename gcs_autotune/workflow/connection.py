@@ -13,6 +13,7 @@ from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
 from gcs_autotune.watch import Vitals, Watcher, Words
+from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
@@ -112,6 +113,7 @@ def connect_craft(
         try:
             for note in session.notes[:told]:
                 watcher.say(note)
+            refuse_open_runs(craft)
             yield craft
         except BaseException:
             with suppress(AutotuneError), craft.shielded():  # what is under way says what is left to be done
