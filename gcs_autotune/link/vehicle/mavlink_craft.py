@@ -96,6 +96,7 @@ class MavlinkCraft:
             self.telemetry.watchdog,
             let_go=self._rest_sticks,
         )
+        self._interference.lateness = lambda: self.latency.lateness
         self._is_taken_over = False
         self._mode_is_changing = False
 
