@@ -94,14 +94,18 @@ def connect_craft(
     record: RunDirectory,
     control_rate: float | None,
     axis: str,
+    patience: float = 0.0,
 ) -> Iterator[MavlinkCraft]:
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates.
+
+    A silence of up to *patience* [s] is waited out until it is armed (:func:`armed`).
 
     Where the link has no room for those, what shows *axis* comes first.
     """
     with connect(connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = control_rate or usual
+        session.patience = patience
         craft = open_craft(
             session,
             wanted_rates=telemetry_rates(control_rate),

@@ -67,7 +67,9 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     try:
         with (
             jit_warmup(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes)) as worker,
-            connect_craft(settings.connection, operator, log, record, settings.control_rate, settings.axis) as craft,
+            connect_craft(
+                settings.connection, operator, log, record, settings.control_rate, settings.axis, settings.patience
+            ) as craft,
         ):
             context = _set_out(settings, operator, log, record, craft, worker, earlier)
             await_warmup(craft, worker, log)

@@ -288,11 +288,14 @@ class MavlinkCraft:
             raise
 
     def _arm(self) -> None:
-        """Arm; between two attempts another station may take the vehicle, and then it is not armed."""
+        """Arm; between two attempts another station may take the vehicle, and then it is not armed.
+
+        Once the order is sent, a vehicle that is armed is armed by us, though the answer be lost.
+        """
 
         def check() -> None:
-            self._interference.armed = self._interference.armed if self._interference.armed is not None else False
             self._check_fresh()
+            self.session.patience = 0.0  # from here on a silence ends what is flown, neutral first
             self._interference.armed = None
 
         self.commands.arm_patiently(self.arm_patience, _WARM_UP, check)

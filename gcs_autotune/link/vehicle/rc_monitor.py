@@ -1,8 +1,8 @@
 """The vehicle's RC input as it shows it, against what we send: are we obeyed, and is anybody else steering?
 
 RC_CHANNELS shows the overrides in force on channels that are overridden and the receiver's sticks on the others. So
-a driven channel that shows what nobody here has sent is another station's stick. Another channel that moves is a stick or
-switch of the transmitter, or an override of another station that uses our id: RC_CHANNELS does not tell which.
+a driven channel that shows what nobody here has sent is another station's stick. Another channel that moves is a stick
+or switch of the transmitter, or an override of another station that uses our id: RC_CHANNELS does not tell which.
 """
 
 from __future__ import annotations
