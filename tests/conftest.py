@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import pytest
 
@@ -96,6 +97,12 @@ def in_few_evaluations() -> Iterator[None]:
         for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
             patch.setattr(f"gcs_autotune.design.refinement.{name}", number)
         yield
+
+
+@pytest.fixture(autouse=True)
+def _own_state_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each test notes its open runs in a folder of its own, and so do the programs it starts."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / "state" / uuid4().hex))
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,15 @@ one and judges it by what the vehicle holds afterwards. ``python3 -m benchmarks.
 
 from __future__ import annotations
 
-from benchmarks.faults.case import Case, draw_case
-from benchmarks.faults.fault import KINDS, Fault
+from benchmarks.faults.case import Case, draw_case, draw_station_case
+from benchmarks.faults.fault import KINDS, STATION_KINDS, Fault
 from benchmarks.faults.link import FaultyLink, Killed
 from benchmarks.faults.referee import Outcome, play
 from benchmarks.faults.vehicle import Condition, VehicleAsFound
 
 __all__ = [
     "KINDS",
+    "STATION_KINDS",
     "Case",
     "Condition",
     "Fault",
@@ -23,5 +24,6 @@ __all__ = [
     "Outcome",
     "VehicleAsFound",
     "draw_case",
+    "draw_station_case",
     "play",
 ]

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from benchmarks.faults.fault import KINDS, Fault
+from benchmarks.faults.fault import KINDS, STATION_KINDS, Fault
 
-__all__ = ["FLEET", "Case", "Subject", "draw_case"]
+__all__ = ["FLEET", "STATION_MODES", "Case", "Subject", "draw_case", "draw_station_case"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +83,7 @@ class Case:
     faults: tuple[Fault, ...]
     restore_faults: tuple[Fault, ...]
     has_receiver: bool = False
+    has_station: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the file of outcomes."""
@@ -128,6 +129,37 @@ def draw_case(seed: int, index: int, kinds: Sequence[str] = ()) -> Case:
         again = (_draw_fault(draw, draw.choice(("killed", "loss", "silence", "delay", "reboot", "disk-full")), 12.0),)
     modes = subject.modes if receiver or subject.vehicle != "charlie" else subject.modes[:1]
     return Case(seed, index, subject, is_full, draw.choice(modes), armed, faults, again, receiver)
+
+
+STATION_MODES: Mapping[str, tuple[int, ...]] = {"charlie": (4, 4, 1, 3), "": (0, 2, 19)}
+"""Vehicle (empty: the others) -> modes that another station orders; half of a boat's orders are HOLD."""
+
+
+def draw_station_case(seed: int, index: int, kinds: Sequence[str] = ()) -> Case:
+    """Return the *index*-th case of *seed* in which another station interferes, at any moment of a whole tune.
+
+    In half of them the tool's own computer stalls just then, for a time that failsafes act on or not; in one of ten the
+    link is silent around it.
+    """
+    draw = random.Random(f"station-{seed}-{index}")
+    subject = draw.choice((FLEET[0], FLEET[0], FLEET[0], *FLEET[1:]))
+    table = [
+        k for k in ("station-mode", "station-mode", *tuple(STATION_KINDS)[1:4], "reboot") if not kinds or k in kinds
+    ]
+    kind, at = draw.choice(table), draw.uniform(8.0, subject.lasts)
+    modes = STATION_MODES.get(subject.vehicle, STATION_MODES[""])
+    size = {"station-mode": float(draw.choice(modes)), "reboot": draw.choice((0.0, draw.uniform(0.0, 8.0)))}.get(
+        kind, 0.0
+    )
+    faults = [Fault(kind, at, draw.uniform(2.0, 6.0), size)]
+    if draw.random() < 0.5:
+        stall = draw.choice((draw.uniform(0.2, 1.5), draw.uniform(0.2, 1.5), draw.uniform(2.0, 4.0)))
+        faults.append(Fault("stall", max(at - draw.uniform(0.0, 1.2), 0.0), 0.0, stall))
+    if draw.random() < 0.1:
+        faults.append(Fault("silence", at - draw.uniform(0.0, 4.0), draw.uniform(4.0, 10.0)))
+    receiver = draw.random() < 0.5
+    found = subject.modes if receiver or subject.vehicle != "charlie" else subject.modes[:1]
+    return Case(seed, index, subject, False, draw.choice(found), False, tuple(faults), (), receiver, has_station=True)
 
 
 def _draw_fault(draw: random.Random, kind: str, lasts: float) -> Fault:

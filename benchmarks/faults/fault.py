@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
-__all__ = ["KINDS", "LASTING", "Fault"]
+__all__ = ["KINDS", "LASTING", "STATION_KINDS", "Fault"]
 
 KINDS = {
     "loss": "frames are lost with probability size",
@@ -26,6 +26,15 @@ KINDS = {
     "operator": "somebody presses Ctrl-C",
 }
 """Kind -> what it does. The last four happen; the others last."""
+
+STATION_KINDS = {
+    "station-mode": "another station, on its own wire, orders a mode",
+    "station-disarm": "it disarms the vehicle",
+    "station-sticks": "under the tool's own system id it sends overrides for duration seconds",
+    "station-write": "it writes a gain",
+    "stall": "the tool's computer stands still for size seconds",
+}
+"""Kind -> what another station, or the tool's own computer, does. These are drawn with ``draw_station_case`` only."""
 
 LASTING = tuple(KINDS)[:10]
 
@@ -47,7 +56,7 @@ class Fault:
     count: int = 1
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
+        if self.kind not in {*KINDS, *STATION_KINDS}:
             raise ValueError(f"no fault called {self.kind}: {', '.join(KINDS)}")
 
     def concerns(self, way: str) -> bool:

@@ -18,8 +18,9 @@ from typing import Any
 
 from benchmarks.faults.case import STEP_DURATION, Case
 from benchmarks.faults.desk import cheap_desk
-from benchmarks.faults.fault import Fault
+from benchmarks.faults.fault import STATION_KINDS, Fault
 from benchmarks.faults.link import Killed
+from benchmarks.faults.station import Order, OtherStation, misattributed, overruled
 from benchmarks.faults.vehicle import Condition, Moored, VehicleAsFound, events
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, exit_code
@@ -37,6 +38,12 @@ __all__ = ["Outcome", "play"]
 _WHEN = "2026-11-21T12:00:00"
 _PATIENCE = 1500.0
 """Seconds of link time after which a tune counts as hanging."""
+_GAINS: Mapping[tuple[str, str], str] = {
+    ("heading", "ardurover"): "ATC_STR_RAT_P",
+    ("heading", "ardusub"): "ATC_RAT_YAW_P",
+    ("depth", "ardusub"): "PSC_ACCZ_P",
+}
+"""Axis and firmware -> a gain that a tune of it writes, and the other station too."""
 _WORK = 60
 """Seconds of the processor's time after which anything does; the wall clock would count other people's work."""
 _SETTLE = 15.0
@@ -55,6 +62,8 @@ class Outcome:
     writes: int = 0
     as_found_at_once: bool = False
     restored: str = ""
+    orders: int = 0
+    ties: int = 0
     failures: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -69,6 +78,10 @@ class _Ear(SilentWatcher):
 
     def say(self, text: str) -> None:
         self.said.append(text)
+        self.hear(text)
+
+    def hear(self, text: str) -> None:
+        """Somebody else who wants to know."""
 
 
 class _Operator(Unattended):
@@ -88,6 +101,13 @@ class _Stage:
         self.was_killed = False
         self.rebooted_unseen = False
         self._seed = seed
+        self._connection: Moored | None = None
+        self.found_at = math.inf
+        self.ear.hear = self._hear  # type: ignore[method-assign]
+
+    def _hear(self, text: str) -> None:
+        if text.startswith("found: mode"):
+            self.found_at = self.vehicle.server.now
 
     @property
     def journal(self) -> Path:
@@ -99,8 +119,21 @@ class _Stage:
             "reboot": self._reboot,
             "disk-full": lambda f: _limit_files(0),
             "operator": self._stop,
+            "stall": self._stall,
+            **dict.fromkeys([k for k in STATION_KINDS if k != "stall"], self._interfere),
         }
-        return self.vehicle.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
+        self._connection = self.vehicle.connection(faults, seed=self._seed, acts=acts, patience=_PATIENCE)
+        return self._connection
+
+    def _stall(self, fault: Fault) -> None:
+        """The computer stands still: the vehicle's time goes on, and nothing is sent."""
+        assert self._connection is not None
+        clock: Any = self._connection.opened[-1].clock
+        clock.advance(fault.size)
+
+    def _interfere(self, fault: Fault) -> None:
+        assert self.vehicle.station is not None
+        self.vehicle.station.act(fault)
 
     def _reboot(self, fault: Fault) -> None:
         self.rebooted_unseen |= not self.journal.exists()
@@ -162,6 +195,9 @@ class _Play:
         self.vehicle.wait(5.0 if not case.found_armed else 0.1)
         self.booted = open_vehicle(case.subject.vehicle, seed=case.index, parameters=parameters).vehicle.autopilot
         self.found = self.vehicle.condition()
+        if case.has_station:
+            self.vehicle.station = OtherStation(self.vehicle, _GAINS[case.subject.axis, self.found_firmware])
+        self.is_handed_over = False
         self.run_directory = folder / "run"
         self.vehicle.journal = self.run_directory / "journal.jsonl"
 
@@ -174,6 +210,7 @@ class _Play:
         outcome.message = "" if error is None else str(error)[:600]
         if error is not None and not isinstance(error, (AutotuneError, Killed)):
             outcome.failures.append(f"{type(error).__name__}: {error}")
+        self._know_earlier_orders(stage)
         self._check_writes()
         self.vehicle.wait(_SETTLE)
         proved = self._proved()
@@ -181,6 +218,8 @@ class _Play:
         outcome.writes = len(self.vehicle.writes)
         now = self.vehicle.condition()
         self._take_its_word(now, stage.ear.said)
+        if self.case.has_station:
+            now = self._judge_station(stage, error, now)
         if stage.rebooted_unseen:
             self._look_again(now)
         differences = self._differences(now, proved)
@@ -199,6 +238,48 @@ class _Play:
         left = self._differences(self.vehicle.condition(), proved)
         if left:
             outcome.failures.append(f"after restoring: {'; '.join(left)}")
+
+    @property
+    def found_firmware(self) -> str:
+        """Which firmware the vehicle has."""
+        return "ardurover" if self.vehicle.server.vehicle.data.is_boat else "ardusub"
+
+    def _judge_station(self, stage: _Stage, error: BaseException | None, now: Condition) -> Condition:
+        """Hold the tool to the orders of the other station; return the vehicle's condition once that one rests."""
+        station, firmware = self.vehicle.station, FIRMWARE[self.found_firmware]
+        assert station is not None
+        orders = [o for o in station.orders if o.t >= stage.found_at]
+        self.outcome.orders = len(orders)
+        stops_in = [firmware.modes[name] for name in firmware.stops_in]
+        broken, self.outcome.ties = overruled(orders, self.vehicle.ordered, stops_in)
+        self.outcome.failures += broken
+        if station.sticks_until > self.vehicle.server.now:
+            self.vehicle.wait(station.sticks_until - self.vehicle.server.now + _SETTLE)
+            now = self.vehicle.condition()
+        for order in orders:
+            if order.what == "mode":
+                stays = now.mode == int(order.value)
+                fell = not self.case.has_receiver and now.mode in stops_in  # its own radio failsafe, sticks let go
+                if stays or fell:
+                    self.found = replace(self.found, mode=now.mode, armed=now.armed)
+                    self.is_handed_over = now.armed
+        kinds = self._possible_causes(stage, orders)
+        if kinds and error is not None and not isinstance(error, Killed):
+            wrong = misattributed(" ".join((str(error), *stage.ear.said)), kinds)
+            if wrong:
+                self.outcome.failures.append(f"{wrong}: {str(error)[:400]}")
+        return now
+
+    def _possible_causes(self, stage: _Stage, orders: Sequence[Order]) -> list[str]:
+        """Return the kinds of faults that may have ended the run: a stall only if it outlasts a failsafe's wait."""
+        kinds = ["station-" + {"armed": "disarm"}.get(o.what, o.what) for o in orders]
+        for fault in self.case.faults:
+            waits = 2.2 if self.found_firmware == "ardurover" else 2.7
+            if fault.kind == "stall" and not self.case.has_receiver and fault.size > waits:
+                kinds.append("stall")
+            elif fault.kind in ("reboot", "silence"):
+                kinds.append(fault.kind)
+        return kinds
 
     def _look_again(self, now: Condition) -> None:
         """It restarted before the tool had written down how it was found.
@@ -221,7 +302,20 @@ class _Play:
             self.found = replace(self.found, armed=False)
 
     def _differences(self, now: Condition, proved: Mapping[str, float]) -> list[str]:
-        return now.differs_from(self.found, proved)
+        station = self.vehicle.station
+        written = {o.name for o in station.orders if o.what == "write"} if station is not None else set()
+        held = {**now.parameters, **{name: self.found.parameters[name] for name in written}}
+        outputs = () if self.is_handed_over else now.outputs
+        rest = {name: value for name, value in proved.items() if name not in written}
+        return replace(now, parameters=held, outputs=outputs).differs_from(self.found, rest)
+
+    def _know_earlier_orders(self, stage: _Stage) -> None:
+        """What the other station did before the tool looked is how the tool found the vehicle."""
+        for order in self.vehicle.station.orders if self.vehicle.station is not None else ():
+            if order.t < stage.found_at and order.what == "mode":
+                self.found = replace(self.found, mode=int(order.value))
+            elif order.t < stage.found_at and order.what == "write":
+                self.found = replace(self.found, parameters={**self.found.parameters, order.name: order.value})
 
     def _tune(self, stage: _Stage) -> Any:
         case, subject = self.case, self.case.subject

@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import FaultyLink
+from benchmarks.faults.station import STICK_PERIOD, Order, OtherStation
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.mavlink import Framer
 from gcs_autotune.workflow import Connection
@@ -66,7 +69,8 @@ class VehicleAsFound:
     """One vehicle in the water. Time on it goes on from one connection to the next.
 
     ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
-    names whose PARAM_SET (and what came with it) is left unheard.
+    names whose PARAM_SET (and what came with it) is left unheard. ``station`` : another one, on its own wire;
+    ``ordered`` : what the tool was heard to order, as far as it may undo orders of that one.
     """
 
     def __init__(self, name: str, *, seed: int, parameters: Mapping[str, float] | None = None) -> None:
@@ -74,11 +78,15 @@ class VehicleAsFound:
         self.writes: list[tuple[str, float, str]] = []
         self.deaf_to: set[str] = set()
         self.journal: Path | None = None
+        self.station: OtherStation | None = None
+        self.ordered: list[Order] = []
         self._framer = Framer()
 
     def hears(self, data: bytes) -> None:
         """Take bytes from the ground; note what they write."""
-        writes = [f.message for f in self._framer.feed(data) if f.name == "PARAM_SET"]
+        frames = list(self._framer.feed(data))
+        self.ordered += [order for f in frames if (order := _order_in(f.name, f.message, self.server.now)) is not None]
+        writes = [f.message for f in frames if f.name == "PARAM_SET"]
         for message in writes:
             path = self.journal
             text = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
@@ -120,7 +128,22 @@ class _Peer:
         self._vehicle.hears(data)
 
     def advance_to(self, t: float) -> bytes:
-        return self._server.advance_to(self._offset + t)
+        station, until, data = self._vehicle.station, self._offset + t, b""
+        while station is not None and self._server.now < min(until, station.sticks_until) - 0.5 * STICK_PERIOD:
+            station.steer()
+            data += self._server.advance_to(min(self._server.now + STICK_PERIOD, until))
+        return data + self._server.advance_to(until)
+
+
+def _order_in(name: str, message: Any, t: float) -> Order | None:
+    """Return the order of mode or armed state, or the write, that a message of the tool is; None when it is none."""
+    if name == "PARAM_SET":
+        return Order(t, "write", float(message.param_value), str(message.param_id))
+    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
+        return Order(t, "mode", message.param2)
+    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+        return Order(t, "armed", message.param1)
+    return None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from gcs_autotune.link.onboard_logs import OnboardLog, fetch_log, list_logs
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.parameters.exchange import same_float32
-from gcs_autotune.link.parameters.journal import Journal, JournalState
+from gcs_autotune.link.parameters.journal import Journal, JournalState, is_being_written
 from gcs_autotune.link.parameters.parameter_transaction import ParameterTransaction
 from gcs_autotune.link.ports import BAUDS, Overheard, PortSeen, overhear, serial_ports
 from gcs_autotune.link.session import Session
@@ -62,6 +62,7 @@ __all__ = [
     "difference",
     "fetch_log",
     "fingerprint_of",
+    "is_being_written",
     "list_logs",
     "open_craft",
     "open_link",

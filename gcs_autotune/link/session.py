@@ -48,6 +48,8 @@ _HEARTBEAT_PERIOD = 1.0
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
 """Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
+_SILENT = 1.2
+"""Chosen [s]: a vehicle that is heard sends a heartbeat a second, at least."""
 _ASKED_AGAIN = 0.5
 """Seconds after which a heartbeat that did not come is asked for again."""
 _ROUNDING = 1e-6
@@ -144,6 +146,8 @@ class Session:
     port : frames out and in, their counts, and the id that we send as.
     routing : who is told of what, and who else was heard.
     liveness : for how long the vehicle has been silent.
+    patience : longest silence [s] that is waited out wherever something is waited for; 0 for none. It is for the time
+        before arming: what is armed is made neutral first.
     operator : his wish to stop, and the shield against it.
     texts : what the vehicle said in words.
     notes : things worth telling the operator, in order.
@@ -174,6 +178,7 @@ class Session:
         self._held_at = 0.0
         self._sightings = Sightings()
         self._timeout = heartbeat_timeout
+        self.patience = 0.0
         self.liveness = Liveness(self.clock.now())
         self._given_up_at = -1
         self.operator = OperatorStop(interrupt)
@@ -291,7 +296,7 @@ class Session:
 
     def check_heard(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
-        if self.vehicle is not None and self.liveness.silence > patience:
+        if self.vehicle is not None and self.liveness.silence > max(patience, self.patience):
             raise LinkLost(
                 f"{self.vehicle} has been silent for {self.liveness.silence:.1f} s on {self.transport.description}; "
                 f"check power, cable and radio range{self.port.trouble}"
@@ -301,14 +306,19 @@ class Session:
         """Pump until *condition* returns something other than None, and return that; None after *timeout* [s].
 
         What counts is time spent listening: an answer that came while this computer was busy is read before the
-        silence is judged.
+        silence is judged. A silence that is borne (:attr:`patience`) does not count: its end is waited for.
         """
         deadline = Deadline.after(self.liveness, timeout)
         while (found := condition()) is None:
-            if deadline.expired:
+            if deadline.expired and not self.bears_silence:
                 return None
-            self.pump(deadline.remaining)
+            self.pump(_HEED if deadline.expired else deadline.remaining)
         return found
+
+    @property
+    def bears_silence(self) -> bool:
+        """Whether the vehicle is silent now, and that is waited out."""
+        return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
     def pause(self, seconds: float) -> None:
         """Go on pumping for *seconds* of link time."""

@@ -229,7 +229,8 @@ def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Interve
             return {"mode": str(error)}, change
         change = _look(craft) or change
         if change is not None and change.stands:
-            left = {} if change.is_certain else {"mode": f"it is in {craft.mode}: {change.what}"}
+            is_left_so = change.is_certain or craft.mode == found.mode
+            left = {} if is_left_so else {"mode": f"it is in {craft.mode}: {change.what}"}
             return left, change
         if craft.mode == found.mode and (found.armed or not craft.armed):
             return {}, change

@@ -13,6 +13,7 @@ from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
 from gcs_autotune.watch import Vitals, Watcher, Words
+from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import Connection
@@ -93,14 +94,18 @@ def connect_craft(
     record: RunDirectory,
     control_rate: float | None,
     axis: str,
+    patience: float = 0.0,
 ) -> Iterator[MavlinkCraft]:
     """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates.
+
+    A silence of up to *patience* [s] is waited out until it is armed (:func:`armed`).
 
     Where the link has no room for those, what shows *axis* comes first.
     """
     with connect(connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = control_rate or usual
+        session.patience = patience
         craft = open_craft(
             session,
             wanted_rates=telemetry_rates(control_rate),
@@ -112,6 +117,7 @@ def connect_craft(
         try:
             for note in session.notes[:told]:
                 watcher.say(note)
+            refuse_open_runs(craft)
             yield craft
         except BaseException:
             with suppress(AutotuneError), craft.shielded():  # what is under way says what is left to be done

@@ -23,6 +23,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.background import agreed, await_worker, beside, keep_company, run_in_background
 from gcs_autotune.workflow.connection import say_link_times
 from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.open_runs import forget_run, note_run, refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
     STAGE,
@@ -223,12 +224,15 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
         try:
             if journal is not None:
                 journal.close()
+                forget_run(record.journal)
         except PreconditionFailed as error:  # a disk that is full by now does no harm
             watcher.say(
                 f"all is as found, but the journal does not say so ({error}); `gcs-autotune restore` will look again"
             )
 
     def open_journal(found: Observation) -> Journal:
+        refuse_open_runs(craft)
+        note_run(record.journal)
         return Journal(
             record.journal,
             vehicle=craft.session.vehicle,

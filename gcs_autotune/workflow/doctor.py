@@ -18,6 +18,7 @@ from typing import Literal
 
 import gcs_autotune
 from gcs_autotune.link import BAUDS, Overheard, overhear, serial_ports
+from gcs_autotune.workflow.open_runs import open_runs
 
 __all__ = ["Finding", "examine", "listened_to"]
 
@@ -51,6 +52,7 @@ def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
 
     folder : where run directories would be made. config : the settings file in force.
     """
+    yield from _journals()
     yield _programs()
     yield from _packages()
     yield Finding("settings", "fine", f"{config} is read" if config else "no gcs-autotune.toml is read")
@@ -77,6 +79,13 @@ def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[t
                 break
         yield str(port), heard
     yield "UDP 14550", overhear(UDP, seconds)
+
+
+def _journals() -> Iterator[Finding]:
+    """Yield the runs of this machine that are open, before anything else: a vehicle may hold trial gains."""
+    for run in open_runs():
+        cure = "wait for its end" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 
 def _programs() -> Finding:

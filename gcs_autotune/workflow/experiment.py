@@ -52,7 +52,9 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     with (
         record.summarised(f"experiment {settings.axis}", when),
         jit_warmup(uri, [dof], []) as worker,
-        connect_craft(settings.connection, operator, log, record, settings.control_rate, settings.axis) as craft,
+        connect_craft(
+            settings.connection, operator, log, record, settings.control_rate, settings.axis, settings.patience
+        ) as craft,
     ):
         context = _set_out(settings, operator, log, record, craft, worker)
         await_warmup(craft, worker, log)

@@ -104,7 +104,9 @@ def fly_plan(
     with (
         record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when),
         jit_warmup(common.connection.uri, warm, []) as worker,
-        connect_craft(common.connection, operator, watcher, record, common.control_rate, common.axis) as craft,
+        connect_craft(
+            common.connection, operator, watcher, record, common.control_rate, common.axis, common.patience
+        ) as craft,
     ):
         flight = _Flight(plan, common, operator, watcher, record, craft, earlier, worker)
         flight.foresee(only_preview=only_preview)

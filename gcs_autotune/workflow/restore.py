@@ -26,6 +26,7 @@ from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.mavlink import load_params, save_params
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
+from gcs_autotune.workflow.open_runs import forget_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
@@ -102,6 +103,7 @@ def restore_run(
         with connect(connection, operator, watcher) as session:
             changes = _Restoring(session, state, operator, watcher, journal).run()
         journal.close()
+        forget_run(path)
     finally:
         journal.leave()
     return changes

@@ -188,6 +188,8 @@ class ManoeuvreRunner:
 
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
+_PROMPT = 0.8
+"""Chosen [s]: a link that answers within this carries commands in time."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
 """Guards after which a run may go on, where :class:`Patience` finds that it may."""
 _LATELY = 10.0
@@ -270,6 +272,8 @@ class Patience:
             self._say("arming it again, as announced")
             craft.arm()
         craft.neutral()
+        session = craft.session  # where our commands came late: until they do not
+        session.wait_for(lambda: True if craft.latency.lateness < _PROMPT else None, self._seconds)
         return craft.telemetry.watchdog.fault is None
 
     def _may_undo(self, change: Intervention) -> bool:

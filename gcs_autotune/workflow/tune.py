@@ -67,7 +67,9 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
     try:
         with (
             jit_warmup(settings.connection.uri, (a.dof for a in axes), (a.law for a in axes)) as worker,
-            connect_craft(settings.connection, operator, log, record, settings.control_rate, settings.axis) as craft,
+            connect_craft(
+                settings.connection, operator, log, record, settings.control_rate, settings.axis, settings.patience
+            ) as craft,
         ):
             context = _set_out(settings, operator, log, record, craft, worker, earlier)
             await_warmup(craft, worker, log)
@@ -121,6 +123,7 @@ def _set_out(
     axis, own = learn_parameters(craft, axis, log)
     log.parameters_before = own
     earlier.see_that_it_is_the_same(craft, own)
+    craft.parameters.watch(own)  # a gain that another station writes from now on belies what is flown
     note_setting_out(record, settings, craft, own)
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)

@@ -124,4 +124,5 @@ def handle_command(server: Server, message: Message) -> None:
 def handle_set_mode(server: Server, message: Message) -> None:
     """Carry out the old SET_MODE message; ArduPilot acknowledges that one too."""
     result = _set_mode(server, (float(message.base_mode), float(message.custom_mode)))
-    server.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result))
+    sender = (message.get_srcSystem(), message.get_srcComponent())
+    server.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))

@@ -44,11 +44,14 @@ class Server:
         self.now = 0.0
         self._up_ticks = round(vehicle.data.up_delay * vehicle.rate)
         self._down_ticks = round(vehicle.data.down_delay * vehicle.rate)
-        self._uplink: deque[tuple[int, bytes]] = deque()
+        self._uplink: deque[tuple[int, bytes, bool]] = deque()
+        self._is_elsewhere = False
         self._downlink: deque[tuple[int, bytes]] = deque()
         self._out = bytearray()
         self.codec: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
         self.codec.robust_parsing = True
+        self._elsewhere: Any = mavlink.MAVLink(None)
+        self._elsewhere.robust_parsing = True
         self._reboots = False
         self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
@@ -66,7 +69,17 @@ class Server:
     def receive(self, data: bytes) -> None:
         """Take bytes that arrive now."""
         if data:
-            self._uplink.append((self.vehicle.tick + max(1, self._up_ticks), bytes(data)))
+            self._uplink.append((self.vehicle.tick + max(1, self._up_ticks), bytes(data), False))
+
+    def receive_elsewhere(self, data: bytes) -> None:
+        """Take bytes that arrive now on another port of the vehicle, from another station.
+
+        As with the firmware, what is answered or streamed to that station goes out at that port, not here: an
+        acknowledgement, or a message that was asked for. What it changes shows in telemetry; a written parameter is
+        sent at every port.
+        """
+        if data:
+            self._uplink.append((self.vehicle.tick + 1, bytes(data), True))
 
     def advance_to(self, t: float) -> bytes:
         """Run until *t* [s] (nothing happens when that is not ahead) and return the bytes sent meanwhile."""
@@ -85,7 +98,9 @@ class Server:
         return bytes(arrived)
 
     def send(self, message: Message) -> None:
-        """Put a message on the wire."""
+        """Put a message on the wire; what answers another port's station goes out there."""
+        if self._is_elsewhere and message.get_type() != "PARAM_VALUE":
+            return
         self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
         self._out += pack(message, self.codec)
         self.codec.seq = (self.codec.seq + 1) % 256
@@ -114,7 +129,9 @@ class Server:
         vehicle.move()
         vehicle.autopilot.ms = vehicle.ms
         while self._uplink and self._uplink[0][0] <= vehicle.tick:
-            self._hear(self._uplink.popleft()[1])
+            _, data, self._is_elsewhere = self._uplink.popleft()
+            self._hear(data)
+            self._is_elsewhere = False
         vehicle.control()
         for message_id in self.streams.due(self.now_us):
             self.send_now(message_id)
@@ -138,8 +155,10 @@ class Server:
         self._announce()
 
     def _hear(self, data: bytes) -> None:
-        for message in parse(self.codec, data):
+        for message in parse(self._elsewhere if self._is_elsewhere else self.codec, data):
             handler = HANDLERS.get(message.get_type())
+            if self._is_elsewhere and not _is_order(message):
+                continue  # whom it asks, and at what rates, is that port's affair
             if handler is not None and self._is_addressed(message):
                 handler(self, message)
 
@@ -147,6 +166,10 @@ class Server:
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0)
         return system in (0, int(self.vehicle.parameters["MAV_SYSID"])) and component in (0, _COMPONENT)
+
+
+def _is_order(message: Message) -> bool:
+    return message.get_type() in ORDERS and getattr(message, "command", -1) not in _QUESTIONS
 
 
 def _handle_heartbeat(server: Server, message: Message) -> None:
@@ -211,3 +234,20 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,
 }
 """Message type -> what the vehicle does with it; everything else is left unheard."""
+
+ORDERS = frozenset(
+    {
+        *("HEARTBEAT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET", "RC_CHANNELS_OVERRIDE"),
+        *("MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"),
+    }
+)
+"""What a station at another port can change that shows here."""
+_QUESTIONS = frozenset(
+    {
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+        mavlink.MAV_CMD_GET_MESSAGE_INTERVAL,
+        mavlink.MAV_CMD_REQUEST_MESSAGE,
+        mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+    }
+)
+"""Commands that concern the port they come by."""

@@ -466,6 +466,69 @@ def test_overrides_that_cease_to_arrive_trip(flying: MavlinkCraft, boat: Scripte
     assert "our overrides do not get through" in trip(flying, "sticks")
 
 
+class Late(Router):
+    """A router that holds everything of ours back for ``delay`` [s]."""
+
+    delay = 0.0
+
+    def __init__(self, vehicle: ScriptedVehicle) -> None:
+        super().__init__(vehicle)
+        self.held: list[tuple[float, bytes]] = []
+
+    def receive(self, data: bytes) -> None:
+        self.held.append((self.vehicle.time + self.delay, data))
+
+    def advance_to(self, t: float) -> bytes:
+        out = b""
+        while self.vehicle.time + 0.02 <= t + 1e-9:
+            while self.held and self.held[0][0] <= self.vehicle.time:
+                self.vehicle.receive(self.held.pop(0)[1])
+            out += super().advance_to(self.vehicle.time + 0.02)
+        return out
+
+
+@pytest.mark.parametrize("delay", [1.3, 2.0])
+def test_our_own_commands_that_come_late_are_nobody_else_s(boat: ScriptedVehicle, delay: float) -> None:
+    link = Late(boat)
+    craft = board(link)
+    craft.arm()
+    fly(craft)
+    link.delay = delay
+    with pytest.raises(GuardTripped) as caught:
+        for k in range(120):
+            craft.observe()
+            craft.send(Actuate(N=0.3 if k // 30 % 2 else -0.3))
+    said = str(caught.value)
+    assert caught.value.guard == "late"
+    assert "our own commands arrive late" in said and "other than ours" not in said
+
+
+def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_prompt(boat: ScriptedVehicle) -> None:
+    router = Router(boat)
+    twin = router.station(255, 100)
+    craft = board(router)
+    craft.arm()
+    fly(craft)
+    stick = mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 65535, 1500, *[65535] * 5)
+    router.every(twin, 0.034, lambda: stick)
+    assert "overrides other than ours are in force" in trip(craft, "sticks")
+
+
+def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: ScriptedVehicle) -> None:
+    router = Router(boat)
+    twin = router.station(255, 100)
+    boat.receiver = None
+    craft = board(router)
+    craft.arm()
+    fly(craft)
+    router.every(
+        twin, 0.1, lambda: mavlink.MAVLink_rc_channels_override_message(1, 1, *[65535] * 5, 1850, 65535, 65535)
+    )
+    said = trip(craft, "sticks")
+    assert "RC channel 6, which we do not drive, went from 1500 to 1850 us: overrides other than ours" in said
+    assert "pilot" not in said
+
+
 # --- deaf --------------------------------------------------------------------------------
 
 

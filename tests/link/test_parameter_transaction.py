@@ -272,6 +272,7 @@ class Counted:
         self.undone: list[dict[str, float]] = []
         self.asked: list[list[str]] = []
         self.watched: list[str] = []
+        self.intrusions: list[tuple[str, float, float]] = []
 
     def outlast(self, patience: float) -> bool:
         assert patience == 30.0, "a boat behind a pier comes out again"
@@ -473,7 +474,19 @@ def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
     assert (caught.value.wanted, caught.value.found) == (pytest.approx(NEW[name]), pytest.approx(0.33))
     assert Journal.open_debts(path) == pytest.approx(OLD)
     transaction.give_back()
-    assert held(boat) == pytest.approx(OLD)
+    assert held(boat) == pytest.approx({**OLD, name: 0.33}), "what another station wrote stands"
+    assert f"{name} stays at 0.33, which another station wrote" in transaction._session.notes[-1]
+    assert Journal.open_debts(path) == {}
+
+
+def test_a_gain_that_was_written_elsewhere_while_nobody_heard_it_is_not_written(
+    transaction: ParameterTransaction, boat: ScriptedVehicle
+) -> None:
+    transaction._parameters.watch(OLD)
+    boat.parameters[P] = 0.33
+    with pytest.raises(PreconditionFailed, match=f"another ground station wrote {P} = 0.33"):
+        transaction.set(NEW)
+    assert boat.count("PARAM_SET") == 0
 
 
 def test_where_a_system_has_a_stronger_sync_the_journal_asks_for_that_too(

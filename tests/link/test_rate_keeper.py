@@ -139,7 +139,9 @@ class Ours:
             culprit=lambda kinds, since, name="": self.asked.append(("culprit", since, name)) or "somebody",
             steering=None,
         )
-        self.sticks: Any = SimpleNamespace(moved_by_hand=None, departed=None, has_receiver=False)
+        self.sticks: Any = SimpleNamespace(
+            moved_by_hand=None, departed=None, has_receiver=False, was_sent=lambda channel, pwm: False
+        )
         rate: Any = SimpleNamespace(pause_since=lambda since: self.asked.append(("pause", since)) or pause, pace=pace)
         self.parameters: Any = SimpleNamespace(intrusions=[])
         commands: Any = SimpleNamespace(has_ordered_mode=lambda mode, now: False, copy_arrived=lambda mode, now: False)

@@ -233,7 +233,11 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """From now on these are to stay what they are said to be."""
+        """From now on these are to stay what they are said to be; one watched already at another value was changed."""
+        for name, value in values.items():
+            before = self._watched.get(name, value)
+            if not same_float32(before, value):
+                self.intrusions.append((name, before, value))
         self._watched.update(values)
 
     def drop(self, names: Collection[str]) -> None:

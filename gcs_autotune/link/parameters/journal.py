@@ -25,7 +25,7 @@ from gcs_autotune.errors import BadFile, PreconditionFailed
 from gcs_autotune.mavlink import VehicleIdentity
 from gcs_autotune_files import Refused, clipped, conform, parse
 
-__all__ = ["Journal", "JournalState", "good_length", "read_journal"]
+__all__ = ["Journal", "JournalState", "good_length", "is_being_written", "read_journal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +360,23 @@ class Journal:
             When it cannot be read, or is damaged before its end.
         """
         return read_journal(path)
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether another program has the journal at *path* open; False where the system has no such locks."""
+    if fcntl is None:
+        return False
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in (errno.EACCES, errno.EAGAIN)
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def _sync(descriptor: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -71,6 +72,12 @@ class ParameterTransaction:
             What went wrong, and not everything could be put back.
         """
         self.lend(values)
+        for name, before, now in self._parameters.intrusions:
+            if name in values and not self.written:
+                raise PreconditionFailed(
+                    f"another ground station wrote {name} = {now:g} (it was {before:g}): what was flown tells nothing "
+                    "about that. Nothing was written; start again"
+                )
         try:
             for name, value in values.items():
                 self._write(name, value)
@@ -118,7 +125,7 @@ class ParameterTransaction:
     def give_back(self) -> None:
         """Put every written parameter back as found, last first, and read them all again. The operator has to wait.
 
-        A vehicle that has fallen silent is waited for once.
+        A vehicle that has fallen silent is waited for once. What another station has written meanwhile stands.
 
         Raises
         ------
@@ -126,6 +133,7 @@ class ParameterTransaction:
             When some could not be put back; ``differences`` says which and why. The others are back.
         """
         with self._session.operator.shielded():
+            self._leave_overwritten()
             failures = self._put_back()
             if any(isinstance(error, LinkLost) for error in failures.values()) and self._session.outlast(_PATIENCE):
                 failures = self._put_back()
@@ -141,6 +149,23 @@ class ParameterTransaction:
                 differences={n: f"should be {self.old[n]:g}: {error}" for n, error in failures.items()},
             )
         self._release()
+
+    def _leave_overwritten(self) -> None:
+        """Leave what another station has written since, where the vehicle confirms that it holds it."""
+        names = {name for name, _, _ in self._parameters.intrusions if name in self._left}
+        try:
+            held = self._parameters.read_confirmed(names) if names else {}
+        except AutotuneError:
+            return
+        for name, value in held.items():
+            if same_float32(value, self.old[name]) or same_float32(value, self._left[name]):
+                continue
+            self._session.notes.append(
+                f"{name} stays at {value:g}, which another station wrote; it was found at {self.old[name]:g}"
+            )
+            self.written.remove(name)
+            with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
+                self._journal.record("returned", name=name, value=value, by="another station")
 
     def _put_back(self) -> dict[str, AutotuneError]:
         """Write what differs and look again, until nothing differs; return what could not be done."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from gcs_autotune.clock import Deadline
-from gcs_autotune.errors import ArmingRefused, CommandDenied, ModeRefused, NoReply
+from gcs_autotune.errors import ArmingRefused, CommandDenied, LinkLost, ModeRefused, NoReply
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.session import Session
@@ -36,6 +36,10 @@ class Commands:
     ----------
     session : with a vehicle found.
     firmware : whose modes have the names we use.
+
+    Attributes
+    ----------
+    accepted_mode : number of the mode ordered last, where the vehicle has accepted the order; else -1.
     """
 
     def __init__(self, session: Session, firmware: Firmware) -> None:
@@ -43,6 +47,7 @@ class Commands:
         self._firmware = firmware
         self._ordered: deque[tuple[float, int]] = deque(maxlen=_KEPT)
         self._in_progress = -1
+        self.accepted_mode = -1
         self._copies: deque[float] = deque(maxlen=_KEPT)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
@@ -143,6 +148,7 @@ class Commands:
         """
         number = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode")
         begun, before = self._session.clock.now(), self._session.custom_mode
+        beats, self.accepted_mode = self._session.heartbeats, -1
         self._ordered.append((begun, number))
         values = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number)
         try:
@@ -154,9 +160,15 @@ class Commands:
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(f"mode {mode} was refused{self._said(begun)}; it stays in {self.mode}") from error
+        else:
+            self.accepted_mode = number
         taken = self._session.wait_for(
             lambda: True if self._session.custom_mode == number else None, _HEARTBEAT_PATIENCE
         )
+        if not taken and self._session.heartbeats == beats:
+            raise LinkLost(
+                f"mode {mode} was accepted, but then the link was silent: no HEARTBEAT for {_HEARTBEAT_PATIENCE:g} s"
+            )
         if not taken:
             raise ModeRefused(f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._said(begun)}")
 

@@ -45,6 +45,10 @@ _MODE_ORDERS = frozenset({"SET_MODE", "MAV_CMD_DO_SET_MODE", "MAV_CMD_NAV_RETURN
 _ARM_ORDERS = frozenset({"MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION"})
 _STICK_ORDERS = frozenset({"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"})
 _MANY = 20
+_LATE = 0.8
+"""Chosen [s]: there and back; sooner than that, what we sent shows within what is waited for anyway."""
+_ANSWER = 2.5
+"""Chosen [s]: two askings of TIMESYNC, one a second; their answers, or that none come, tell a late link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +72,7 @@ class InterferenceMonitor:
     Attributes
     ----------
     failsafes : those that act when nothing is heard of us, as this vehicle's parameters set them.
+    lateness : how late the link's answers are now [s].
     modes : custom mode numbers that may be seen: of what we ordered last, and of before while that is not confirmed.
     armed : whether it is expected to be armed, None while that is just being changed by us.
     is_ours : whether the vehicle is in our hands.
@@ -96,8 +101,10 @@ class InterferenceMonitor:
         self._commands = commands
         self._watchdog = watchdog
         self.failsafes: Sequence[SetFailsafe] = ()
+        self.lateness: Callable[[], float] = lambda: 0.0
         self._let_go = let_go
         self._guard = ""
+        self._unanswered: set[int] = set()
         self.modes: frozenset[int] = frozenset()
         self.armed: bool | None = None
         self.is_ours = False
@@ -121,8 +128,15 @@ class InterferenceMonitor:
         """The mode of that *number* is about to be ordered by us: until it is confirmed both may be seen."""
         self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
 
+    def doubt_mode(self, number: int, before: frozenset[int]) -> None:
+        """The order of the mode of that *number* was never answered: what was expected *before* still is."""
+        if self.is_ours:
+            self.modes = before
+            self._unanswered.add(number)
+
     def confirm_mode(self) -> None:
         """What we ordered is in force."""
+        self._unanswered.clear()
         self.modes = frozenset({self._session.custom_mode}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
@@ -212,18 +226,25 @@ class InterferenceMonitor:
             return change.guard, Intervention(
                 what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
-        certain = not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
+        unanswered = change.guard == "mode" and change.mode in self._unanswered
+        certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
         copy = "" if certain else ", unless a copy of our own order came late"
+        if unanswered:
+            copy = ", unless it was our own order, which was never answered"
         pause = self._longest_pause()
         short = (
-            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe acts so soon)"
+            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
             if pause > _WORTH_A_WORD and not self._is_own_doing()
             else ""
         )
         what = f"{change.what}, not by us{self._last_words()}: {self._who(change.kinds)}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
-            what, mode_stands=by_mode, armed_stands=not by_mode and self._session.armed, is_certain=certain
+            what,
+            mode_stands=by_mode,
+            armed_stands=not by_mode and self._session.armed,
+            is_certain=certain,
+            may_go_on=unanswered,
         )
 
     def _named(self, change: _Change) -> SetFailsafe | None:
@@ -260,6 +281,7 @@ class InterferenceMonitor:
         departed = self._rc_monitor.departed
         if departed is not None:
             channel, sent, shown = departed
+            self._check_late(channel, sent, shown)
             raise GuardTripped(
                 f"overrides other than ours are in force: RC channel {channel} shows {shown} us where {sent} us were "
                 f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks; if there is none, our "
@@ -276,6 +298,21 @@ class InterferenceMonitor:
                 guard="sticks",
                 value=float(moved[2]),
                 limit=float(moved[1]),
+            )
+
+    def _check_late(self, channel: int, sent: int, shown: int) -> None:
+        """Raise ``GuardTripped`` (guard ``late``) where our own commands arrive late; the sticks are neutral then."""
+        if not self._rc_monitor.was_sent(channel, shown):
+            return
+        self._let_go()
+        late = self._session.wait_for(lambda: self.lateness() if self.lateness() > _LATE else None, _ANSWER)
+        if late is not None:
+            raise GuardTripped(
+                f"our own commands arrive late: RC channel {channel} shows {shown} us, sent a while ago, instead of "
+                f"{sent} us, and the link answers after {late:.1f} s or more. Use a faster link, or wait for it",
+                guard="late",
+                value=late,
+                limit=_LATE,
             )
 
     def _whose_stick(self) -> str:

@@ -128,6 +128,14 @@ class Latency:
             self._trips.append((sent, trip, float(m.tc1) * 1e-9))
             self._middle = math.nan
 
+    @property
+    def lateness(self) -> float:
+        """Return how late [s] answers are now: of the last one, or of one that has not come; 0 before any was asked."""
+        waiting = [self._session.clock.now() - asked for asked in self._open.values()]
+        answered = max((sent for sent, _, _ in self._trips), default=-math.inf)
+        unanswered = [age for age in waiting if self._session.clock.now() - age > answered]
+        return max([*unanswered, self._trips[-1][1] if self._trips else 0.0])
+
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
 

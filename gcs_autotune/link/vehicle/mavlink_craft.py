@@ -9,7 +9,7 @@ from typing import Any
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.craft import Actuate, Command, Intervention, Observation
-from gcs_autotune.errors import AutotuneError, LinkLost, NotAsFound
+from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, ModeRefused, NoReply, NotAsFound
 from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.session import Session
@@ -96,6 +96,7 @@ class MavlinkCraft:
             self.telemetry.watchdog,
             let_go=self._rest_sticks,
         )
+        self._interference.lateness = lambda: self.latency.lateness
         self._is_taken_over = False
         self._mode_is_changing = False
 
@@ -232,8 +233,21 @@ class MavlinkCraft:
             No heartbeat came.
         """
         self._check_fresh()
-        self._interference.order_mode(lookup(self._firmware.modes, mode, f"{self._firmware.name} mode"))
-        self.commands.set_mode(mode)
+        try:
+            self._order_mode(mode)
+        except (ModeRefused, NoReply):
+            self._interference.check_state()  # another station ordered a third one just now
+            raise
+
+    def _order_mode(self, mode: str) -> None:
+        number, before = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode"), self._interference.modes
+        self._interference.order_mode(number)
+        try:
+            self.commands.set_mode(mode)
+        except LinkError:
+            if self.commands.accepted_mode != number:  # when it shows later, that it was ours is not certain
+                self._interference.doubt_mode(number, before)
+            raise
         self._interference.confirm_mode()
 
     def _check_fresh(self) -> None:
@@ -274,11 +288,14 @@ class MavlinkCraft:
             raise
 
     def _arm(self) -> None:
-        """Arm; between two attempts another station may take the vehicle, and then it is not armed."""
+        """Arm; between two attempts another station may take the vehicle, and then it is not armed.
+
+        Once the order is sent, a vehicle that is armed is armed by us, though the answer be lost.
+        """
 
         def check() -> None:
-            self._interference.armed = self._interference.armed if self._interference.armed is not None else False
             self._check_fresh()
+            self.session.patience = 0.0  # from here on a silence ends what is flown, neutral first
             self._interference.armed = None
 
         self.commands.arm_patiently(self.arm_patience, _WARM_UP, check)
@@ -329,9 +346,12 @@ class MavlinkCraft:
             self.session.ask_state(_GLANCE)
             if self._is_taken():
                 return
-            self._interference.order_mode(self._firmware.modes[self._firmware.rest_mode])
-            self.commands.set_mode(self._firmware.rest_mode)
-            self._interference.confirm_mode()
+            try:
+                self._order_mode(self._firmware.rest_mode)
+            except (ModeRefused, NoReply):
+                if self._is_taken():
+                    return
+                raise
         await_neutral(self.session, self.telemetry)
 
     def _is_taken(self) -> bool:

@@ -1,8 +1,8 @@
 """The vehicle's RC input as it shows it, against what we send: are we obeyed, and is anybody else steering?
 
 RC_CHANNELS shows the overrides in force on channels that are overridden and the receiver's sticks on the others. So
-a driven channel that shows what nobody here has sent is another station's stick, and another channel that moves is a
-pilot's hand on the transmitter (his steering stick itself cannot be seen: our override hides it).
+a driven channel that shows what nobody here has sent is another station's stick. Another channel that moves is a stick
+or switch of the transmitter, or an override of another station that uses our id: RC_CHANNELS does not tell which.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ joystick is seen only in the gaps between our overrides: in step with them, in o
 _MEMORY = 1.0
 """Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
 still be on its way, beside what the link is known to take."""
+_HISTORY = 8.0
+"""Chosen [s]: a command of ours that shows after so long is taken for nobody's."""
 _PATIENCE = 3.0
 """Chosen [s]: after that long without having been obeyed once, we are deaf."""
 
@@ -46,6 +48,7 @@ class RcMonitor:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._sent: deque[tuple[float, Mapping[int, int]]] = deque()
+        self._history: deque[tuple[float, Mapping[int, int]]] = deque()
         self._driven: Mapping[int, int] = {}
         self._since = 0.0
         self._verdicts: deque[tuple[int, int] | None] = deque(maxlen=_JUDGED)
@@ -68,12 +71,16 @@ class RcMonitor:
         self._driven = values
         if not self._sent or dict(self._sent[-1][1]) != dict(values):
             self._sent.append((now, dict(values)))
+            self._history.append((now, dict(values)))
+        while len(self._history) > 1 and self._history[1][0] < now - _HISTORY:
+            self._history.popleft()
         while len(self._sent) > 1 and self._sent[1][0] < now - self._memory:
             self._sent.popleft()
 
     def forget(self) -> None:
         """We are not commanding any more."""
         self._sent.clear()
+        self._history.clear()
         self._verdicts.clear()
         self._at_rest.clear()
         self._strayed.clear()
@@ -85,7 +92,10 @@ class RcMonitor:
 
     @property
     def moved_by_hand(self) -> tuple[int, int, int] | None:
-        """(channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none has."""
+        """(channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none has.
+
+        Without a receiver a channel keeps its value: what moves it is an override.
+        """
         return self._moved
 
     @property
@@ -99,6 +109,10 @@ class RcMonitor:
             return None
         channel, shown = wrong[-1]
         return channel, self._driven[channel], shown
+
+    def was_sent(self, channel: int, pwm: int) -> bool:
+        """Whether *pwm* [us] on *channel* is something we sent a while ago: then it may have come late."""
+        return any(abs(values.get(channel, 0) - pwm) <= _SAME for _, values in self._history)
 
     def _on_rc_channels(self, m: Message) -> None:
         self.shown = {n: int(getattr(m, f"chan{n}_raw")) for n in range(1, 17)}
@@ -121,8 +135,6 @@ class RcMonitor:
         self._verdicts.append(verdict)
 
     def _look_for_a_hand(self) -> None:
-        if not self.has_receiver:
-            return
         for channel in range(1, _WATCHED + 1):
             pwm = self.shown[channel]
             if channel in self._driven or pwm < _NO_PULSE:

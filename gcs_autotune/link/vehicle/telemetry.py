@@ -337,6 +337,8 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         if session.liveness.listened - begun > _MISSED and not asked:  # a restart ends what was asked to be sent
             asked = True
             session.request_message(_SYSTEM_TIME)
+        if session.bears_silence:
+            begun = session.liveness.listened
         if session.liveness.listened - begun > _TICK_TIMEOUT:
             session.check_heard(_UNHEARD)
             raise TelemetryFault(

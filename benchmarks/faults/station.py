@@ -1,0 +1,130 @@
+"""Another ground station on a wire of its own, and what the tool did against its orders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from benchmarks.faults.fault import Fault
+
+if TYPE_CHECKING:
+    from benchmarks.faults.vehicle import VehicleAsFound
+
+__all__ = ["STICK_PERIOD", "Order", "OtherStation", "misattributed", "overruled"]
+
+_SYSTEM, _TWIN = 200, 255
+STICK_PERIOD = 0.05
+_TIE = 0.3
+"""Seconds: an order of the tool that was under way when the other station's arrived, or that answers its own question
+for the vehicle's state of just before. No station can prevent that; such cases are counted by themselves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What was ordered, of the vehicle: its time [s], ``mode``, ``armed`` or ``write``, and the value."""
+
+    t: float
+    what: str
+    value: float = math.nan
+    name: str = ""
+
+
+class OtherStation:
+    """Gives orders to a vehicle at a port of its own; the tool never sees what the vehicle answers there."""
+
+    def __init__(self, vehicle: VehicleAsFound, gain: str) -> None:
+        self._vehicle = vehicle
+        self._gain = gain
+        self._packer = mavlink.MAVLink(None, srcSystem=_SYSTEM, srcComponent=190)
+        self._twin = mavlink.MAVLink(None, srcSystem=_TWIN, srcComponent=100)
+        self.orders: list[Order] = []
+        self.sticks_until = -math.inf
+        self._next_stick = 0.0
+
+    def act(self, fault: Fault) -> None:
+        """Carry out a fault of this station."""
+        now, mode = self._vehicle.server.now, int(fault.size)
+        autopilot = self._vehicle.server.vehicle.autopilot
+        if fault.kind == "station-mode" and autopilot.mode.number == mode:
+            return  # it changes nothing, and so can be seen by nobody
+        if fault.kind == "station-mode":
+            self._order(Order(now, "mode", mode), mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(mode))
+        elif fault.kind == "station-disarm":
+            self._order(Order(now, "armed", 0.0), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        elif fault.kind == "station-write":
+            value = round(1.37 * self._vehicle.server.vehicle.parameters.values[self._gain] + 0.0421, 4)
+            self.orders.append(Order(now, "write", value, self._gain))
+            message = mavlink.MAVLink_param_set_message(1, 1, self._gain.encode(), value, 9)
+            self._vehicle.server.receive_elsewhere(message.pack(self._packer))
+        else:
+            self.orders.append(Order(now, "sticks", fault.duration))
+            self.sticks_until = now + fault.duration
+
+    def steer(self) -> None:
+        """Send the sticks, where they are in this station's hand just now."""
+        now = self._vehicle.server.now
+        if now < self.sticks_until and now >= self._next_stick:
+            self._next_stick = now + STICK_PERIOD
+            sticks = mavlink.MAVLink_rc_channels_override_message(
+                1, 1, 1640, 1500, 1420, 1630, 1500, 1580, 65535, 65535
+            )
+            self._vehicle.server.receive_elsewhere(sticks.pack(self._twin))
+
+    def _order(self, order: Order, command: int, *values: float) -> None:
+        self.orders.append(order)
+        padded = [*values, *[0.0] * (7 - len(values))]
+        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded)
+        self._vehicle.server.receive_elsewhere(message.pack(self._packer))
+
+
+def overruled(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence[int]) -> tuple[list[str], int]:
+    """Return in words which *orders* of the station the tool's own undid, and how many ties there were.
+
+    Disarming a vehicle that the station has stopped (a mode of *stops_in*) undoes nothing.
+    """
+    found, ties = [], 0
+    for order in orders:
+        for own in ours:
+            if own.t < order.t or not _undoes(own, order, stops_in):
+                continue
+            if own.t - order.t <= _TIE:
+                ties += 1
+            else:
+                found.append(
+                    f"{order.what} {order.value:g} of another station undone {own.t - order.t:.1f} s later: {own}"
+                )
+    return found, ties
+
+
+def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
+    if order.what == "mode":
+        disarms = own.what == "armed" and own.value == 0.0 and int(order.value) not in stops_in
+        return disarms or (own.what == "mode" and own.value != order.value)
+    if order.what == "armed":
+        return own.what == "armed" and own.value == 1.0
+    return order.what == "write" and own.what == "write" and own.name == order.name
+
+
+BLAME: Mapping[str, tuple[str, ...]] = {
+    "station-mode": ("not by us", "another station may have ordered", "was armed, not by us"),
+    "station-disarm": ("not by us", "another station may have ordered"),
+    "station-sticks": ("overrides other than ours", "somebody moves the sticks"),
+    "station-write": ("another ground station wrote", "somebody else has changed it", "another station wrote"),
+    "reboot": ("has restarted", "has been silent"),
+    "stall": ("this computer paused",),
+    "silence": ("has been silent", "the link was silent", "another station may have ordered", "failsafe of its own"),
+}
+"""Kind of fault -> words by which it is told."""
+
+
+def misattributed(said: str, kinds: Sequence[str]) -> str:
+    """Return what is wrong with the causes in what was *said* of a run that ended early; only *kinds* can be them."""
+    fitting = [words for kind in kinds for words in BLAME.get(kind, ())]
+    wrong = [words for group in BLAME.values() for words in group if words in said and words not in fitting]
+    if wrong:
+        return f"names {wrong[0]!r}, where only {', '.join(kinds)} can be the cause"
+    return "" if any(words in said for words in fitting) else f"names nothing of {', '.join(kinds)}"

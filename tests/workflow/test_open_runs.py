@@ -1,0 +1,82 @@
+"""A vehicle on which another run of this machine is open is not flown, and `doctor` looks for such runs first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.link import Journal
+from gcs_autotune.mavlink import VehicleIdentity
+from gcs_autotune.workflow import examine
+from gcs_autotune.workflow.open_runs import forget_run, note_run, open_runs
+
+from .sitl_harness import SitlHarness
+
+GAIN = "ATC_STR_RAT_P"
+
+
+def cut_off(folder: Path, uid: str = "00000000a1b2c3d4") -> Journal:
+    """A run with a trial gain aboard, whose journal is still held open."""
+    folder.mkdir(parents=True)
+    identity = VehicleIdentity(1, 1, 3, 11, "4.7.0-dev", uid=uid)
+    journal = Journal(folder / "journal.jsonl", vehicle=identity, link="udpin:0.0.0.0:14550", mode="HOLD", armed=False)
+    journal.record("lent", name=GAIN, value=0.2)
+    journal.record("writing", name=GAIN, value=0.9)
+    note_run(journal.path)
+    return journal
+
+
+def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(tmp_path: Path) -> None:
+    journal = cut_off(tmp_path / "elsewhere")
+    (found,) = open_runs()
+    assert found.path == tmp_path / "elsewhere" and found.is_going_on
+    assert f"trial values of {GAIN} (was 0.2) may be aboard" in str(found)
+    journal.leave()
+    (found,) = open_runs()
+    assert not found.is_going_on and "was cut off" in str(found)
+    journal = Journal.resume(tmp_path / "elsewhere" / "journal.jsonl")
+    journal.record("returned", name=GAIN, value=0.2)
+    journal.close()
+    assert open_runs() == []
+    forget_run(journal.path)
+
+
+def test_doctor_looks_for_open_runs_before_anything_else(tmp_path: Path) -> None:
+    cut_off(tmp_path / "one").leave()
+    first = next(iter(examine(tmp_path, None)))
+    assert (first.what, first.state) == ("run", "wrong")
+    assert first.cure == f"gcs-autotune restore {tmp_path / 'one'}"
+
+
+class Real(SitlHarness):
+    """A vehicle that counts as a real one: nobody knows who else is at it."""
+
+    def settings(self, axis: str = "heading", *, simulated: bool = False, **changes: Any) -> Any:
+        return super().settings(axis, simulated=simulated, **changes)
+
+
+@pytest.mark.parametrize("going_on", [True, False])
+def test_a_vehicle_on_which_a_run_is_open_is_refused_before_it_is_armed(tmp_path: Path, going_on: bool) -> None:
+    harness = Real(tmp_path)
+    uid = uid_of(harness, tmp_path)
+    journal = cut_off(tmp_path / "first", uid)
+    if not going_on:
+        journal.leave()
+    cure = "Wait until it ends, or stop it" if going_on else f"Run `gcs-autotune restore {tmp_path / 'first'}` first"
+    with pytest.raises(PreconditionFailed, match=cure):
+        harness.tune()
+    assert not harness.vehicle.autopilot.armed
+    assert not (harness.directory / "journal.jsonl").exists()
+
+
+def uid_of(harness: SitlHarness, tmp_path: Path) -> str:
+    """The board's id that this vehicle tells."""
+    from gcs_autotune.link import MemoryLink, Session
+
+    from .sitl_harness import Later
+
+    with Session(MemoryLink(Later(harness.server))) as session:
+        return str(session.discover().uid)
