@@ -9,7 +9,7 @@ from dataclasses import replace
 from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, PreconditionFailed
-from gcs_autotune.manoeuvres import FAR_OUT, Envelope, Manoeuvre, PaperState
+from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope, Manoeuvre, PaperState
 from gcs_autotune.workflow.beside import flies_beside
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
@@ -169,9 +169,12 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         envelope = replace(settings.envelope, cruise=speed)
         turns = f"it turns around once it is {FAR_OUT * envelope.distance_limit:.0f} m away, "
         turns = "it turns around before each stage, " if settings.stop_rule == SETTLED else turns
-        return (
-            f"need up to {whole.metres(envelope):.0f} m from where it lies: {turns}sooner with a smaller --max-distance"
-        )
+        metres = whole.metres(envelope)
+        if settings.stop_rule != SETTLED and not excitation_of(dof).by_throttle:
+            # short of turning around a boat may still fly an oscillation and a step, whatever its stages take on paper
+            limit = envelope.distance_limit
+            metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
+        return f"need up to {metres:.0f} m from where it lies: {turns}sooner with a smaller --max-distance"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {_deepest(dof, settings, now):.0f} m of depth"

@@ -47,7 +47,7 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
     told = how_long(itinerary)
-    assert told.startswith("take about 7 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
+    assert told.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
     assert "turning about 3 times 32 s" in told
 
 
@@ -190,7 +190,7 @@ def test_the_room_is_that_of_the_craft():
         "need up to 220 m from where it lies: it turns around before each stage"
     )
     assert room("yaw", 1.2, settings(), here, whole).startswith(
-        "need up to 220 m from where it lies: it turns around once it is 120 m away"
+        "need up to 228 m from where it lies: it turns around once it is 120 m away"
     )
     small = settings(envelope=Envelope(distance=150.0))
     assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from where it lies: it turns around once")
