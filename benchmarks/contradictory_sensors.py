@@ -222,7 +222,7 @@ SPOILT: tuple[tuple[str, str, str, str, Spoil, float], ...] = (
     ("psi turned round and slow", "circle", "psi against r", "sign", scaled("psi", -0.41), -0.41),
     ("dead r", "turning", "psi against r", "still", dead("r", 0.0), math.nan),
     ("noise for r", "turning", "psi against r", "still", random("r", 0.01), math.nan),
-    ("much noise for r", "turning", "psi against r", "unrelated", random("r", 0.5), math.nan),
+    ("much noise for r", "turning", "psi against r", "still", random("r", 0.2), math.nan),
     ("dead psi", "turning", "psi against r", "still", dead("psi", 0.005), math.nan),
     ("frozen psi", "circle", "psi against r", "still", dead("psi", 0.0), math.nan),
     ("psi 1 s late", "turning", "psi against r", "shift", late("psi", 1.0), 1.0),
@@ -282,9 +282,9 @@ def spoilt_trial(seed: int, k: int) -> Trial:
 
 
 def is_named(found: tuple[Contradiction, ...], k: int) -> bool:
-    """Whether the pair and kind of the *k*-th spoilt record are named first, its value within 10 %, and no other pair.
+    """Whether the pair and kind of the *k*-th spoilt record are named first, the value within 10 % or 3 std.
 
-    A heading that is wrong in scale is off the track as well, so that pair may be named after it.
+    No other pair may be named, but after a heading that is wrong in scale the track, which it is off as well.
     """
     _, _, pair, kind, _, value = SPOILT[k]
     others = [c for c in found if c.pair not in (pair, "psi against track")]
@@ -296,7 +296,7 @@ def is_named(found: tuple[Contradiction, ...], k: int) -> bool:
         return abs(math.remainder(found[0].value - value, 2.0 * math.pi)) < math.radians(25.0)
     if kind == "shift":
         return abs(found[0].value - value) < 0.4
-    return abs(found[0].value / value - 1.0) < 0.1
+    return abs(found[0].value - value) < max(0.1 * abs(value), 3.0 * found[0].std)
 
 
 def main() -> None:

@@ -40,8 +40,6 @@ ALIKE, APART = 0.75, 0.5
 """Chosen: coherence from which on two motions are the same but for a factor; below the second they are not."""
 STILL = 0.3
 """Chosen: a side that moves by less than this share of the other stands still."""
-NOTHING = 0.03
-"""Chosen: a factor below which one side stands still, however it may look like the other."""
 LONGEST_SHIFT = 5.0
 """Chosen [s]: shifts that are tried."""
 TURNED_ROUND, LATER = 0.5, 0.04
@@ -106,6 +104,8 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
             first = found
             if first.kind in ("agrees", "shift"):
                 return first
+        elif first.kind == "unrelated" and found.kind in ("factor", "sign"):
+            first = found
         elif found.kind == "agrees" and found.coherence > ALIKE and found.std < SPREAD * abs(found.factor):
             return found
     return first
@@ -151,7 +151,6 @@ def _windows(position: Series, rate: Series, total: Array, margin: float) -> Ite
             noise = _noises(windows, position, rate)
             x, predicted = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
             clear = max(_rms(x) / noise[0], _rms(predicted) / noise[1])
-            clear = min(clear, max(_rms(x), _rms(predicted)) / max(noise) * 4.0)
             if clear >= CLEAR:
                 yielded = True
                 yield windows
@@ -224,7 +223,9 @@ def _judge(
     """Return the agreement of the slopes of the position and those *predicted*, shifted as they agree best."""
     shift, shift_std, (unshifted, changing) = shifted
     leading, following = (x, predicted) if position_leads else (predicted, x)
-    slope, std, coherence = _regression(leading, following, windows.overlap, expected.offset)
+    slope, std, coherence = _regression(
+        leading, following, windows.overlap, expected.offset, noise[1 if position_leads else 0]
+    )
     noisy = noise[0 if position_leads else 1] / max(_rms(leading), 1e-300)
     slope, std = (value / max(1.0 - noisy**2, 0.5) for value in (slope, std))
     moved, told = _rms(x), _rms(predicted)
@@ -234,9 +235,11 @@ def _judge(
     beats = 0.5 * (position.beat + rate.beat)
     own_noise = noise[1 if position_leads else 0]
     quiet = _rms(following) < max(STILL * _rms(leading), 2.0 * own_noise)
-    frozen = float(np.ptp(following)) <= 1e-9 * _rms(following)
-    nothing = high + SURE * std < (APART if frozen else NOTHING) and (frozen or _rms(following) < 3.0 * own_noise)
-    little = high < 0.5 * APART and high + SURE * std < 1.0 - 2.0 * TOLERANCE
+    steady = _rms(leading - float(np.mean(leading))) < 0.1 * _rms(leading)
+    frozen = float(np.ptp(following)) <= 1e-9 * _rms(following) and (not steady or high < 0.1)
+    excluded = high + SURE * std < 1.0 - TOLERANCE
+    nothing = excluded and high < APART and (frozen or _rms(following) < 3.0 * own_noise)
+    little = excluded and high < 0.5 * APART and high < max(3.0 * std, 0.1)
     if nothing or (little and (abs(coherence) < ALIKE or _is_flat(leading, following))):
         still: Kind = "still-rate" if position_leads else "still-position"
         kind, factor, factor_std = (still if quiet else "unrelated"), math.nan, math.nan
@@ -268,23 +271,27 @@ def _is_flat(leading: Array, following: Array) -> bool:
     return abs(_cosine(a, b)) < APART and _rms(a) > 0.1 * _rms(leading)
 
 
-def _regression(a: Array, b: Array, overlap: float, offset: float) -> tuple[float, float, float]:
+def _regression(a: Array, b: Array, overlap: float, offset: float, noise: float) -> tuple[float, float, float]:
     """Return slope of *b* (n,) on *a*, its standard error, and the coherence of both.
 
-    One window in ten may be an outlier. A constant *offset* (standard deviation) is fitted beside the slope.
+    *noise* is that of *b*. One window in ten may be an outlier. A constant is fitted beside the slope; *offset* is its
+    standard deviation.
     """
     keep = np.ones(len(a), dtype=bool)
     slope = std = constant = 0.0
     left = b
     for _ in range(2):
         n = int(keep.sum())
-        spread = max(float(np.mean(left[keep] ** 2)), 1e-300) if slope or constant else _variance_left(a[keep], b[keep])
+        spread = (
+            max(float(np.mean(left[keep] ** 2)), noise**2) if slope or constant else _variance_left(a[keep], b[keep])
+        )
+        spread = max(spread, noise**2)
         prior = spread / max(offset**2, 1e-300)
         matrix = np.array([[a[keep] @ a[keep], a[keep].sum()], [a[keep].sum(), n + prior]])
         matrix[0, 0] += 1e-12 * float(matrix[0, 0]) + 1e-300
         slope, constant = (float(v) for v in np.linalg.solve(matrix, np.array([a[keep] @ b[keep], b[keep].sum()])))
         left = b - slope * a - constant
-        spread = max(float(np.mean(left[keep] ** 2)), 1e-300)
+        spread = max(float(np.mean(left[keep] ** 2)), noise**2)
         prior = spread / max(offset**2, 1e-300)
         matrix[1, 1] = n + prior
         inverse = np.linalg.inv(matrix)

@@ -286,7 +286,7 @@ def _way(trial: Trial, x: Series, y: Series, rate: Series) -> Series | None:
     step = max(span, 8.0 * noise / pace)
     if step > 20.0:
         return None
-    ends = np.arange(x.t[0], x.t[-1], step)
+    ends = np.arange(x.t[0] + step, x.t[-1] - step, step)  # smoothing holds the track back at its ends
     if len(ends) < 20:
         return None
     smooth = max(round(0.5 * step / float(np.median(np.diff(x.t)))), 0)

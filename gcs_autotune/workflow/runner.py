@@ -39,7 +39,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
-from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
+from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
 
 __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
 
@@ -122,13 +122,13 @@ class ManoeuvreRunner:
         if not isinstance(error, GuardTripped) or self._last is None:
             return
         if error.guard == "speed" and self.too_fast:
-            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {error}") from error
+            raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {tripped(error)}") from error
         why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos)
         if why is not None:
             raise why from error
         found = contradiction_in(self._last)
         if found:
-            raise PreconditionFailed(f"{self._last.name}: {found}. {error}") from error
+            raise PreconditionFailed(f"{self._last.name}: {found}. {tripped(error)}") from error
 
     def _see_it_agrees(self, manoeuvre: Manoeuvre) -> None:
         """See that the sensors agree about what was just flown; where only a record was wanted, say what does not.

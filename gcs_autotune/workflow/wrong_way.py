@@ -18,7 +18,7 @@ from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.preflight import crooked, cure_of
 
-__all__ = ["SPUN", "contradiction_in", "why_tripped"]
+__all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     """Return the error that says why a heading limit tripped, where the record of the manoeuvre shows it; else None."""
     if error.guard not in SPUN or "N" not in trial or "psi" not in trial:
         return None
-    limit = f"safety limit '{error.guard}' tripped because of that. The actuators were brought to neutral"
+    limit = tripped(error)
     late = _stretch(trial, LOOKED_AT)
     size = math.sqrt(float(np.mean(late.steering**2))) if len(late.t) else 0.0
     follows = max((_alike(late, seconds) for seconds in REACTION), key=abs)
@@ -87,6 +87,11 @@ def _turned_by_thrust(s: _Stretch) -> bool:
         abs(float(found[i])) * math.sqrt(float(np.mean(x**2))) for i, x in ((0, s.steering), (1, s.throttle))
     )
     return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and found[0] > -STEERED * abs(found[1])
+
+
+def tripped(error: GuardTripped) -> str:
+    """Return which limit tripped for a reason that was named: no larger one is advised."""
+    return f"Safety limit '{error.guard}' tripped because of that. The actuators were brought to neutral"
 
 
 def _degrees(angle: float) -> str:

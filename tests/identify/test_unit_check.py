@@ -48,22 +48,24 @@ def test_right_units_raise_no_doubt() -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(180.0 / math.pi, "degrees"), (2.0 * math.pi, "revolutions")])
-@pytest.mark.parametrize(("way", "word"), [(1, "more"), (-1, "less")])
+@pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("off", [1.0, 1.07, 0.93])
 def test_an_angle_and_its_rate_that_differ_by_a_unit_are_refused(
-    factor: float, unit: str, way: int, word: str, off: float
+    factor: float, unit: str, way: int, off: float
 ) -> None:
-    with pytest.raises(BadFile, match=f"{factor:.3g} times {word} than r says: one of the columns is in {unit}"):
+    with pytest.raises(BadFile, match=f"{factor:.3g} is the factor of {unit}, so one of the columns is in {unit}"):
         check_units(run(psi=ANGLE * off * factor**way, r=RATE))
-    assert not said(run(psi=ANGLE * 1.09 * 2.0, r=RATE))
+    (text,) = said(run(psi=ANGLE * 1.09 * 2.0, r=RATE))
+    assert "psi turns 2.18 times what r integrates to" in text and "factor of" not in text
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(3.6, "km/h"), (1.0 / 0.3048, "feet"), (3600.0 / 1852.0, "knots")])
-@pytest.mark.parametrize(("way", "word"), [(1, "more"), (-1, "less")])
-def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int, word: str) -> None:
+@pytest.mark.parametrize("way", [1, -1])
+def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int) -> None:
     (text,) = said(run(z=ANGLE * factor**way, w=RATE))
-    assert text.startswith("unit: z") and f"times {word} than w" in text and f"is in {unit}" in text
-    assert said(run(z=ANGLE * 2.5**way, w=RATE)) == []
+    assert text.startswith("contradiction: z changes") and f"one of the columns is in {unit}" in text
+    (text,) = said(run(z=ANGLE * 2.5**way, w=RATE))
+    assert f"{2.5**way:.3g} times" in text and "factor of" not in text
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
@@ -74,20 +76,19 @@ def test_gross_factors_of_lengths_are_refused(factor: float, unit: str) -> None:
         check_units(run(z=-ANGLE * factor, w=RATE))
 
 
-@pytest.mark.parametrize(
-    ("share", "is_doubted"), [(-1.0, True), (-1.24, True), (-0.76, True), (-1.26, False), (-0.7, False)]
-)
-def test_opposite_signs_are_doubted(share: float, is_doubted: bool) -> None:
-    assert [text[:5] for text in said(run(z=share * ANGLE, w=RATE))] == ["sign:"] * is_doubted
+@pytest.mark.parametrize("share", [-1.0, -0.7, -2.0])
+def test_opposite_signs_are_doubted(share: float) -> None:
+    (text,) = said(run(z=share * ANGLE, w=RATE))
+    assert "opposite signs" in text and f"{share:.3g} times" in text
 
 
-def test_too_few_samples_windows_or_windows_that_disagree_tell_nothing() -> None:
+def test_too_few_samples_show_nothing_and_other_motions_are_no_wrong_unit() -> None:
     wrong = ANGLE * 100.0
     with pytest.raises(BadFile):
         check_units(run(T[:40], z=wrong[:40], w=RATE[:40]))
     assert said(run(T[:19], z=wrong[:19], w=RATE[:19])) == []
-    assert said(run(z=wrong * np.exp(np.random.default_rng(0).normal(0.0, 1.0, len(T))), w=RATE)) == []
-    assert said(run(z=wrong, w=0.0 * RATE)) == []
+    (text,) = said(run(z=wrong, w=0.0 * RATE))
+    assert "w stands still while z changes" in text
 
 
 def test_samples_that_are_no_numbers_and_holes_are_passed_over() -> None:
@@ -117,7 +118,7 @@ def test_a_track_is_compared_with_the_speed_over_ground_or_both_of_its_parts() -
     assert said(run(**TRACK, U=SPEED)) == said(run(**TRACK, u=0.8 * SPEED, v=0.6 * SPEED)) == []
     for speed in ({"U": SPEED / 3.6}, {"u": 0.8 * SPEED / 3.6, "v": 0.6 * SPEED / 3.6}):
         (text,) = said(run(**TRACK, **speed))
-        assert text.startswith("unit: x, y") and "km/h" in text and ("U says" in text) is ("U" in speed)
+        assert text.startswith("contradiction: x, y") and "km/h" in text and ("what U" in text) is ("U" in speed)
     assert said(run(**TRACK, u=SPEED / 3.6)) == [], "a part alone may be any share of it"
     assert said(run(x=TRACK["x"], U=SPEED / 3.6)) == []
 

@@ -1,0 +1,88 @@
+"""Contradictory sensors are named, clean records are left alone; the records are the benchmark's own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.contradictory_sensors import (
+    CLEAN,
+    EVERY,
+    SPOILT,
+    Water,
+    clean_trial,
+    is_named,
+    record,
+    spoilt_trial,
+    trial_of,
+)
+from gcs_autotune.crosscheck import contradictions
+from gcs_autotune.trial import Channel, Trial
+
+SEED = 7
+
+
+@pytest.mark.parametrize("k", range(len(SPOILT)), ids=[case[0] for case in SPOILT])
+def test_what_was_spoilt_is_named(k: int) -> None:
+    found = contradictions(spoilt_trial(SEED, k))
+    assert is_named(found, k), [(c.pair, c.kind, c.value) for c in found]
+
+
+@pytest.mark.parametrize("k", range(len(CLEAN)), ids=[case[0] for case in CLEAN])
+def test_a_clean_record_raises_nothing(k: int) -> None:
+    assert contradictions(clean_trial(SEED, k)) == ()
+
+
+def test_a_column_that_is_not_used_is_not_compared() -> None:
+    k = [case[0] for case in SPOILT].index("r x 0.5")
+    run = spoilt_trial(SEED, k)
+    assert contradictions(run) and contradictions(run, use=["psi"]) == ()
+    assert contradictions(run, use=["psi", "r"])
+
+
+def test_the_track_shows_whether_heading_or_rate_is_wrong() -> None:
+    names = [case[0] for case in SPOILT]
+    for name, suspect in (("psi x 0.4", "psi"), ("r x 0.5", "r"), ("r turned round", "r")):
+        found = contradictions(spoilt_trial(SEED, names.index(name)))
+        assert found[0].suspect == suspect, name
+
+
+def test_without_a_track_nobody_is_accused() -> None:
+    k = [case[0] for case in SPOILT].index("psi x 0.4")
+    run = spoilt_trial(SEED, k)
+    alone = Trial("alone", {n: run[n] for n in ("psi", "r", "N")})
+    (found,) = contradictions(alone)
+    assert found.suspect == "" and "Nothing else in the run shows which" in found.cause
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(180.0 / math.pi, "degrees"), (2.0 * math.pi, "revolutions")])
+def test_the_factor_of_a_unit_is_named_as_one(factor: float, unit: str) -> None:
+    run = spoilt_trial(SEED, [case[0] for case in SPOILT].index("r x 0.5"))
+    rate = Channel("r", "rad/s", run["r"].t, 2.0 * factor * run["r"].values)
+    (found,) = contradictions(Trial("own", {"psi": run["psi"], "r": rate}))
+    assert found.unit == unit
+
+
+def test_a_craft_that_goes_astern_or_sideways_on_purpose_is_believed() -> None:
+    water = Water()
+    astern = record(np.random.default_rng(3), "astern", water, 60.0)
+    assert contradictions(trial_of(astern, EVERY, water, "astern")) == ()
+    told = trial_of(astern, ("psi", "r", "x", "y", "u", "v", "N"), water, "astern, by its own speed")
+    assert contradictions(told) == ()
+    silent = trial_of(astern, ("psi", "r", "x", "y", "N"), water, "astern, untold")
+    (found,) = contradictions(silent)
+    assert "If it went that way on purpose" in found.cure
+
+
+def test_a_rate_by_the_attitude_of_a_pitched_craft_is_no_contradiction() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    theta, rate = np.full(len(t), math.radians(40.0)), 0.4 * np.sin(0.5 * t)
+    psi = np.cumsum(rate * 0.1)
+    own = rate * math.cos(math.radians(40.0))
+    columns = {"psi": psi, "r": own, "q": 0.0 * t, "phi": 0.0 * t, "theta": theta}
+    units = {"psi": "rad", "r": "rad/s", "q": "rad/s", "phi": "rad", "theta": "rad"}
+    assert contradictions(Trial("pitched", {n: Channel(n, units[n], t, v) for n, v in columns.items()})) == ()
+    level = {n: Channel(n, units[n], t, v) for n, v in columns.items() if n in ("psi", "r")}
+    assert contradictions(Trial("level", level))[0].value == pytest.approx(1.0 / math.cos(math.radians(40.0)), rel=0.03)
