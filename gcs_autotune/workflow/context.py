@@ -135,7 +135,8 @@ class TuneContext:
         output, limit = self.settings.relay_output, self.runner.speed_limit
         self.log.say(STAGE)
         context = self
-        for dof in (axis.dof, *(["yaw"] if steered_meanwhile(axis.dof, firmware, servos) else [])):
+        meanwhile = steered_meanwhile(axis.dof, firmware, servos)
+        for dof in (axis.dof, *(["yaw"] if meanwhile else [])):
             check = sign_check_for(
                 dof,
                 firmware,
@@ -146,11 +147,29 @@ class TuneContext:
                 wanted_speed=self.speed,
                 most_speed=most_speed_of(self.settings.throttle, self.speed, limit),
             )
-            see_signs(check, self.runner.attempt)
+            if dof == axis.dof:
+                see_signs(check, self.runner.attempt)
+            else:
+                self._see_steering(check)
             if isinstance(check, SignCheck) and check.eased:
                 context = self._with_throttle(check.throttle)
         self.come_down()
         return context
+
+    def _see_steering(self, check: SignCheck | ThrustCheck) -> None:
+        """See that what steers while something else is tried does not work the wrong way.
+
+        A craft that turns by itself, or hardly answers, is for the tune of its own axis to refuse: here it is only said.
+        """
+        envelope = replace(self.settings.envelope, cruise=self.speed, heading_excursion=math.inf)
+        try:
+            see_signs(check, partial(self.runner.attempt, envelope=envelope))
+        except PreconditionFailed as error:
+            seen = check.answer if isinstance(check, SignCheck) else None
+            wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
+            if wrong or self.runner.contradicted:
+                raise
+            self.log.say(f"steering, which is held meanwhile: {error}")
 
     def _with_throttle(self, throttle: float) -> TuneContext:
         """Return the context with the *throttle* [fraction] just learnt, having said so."""

@@ -70,6 +70,8 @@ class ManoeuvreRunner:
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
+        self.contradicted = False
+        """Whether sensors contradicted each other in a manoeuvre that more depends on."""
         self.too_fast = ""
         """Why the autopilot may drive too fast, in words, where that is known."""
         self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
@@ -142,6 +144,7 @@ class ManoeuvreRunner:
         if not found:
             return
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
+            self.contradicted = True
             raise PreconditionFailed(f"{manoeuvre.name}: {found}. Nothing more is flown")
         self._watcher.say(f"{manoeuvre.name}: {found}")
 

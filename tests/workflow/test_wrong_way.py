@@ -1,0 +1,163 @@
+"""Limits that trip because something works the wrong way, and sensors that contradict each other in flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import GuardTripped, PreconditionFailed
+from gcs_autotune.firmware import FIRMWARE, read_servo_map
+from gcs_autotune.logs.sample_store import RecordedParameters
+from gcs_autotune.manoeuvres import SignCheck, SignCheckSettings
+from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow import FlySettings, Unattended, fly
+from gcs_autotune.workflow.preflight import most_speed_of, steered_meanwhile
+from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
+from sitl.effects import parse_effect
+
+from .sitl_harness import WHEN, Ear, SitlHarness
+
+BOAT = FIRMWARE["ardurover"]
+SWAPPED = {"SERVO1_FUNCTION": 74.0, "SERVO3_FUNCTION": 73.0}
+SKID = {"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0}
+RUDDER = {"SERVO1_FUNCTION": 26.0, "SERVO3_FUNCTION": 70.0}
+TRIPPED = GuardTripped("tripped", guard="heading excursion", value=2.1, limit=2.0)
+
+
+def servos_of(functions: Mapping[str, float], **more: float) -> Any:
+    full = {}
+    for n in (1, 3):
+        full |= {f"SERVO{n}_MIN": 1100.0, f"SERVO{n}_TRIM": 1500.0, f"SERVO{n}_MAX": 1900.0, f"SERVO{n}_REVERSED": 0.0}
+    return read_servo_map(RecordedParameters({**full, **functions, **more}), BOAT)
+
+
+def turning(by_steering: float, by_throttle: float, steering: float, throttle: float = 0.4) -> Trial:
+    """Return a record of a craft that a full steering, and a full throttle, turn at so many rad/s; steered at 3 s."""
+    t = np.arange(0.0, 10.0, 0.1)
+    N = np.where(t < 3.0, 0.0, steering)
+    X = np.where(t < 0.5, 0.0, throttle)
+    r, psi = np.zeros(len(t)), np.zeros(len(t))
+    for i in range(1, len(t)):
+        r[i] = r[i - 1] + 0.1 * (by_steering * N[i - 1] + by_throttle * X[i - 1] - r[i - 1])
+        psi[i] = psi[i - 1] + 0.1 * r[i]
+    return Trial("own", {n: Channel(n, "1", t, v) for n, v in (("N", N), ("X", X), ("psi", psi))})
+
+
+@pytest.mark.parametrize(("side", "steered"), [(1.0, "port"), (-1.0, "starboard")])
+def test_a_craft_that_turns_away_from_where_it_is_steered_is_told_what_to_swap(side: float, steered: str) -> None:
+    why = why_tripped(turning(-1.0, 0.0, side * -0.5), TRIPPED, BOAT, servos_of(SKID))
+    assert why is not None
+    assert f"while it was steered to {steered}" in str(why)
+    assert "swap SERVO1_FUNCTION and SERVO3_FUNCTION" in str(why) and "another limit" not in str(why)
+
+
+def test_a_reversed_rudder_is_told_by_its_servo() -> None:
+    why = why_tripped(turning(-1.0, 0.0, 0.5), TRIPPED, BOAT, servos_of(RUDDER, SERVO1_REVERSED=1.0))
+    assert why is not None and "Set SERVO1_REVERSED to 0 (it is 1)" in str(why)
+
+
+@pytest.mark.parametrize(("turn", "servo"), [(-1.0, "SERVO1"), (1.0, "SERVO3")])
+@pytest.mark.parametrize("steering", [0.0, 0.5])
+def test_a_thruster_that_runs_the_wrong_way_is_named(turn: float, servo: str, steering: float) -> None:
+    why = why_tripped(turning(0.0, turn, -turn * steering), TRIPPED, BOAT, servos_of(SKID))
+    assert why is not None
+    assert f"set {servo}_REVERSED to 1 (it is 0)" in str(why) and "40% throttle" in str(why)
+
+
+def test_a_craft_that_turns_where_it_is_steered_or_trips_another_limit_is_told_nothing() -> None:
+    right = turning(1.0, 0.0, 0.5)
+    assert why_tripped(right, TRIPPED, BOAT, servos_of(SKID)) is None
+    wrong = turning(-1.0, 0.0, 0.5)
+    distance = GuardTripped("tripped", guard="distance from start", value=2.0, limit=1.0)
+    assert why_tripped(wrong, distance, BOAT, servos_of(SKID)) is None
+    still = Trial("short", {n: c.between(0.0, 0.2) for n, c in wrong.channels.items()})
+    assert why_tripped(still, TRIPPED, BOAT, servos_of(SKID)) is None
+
+
+def test_what_steers_meanwhile_is_checked_as_well() -> None:
+    boat = servos_of(SKID)
+    assert steered_meanwhile("surge", BOAT, boat) and not steered_meanwhile("yaw", BOAT, boat)
+
+
+def test_a_throttle_that_was_given_is_not_eased() -> None:
+    assert most_speed_of(0.4, 1.5, 4.0) == math.inf
+    assert most_speed_of(None, 1.5, 4.0) == pytest.approx(2.4)
+    assert most_speed_of(None, 3.0, 4.0) == pytest.approx(3.2), "never near the safety limit"
+    assert most_speed_of(None, 0.0, 4.0) == math.inf
+
+
+def test_a_clean_record_contradicts_nothing() -> None:
+    assert contradiction_in(turning(1.0, 0.0, 0.5)) == ""
+
+
+SIMULATED = {
+    "compass 180 deg off": (
+        "heading",
+        {},
+        "compass-deviation.A=3.14159",
+        "mounted turned or the thrust is reversed",
+    ),
+    "compass 90 deg off": ("speed", {}, "compass-deviation.A=1.5708", "COMPASS_ORIENT and AHRS_ORIENTATION"),
+    "thrusters swapped": (
+        "speed",
+        {"SERVO1_FUNCTION": 74.0, "SERVO3_FUNCTION": 73.0},
+        "",
+        "Left and right are swapped",
+    ),
+    "one thruster reversed": ("heading", {"SERVO1_REVERSED": 1.0}, "", "set SERVO1_REVERSED to 0 (it is 1)"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("axis", "parameters", "effect", "why"), SIMULATED.values(), ids=SIMULATED)
+def test_no_gains_are_offered_for_what_works_the_wrong_way(
+    tmp_path: Any, axis: str, parameters: dict[str, float], effect: str, why: str
+) -> None:
+    effects = [parse_effect(effect)] if effect else []
+    harness = SitlHarness(tmp_path, "blueboat", parameters=parameters, effects=effects)
+    with pytest.raises(PreconditionFailed) as caught:
+        harness.tune(axis=axis, dry_run=True)
+    assert why in str(caught.value) and "another limit" not in str(caught.value)
+    harness.assert_as_found()
+    assert not (harness.directory / "proposed.param").exists()
+
+
+@pytest.mark.slow
+def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
+    settings = FlySettings("set-point-relay", harness.settings(), {})
+    with pytest.raises(PreconditionFailed, match=r"turns away from where it is steered. .*_FUNCTION") as caught:
+        fly(settings, Unattended(), Ear(harness.said), WHEN)
+    assert "another limit" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_cruise_pair_that_is_wrong_by_five_is_learnt(tmp_path: Any) -> None:
+    file = tmp_path / "five.toml"
+    thrust = '{ value = 276.0, unit = "N", source = "five times that of the boat it is like" }'
+    file.write_text(f'like = "blueboat"\n[thruster]\nfull_thrust = {thrust}\n', encoding="utf-8")
+    harness = SitlHarness(tmp_path, str(file))
+    story = harness.tune(axis="speed", dry_run=True)
+    assert any("goes on with that" in text for text in harness.said)
+    assert "CRUISE_THROTTLE" in story.proposal.new
+    harness.assert_as_found()
+
+
+def test_a_boat_that_goes_too_fast_gets_less_throttle_until_its_speed_is_known() -> None:
+    check = SignCheck(SignCheckSettings("psi", "N", throttle=0.4, least_speed=0.25, most_speed=2.4, wanted_speed=1.5))
+    now, speed = Observation(0.0, 0.0, speed=0.0, u=0.0, output={"N": 0.0}), 0.0
+    commands = check.commands(now)
+    command, fastest = next(commands), 0.0
+    for tick in range(1, 200):
+        speed += 0.1 * (18.75 * command.X - speed) / 1.4  # 7.5 m/s at 40 %
+        fastest = max(fastest, speed)
+        command = commands.send(Observation(0.1 * tick, 0.0, speed=speed, u=speed, output={"N": 0.0}))
+        if command.N:
+            break
+    assert check.eased and fastest < 3.5
+    assert check.throttle == pytest.approx(1.5 / 18.75, rel=0.1)
