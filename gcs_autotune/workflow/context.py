@@ -16,7 +16,7 @@ from gcs_autotune.design import LAWS, Law
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, restore_on_exit
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck, restore_on_exit
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
@@ -159,7 +159,7 @@ class TuneContext:
     def _see_steering(self, check: SignCheck | ThrustCheck) -> None:
         """See that what steers while something else is tried does not work the wrong way.
 
-        A craft that turns by itself, or hardly answers, is for the tune of its own axis to refuse: here it is only said.
+        The tune of its own axis refuses a craft that turns by itself, or hardly answers; here that is said.
         """
         envelope = replace(self.settings.envelope, cruise=self.speed, heading_excursion=math.inf)
         try:
