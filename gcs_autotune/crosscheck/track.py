@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.crosscheck.agreement import Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, Windows, integral, series, windows_on
-from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.crosscheck.wording import told, unit_of
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["course_of", "heading_contradictions", "speed_contradictions"]
@@ -254,7 +254,13 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
     found = compare(along, rate, integral(rate), _SPEED)
     if found is None or found.kind in ("agrees", "unrelated", "sign"):
         return
-    if name != "U" and found.kind != "still-rate" and abs(found.factor * found.predicted - found.predicted) < CURRENT:
+    is_unit = found.kind == "factor" and unit_of("x, y", found)[1]
+    if (
+        name != "U"
+        and found.kind != "still-rate"
+        and not is_unit
+        and abs(found.factor * found.predicted - found.predicted) < CURRENT
+    ):
         return
     suspect = name if found.kind == "still-rate" else "x, y" if found.kind == "still-position" else ""
     yield told(trial.name, "x, y", name, "moves", found, suspect)

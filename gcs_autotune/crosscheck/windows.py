@@ -25,6 +25,8 @@ MOST = 20000
 """Chosen: samples of one channel that are looked at; of longer ones every n-th, which leaves slow motion as it is."""
 MOST_WINDOWS = 600
 LEAST_IN_WINDOW = 4
+NO_RADIANS = 1.0
+"""Chosen: an angle whose usual step is larger is in degrees, whatever its head says, and is not made continuous."""
 FILLED, GAP = 0.7, 0.4
 """Chosen: shares of a window that its samples must span, and that may lie between two of them."""
 
@@ -49,7 +51,7 @@ def series(channel: Channel, *, angle: bool = False) -> Series | None:
     good = np.isfinite(channel.t) & np.isfinite(channel.values)
     t, first = np.unique(channel.t[good], return_index=True)
     x = channel.values[good][first]
-    if angle:
+    if angle and len(x) > 1 and float(np.median(np.abs(np.diff(x)))) < NO_RADIANS:
         x = np.unwrap(x)
     if len(t) > MOST:
         every = -(-len(t) // MOST)

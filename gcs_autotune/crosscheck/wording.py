@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from gcs_autotune.crosscheck.agreement import Comparison
 from gcs_autotune.crosscheck.contradiction import Contradiction
 
-__all__ = ["told"]
+__all__ = ["told", "unit_of"]
 
 UNITS: Mapping[str, Mapping[float, str]] = {
     "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
@@ -39,7 +39,7 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     """Return what a comparison *found* as a contradiction; *verb* is what the position does."""
     does = verb if "," not in position else verb.removesuffix("s")
     said, value, std, kind = _said(position, rate, does, found)
-    factor, unit = _unit(position, found) if kind in ("factor", "sign") else (1.0, "")
+    factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
     cause = f"{said} (run '{run}')"
     if unit:
         cause += (
@@ -75,7 +75,7 @@ def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, 
     return f"{position} {does} {digits}", found.factor, found.std, "factor"
 
 
-def _unit(position: str, found: Comparison) -> tuple[float, str]:
+def unit_of(position: str, found: Comparison) -> tuple[float, str]:
     """Return the factor and name of the unit that explains what was found; (1, "") for none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
     for factor, unit in UNITS[kind].items():

@@ -265,7 +265,7 @@ def test_a_run_that_moves_in_two_axes_asks_which_one(record: Record) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"method": "magic"}, {"structure": "cubic"}, {"dof": "jaw"}, {"use": ["psi"]}, {"delay": -1.0}]
+    "wrong", [{"method": "magic"}, {"structure": "cubic"}, {"dof": "jaw"}, {"use": ["u"]}, {"delay": -1.0}]
 )
 def test_wrong_arguments_are_usage_errors(wrong: dict[str, object], relays: list[Trial]) -> None:
     with pytest.raises(UsageError):
