@@ -470,7 +470,7 @@ def _with_side_file(trial: Trial, path: Path) -> Trial:
     return replace(trial, name=name, ending=side.ending, reason=reason, meta=meta, marks=marks)
 
 
-class _MarkData(Struct, frozen=True):
+class _MarkData(Struct, frozen=True, forbid_unknown_fields=True):
     """An event of a run, as the side file has it; its ``detail`` is numbers, text, or lists of numbers."""
 
     t: float
@@ -478,7 +478,7 @@ class _MarkData(Struct, frozen=True):
     detail: dict[str, Any]
 
 
-class _SideFile(Struct, frozen=True):
+class _SideFile(Struct, frozen=True, forbid_unknown_fields=True):
     """What :func:`save_trial` writes beside the samples."""
 
     name: str

@@ -29,7 +29,7 @@ from gcs_autotune.models import load_form
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Connection, TuneSettings, load_flight_plan
 from gcs_autotune.workflow.resuming import _SetOut
-from gcs_autotune_files import parse
+from gcs_autotune_files import Refused, parse
 from sitl import BadVehicle, load_vehicle
 from sitl.modelfile import BadModel, read_model
 
@@ -184,7 +184,14 @@ KINDS: Mapping[str, Kind] = {
         Kind("extended.json", load_model, EXTENDED, schema="model-file"),
         Kind("flown.json", read_model, EXTENDED, schema="model-file"),
         Kind("area.geojson", lambda path: read_area(str(path)), GEOJSON, free=("features.0.properties",)),
-        Kind("side.json", _trial, SIDE, free=("meta", "marks.0.detail", "marks.1.detail"), schema="trial-file"),
+        Kind(
+            "side.json",
+            _trial,
+            SIDE,
+            free=("meta", "marks.0.detail", "marks.1.detail"),
+            schema="trial-file",
+            torn="schema",
+        ),
         Kind("setting_out.json", lambda p: conformed(load_json(p, "it"), _SetOut, p), SET_OUT, free=("settings",)),
         Kind("parameters.json", load_params, PARAMETERS, free=("schema", "comment")),
         Kind("journal.jsonl", read_journal, JOURNAL, free=("time",), torn="5."),
@@ -333,6 +340,16 @@ def outcome(kind: Kind, path: Path) -> str:
     return ""
 
 
+def holds(kind: Kind, data: bytes) -> bool:
+    """Whether a file that was taken holds to its published schema; a side file of somebody else is left alone."""
+    try:
+        told = parse(data)
+    except Refused:
+        return kind.name == "side.json" or not kind.schema
+    left_alone = kind.name == "side.json" and "marks" not in told and not {"ending", "meta"} <= set(told)
+    return not kind.schema or left_alone or SCHEMAS[kind.schema].is_valid(told)
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_a_file_as_it_should_be_is_taken(name: str, tmp_path: Path) -> None:
     kind = KINDS[name]
@@ -348,7 +365,7 @@ def test_a_damaged_file_is_refused_in_one_line_and_no_nonsense_is_taken(name: st
         path.write_bytes(data)
         said = outcome(kind, path)
         assert said or not why, f"taken: {why}"
-        assert said or not kind.schema or SCHEMAS[kind.schema].is_valid(parse(data)), "taken against the schema"
+        assert said or holds(kind, data), "taken against the schema"
         assert len(said) < LONGEST
         assert "\n" not in said
 

@@ -115,7 +115,7 @@ class Loss:
             return ""
         return (
             f"the link loses {100.0 * self.share:.0f} % of what the vehicle sends, by its sequence numbers. Check "
-            "antennas, range and interference, and whether a router on the way drops messages"
+            "antennas, range and interference, and whether a radio or router on the way is given more than it carries"
         )
 
 
