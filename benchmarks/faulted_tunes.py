@@ -80,7 +80,7 @@ def report(found: Sequence[dict[str, Any]]) -> str:
     for kind in [k for k in (*KINDS, *STATION_KINDS) if k in by_kind]:
         lines.append(f"{kind:16s} {_counts(by_kind[kind])}")
     lines.append(f"{'all':16s} {_counts(found)}")
-    if any(o["orders"] for o in found):
+    if any(o.get("orders") for o in found):
         lines.append(
             f"orders of another station: {sum(o['orders'] for o in found)}, ties {sum(o['ties'] for o in found)}"
         )

@@ -1,6 +1,6 @@
 """Time as the tuner sees it. Logic never reads the wall clock itself: it is handed a :class:`Clock`.
 
-A computation may be given an :class:`Effort`: an amount of work and a deadline. Every pass of a simulation or a filter
+A computation may be given an :class:`Budget`: an amount of work and a deadline. Every pass of a simulation or a filter
 calls :func:`spend`, which ends the computation by :class:`OutOfTime` when either is used up. Work is counted in
 samples, so it ends at the same pass on every machine and with any number of processes. Time is a stop valve.
 """
@@ -18,7 +18,7 @@ from typing import NoReturn, Protocol
 __all__ = [
     "Clock",
     "Deadline",
-    "Effort",
+    "Budget",
     "ManualClock",
     "OutOfTime",
     "OutOfWork",
@@ -90,15 +90,15 @@ class Deadline:
 
 
 class OutOfTime(Exception):
-    """The deadline of an :class:`Effort` has passed. The message says what was under way."""
+    """The deadline of an :class:`Budget` has passed. The message says what was under way."""
 
 
 class OutOfWork(OutOfTime):
-    """The work of an :class:`Effort` is used up."""
+    """The work of an :class:`Budget` is used up."""
 
 
 @dataclass(slots=True, eq=False)
-class Effort:
+class Budget:
     """What a computation may use, and what it has used.
 
     work : samples that simulations and filters may pass over. deadline : when to stop at the latest; None: never.
@@ -137,14 +137,14 @@ class Effort:
         raise (OutOfWork if out_of_work else OutOfTime)(_under_way.get())
 
 
-_effort: ContextVar[Effort | None] = ContextVar("effort", default=None)
+_effort: ContextVar[Budget | None] = ContextVar("effort", default=None)
 """Of this thread, and of what it forks: a fit deep inside need not be handed it by everyone above."""
 
 _under_way: ContextVar[str] = ContextVar("under_way", default="a fit")
 
 
 @contextmanager
-def limited_to(effort: Effort | None) -> Iterator[None]:
+def limited_to(effort: Budget | None) -> Iterator[None]:
     """Limit what is computed inside to *effort*, None for no limit; it takes the place of any limit outside."""
     token, words = _effort.set(effort), _under_way.set(_under_way.get())
     try:
@@ -154,7 +154,7 @@ def limited_to(effort: Effort | None) -> Iterator[None]:
         _under_way.reset(words)
 
 
-def current_effort() -> Effort | None:
+def current_effort() -> Budget | None:
     """Return what this computation is limited to; None for no limit."""
     return _effort.get()
 

@@ -102,7 +102,7 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
 """Heading -> name -> what the number may be. Ranges are chosen: wide enough for any craft, too narrow for a slip."""
 
 
-class Setting(Struct, forbid_unknown_fields=True, frozen=True):
+class ParameterEntry(Struct, forbid_unknown_fields=True, frozen=True):
     """A parameter of the autopilot."""
 
     value: Annotated[float, Meta(ge=-3.5e38, le=3.5e38)]
@@ -134,7 +134,7 @@ VehicleFile: type[Struct] = defstruct(
         ("title", Annotated[str, Meta(min_length=1, max_length=200)]),
         *((name, str | None, None) for name in ("firmware", "actuators", "like")),
         *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
-        ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], Setting], {}),
+        ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], ParameterEntry], {}),
         ("coupling", dict[Annotated[str, Meta(max_length=20)], Derivative], {}),
     ],
     forbid_unknown_fields=True,

@@ -162,8 +162,6 @@ EQUIVALENT: dict[str, str] = {
         "only looked at more closely, and none is found"
     ),
     "gcs_autotune/logs/dataflash.py::strays_of: not np.any(~(np.abs(np.diff(t)) <= STRAY)) -> False": "the same",
-    "gcs_autotune/logs/dataflash.py::_Decoder._believable: 0 < len(unstamped) < len(kinds) -> "
-    "0 <= len(unstamped) < len(kinds)": "of none, none takes the stamp of another",
     "gcs_autotune/logs/dataflash.py::_Decoder._believable: 1 -> 2 in last = np.maximum.accumulate(np.where(blank, -1, "
     "np.arange(len(place))))": "either is before the first",
     "gcs_autotune/logs/dataflash.py::_Decoder._believable: 0 -> 1 in last[last < 0] = int(np.argmax(~blank))": (

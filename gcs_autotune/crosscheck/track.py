@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.crosscheck.agreement import Expected, compare
+from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, Windows, integral, series, windows_on
 from gcs_autotune.crosscheck.wording import told, unit_of
@@ -239,6 +239,8 @@ def _across(track: _Track, angle: float) -> tuple[float, complex]:
 # --- speeds against positions -------------------------------------------------------------------------------
 
 _SPEED = Expected(offset=0.05, floor=0.1, way=8.0, shift=1.0)
+LEAST_STEPS = 20
+"""Chosen: steps along the track below which its length shows nothing."""
 
 
 def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
@@ -249,9 +251,7 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
     if known is None or rate is None:
         return
     along = _way(trial, *known, rate)
-    if along is None:
-        return
-    found = compare(along, rate, integral(rate), _SPEED)
+    found = _unit_by_axes(trial, *known) if along is None else compare(along, rate, integral(rate), _SPEED)
     if found is None or found.kind in ("agrees", "unrelated", "sign"):
         return
     is_unit = found.kind == "factor" and unit_of("x, y", found)[1]
@@ -264,6 +264,26 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
         return
     suspect = name if found.kind == "still-rate" else "x, y" if found.kind == "still-position" else ""
     yield told(trial.name, "x, y", name, "moves", found, suspect)
+
+
+def _unit_by_axes(trial: Trial, x: Series, y: Series) -> Comparison | None:
+    """Return the comparison of north and east with the craft's speeds turned by its heading; None but for one unit.
+
+    A short or noisy track has no length, yet its coordinates show a factor of a hundred.
+    """
+    if any(n not in trial or len(trial[n]) < 2 for n in ("u", "v", "psi")):
+        return None
+    t, u = trial["u"].t, trial["u"].values
+    v, psi = (np.interp(t, trial[n].t, trial[n].values) for n in ("v", "psi"))
+    rates = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    found = []
+    for position, values in zip((x, y), rates, strict=True):
+        rate = series(Channel("speed", "m/s", t, values))
+        one = None if rate is None else compare(position, rate, integral(rate), _SPEED)
+        if one is None or one.kind != "factor" or not unit_of("x, y", one)[1]:
+            return None
+        found.append(one)
+    return found[0] if unit_of("x, y", found[0])[1] == unit_of("x, y", found[1])[1] else None
 
 
 def _speed(trial: Trial) -> tuple[Channel | None, str]:
@@ -293,7 +313,7 @@ def _way(trial: Trial, x: Series, y: Series, rate: Series) -> Series | None:
     if step > 20.0:
         return None
     ends = np.arange(x.t[0] + step, x.t[-1] - step, step)  # smoothing holds the track back at its ends
-    if len(ends) < 20:
+    if len(ends) < LEAST_STEPS:
         return None
     smooth = max(round(0.5 * step / float(np.median(np.diff(x.t)))), 0)
     north, east = (_smoothed(values, smooth) for values in (x.x, east))

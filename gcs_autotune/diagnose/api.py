@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gcs_autotune.clock import Deadline, Effort, OutOfTime, WallClock, check_effort, limited_to
+from gcs_autotune.clock import Deadline, Budget, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats
@@ -74,7 +74,7 @@ def diagnose(
         whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
         hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
-    work : samples that simulations and filters may pass over, see :class:`.Effort`.
+    work : samples that simulations and filters may pass over, see :class:`.Budget`.
     max_seconds : the latest end. A search stopped by either names nothing: its verdict is ``unfinished``, and it
         reports what was tried and what is left. Within :func:`.keeping` the same call goes on from there.
 
@@ -87,7 +87,7 @@ def diagnose(
     """
     clock = WallClock()
     begun = clock.now()
-    effort = Effort(work, None if math.isinf(max_seconds) else Deadline(clock, begun + max_seconds))
+    effort = Budget(work, None if math.isinf(max_seconds) else Deadline(clock, begun + max_seconds))
     with limited_to(effort):
         found = _diagnosed(runs, unseen, dof, use, form, model, simulations, effects, progress, horizon, jobs, effort)
     return replace(found, seconds=clock.now() - begun, work=min(effort.done, work))
@@ -105,7 +105,7 @@ def _diagnosed(
     progress: Progress | None,
     horizon: float | None,
     jobs: int,
-    effort: Effort,
+    effort: Budget,
 ) -> Diagnosis:
     """Do as :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import Effort
+from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
@@ -72,7 +72,7 @@ def build_report(
     Raises
     ------
     OutOfTime
-        Within an :class:`.Effort` that is used up.
+        Within an :class:`.Budget` that is used up.
     """
     problem, final, numbers = state.problem, state.fitted, state.numbers
     base = state.base if state.given is None else state.given
@@ -199,7 +199,7 @@ def _relative_error(fitted: Fitted, *names: str) -> float:
 
 
 def unfinished_report(
-    state: SearchState, doubts: Sequence[Doubt], runs: Sequence[Trial], unseen: Sequence[Trial], effort: Effort
+    state: SearchState, doubts: Sequence[Doubt], runs: Sequence[Trial], unseen: Sequence[Trial], effort: Budget
 ) -> Diagnosis:
     """Return what there is to tell of a search that was stopped: what was tried and what is left, and no name.
 
@@ -234,7 +234,7 @@ def unfinished_report(
     )
 
 
-def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Effort) -> Doubt:
+def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> Doubt:
     """Return the doubt that says at what a search was stopped, what was tried and what is left."""
     later = [s.removeprefix(NOT_BEGUN) for s in dict.fromkeys(state.cut) if s.startswith(NOT_BEGUN)]
     tried = list(dict.fromkeys(r.cause for r in ranking))

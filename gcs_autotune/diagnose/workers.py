@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkProcess
 from typing import Any, TypeVar
 
-from gcs_autotune.clock import Effort, OutOfTime, current_effort
+from gcs_autotune.clock import Budget, OutOfTime, current_effort
 
 __all__ = ["in_parallel"]
 
@@ -32,7 +32,7 @@ def in_parallel(
     Raises
     ------
     OutOfTime
-        The :class:`.Effort` is used up: at the same task for any number of *jobs*, where it is the work.
+        The :class:`.Budget` is used up: at the same task for any number of *jobs*, where it is the work.
     """
     found: list[Result] = []
     if jobs <= 1 or count < 2 or "fork" not in multiprocessing.get_all_start_methods():
@@ -156,7 +156,7 @@ class _Workers:
 
         Each task may use what was left when the processes were made: the parent adds up, and stops at the right one.
         """
-        effort = current_effort() or Effort()
+        effort = current_effort() or Budget()
         effort.done, effort.stopped = self.begun, ""
         try:
             return self.task(i), effort.done - self.begun, False

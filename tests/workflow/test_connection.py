@@ -25,7 +25,12 @@ def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
     session = SimpleNamespace(
         transport=SimpleNamespace(is_simulated=True), notes=[], listen=lambda name, listener: None
     )
-    craft = SimpleNamespace(release=silent, rates=SimpleNamespace(restore=lambda: None), shielded=nullcontext)
+    craft = SimpleNamespace(
+        session=SimpleNamespace(vehicle=None),
+        release=silent,
+        rates=SimpleNamespace(restore=lambda: None),
+        shielded=nullcontext,
+    )
     monkeypatch.setattr(connection, "connect", lambda *_: nullcontext(session))
     monkeypatch.setattr(connection, "open_craft", lambda *_, **__: craft)
 

@@ -147,6 +147,6 @@ def test_a_stop_while_it_is_fetched_ends_the_fetching_and_nothing_else(tmp_path:
 def test_the_log_of_a_run_that_a_limit_ended_is_fetched_too(tmp_path: Path) -> None:
     harness, _ = with_a_card(tmp_path)
     with pytest.raises(GuardTripped):
-        circle(harness, envelope=Envelope(time=8.0))
+        circle(harness, envelope=Envelope(speed=0.7))
     assert (harness.directory / f"onboard-{NEW}.bin").read_bytes() == FLOWN
     assert_left(harness)
