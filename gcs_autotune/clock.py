@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from typing import NoReturn, Protocol
 
 __all__ = [
+    "Budget",
     "Clock",
     "Deadline",
-    "Budget",
     "ManualClock",
     "OutOfTime",
     "OutOfWork",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gcs_autotune.clock import Deadline, Budget, OutOfTime, WallClock, check_effort, limited_to
+from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, without_repeats

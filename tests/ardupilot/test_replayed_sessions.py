@@ -86,8 +86,9 @@ def test_a_gain_is_written_and_put_back_and_the_float_echo_is_no_refusal(aboard,
     parameters.write(name, old)
 
 
-def test_an_unknown_name_is_answered_by_an_error_or_waited_for_no_longer_than_three_tries(aboard, kind):
+def test_an_unknown_name_is_answered_by_an_error_or_waited_for_no_longer_than_three_tries(aboard, kind, monkeypatch):
     """New in 4.7: PARAM_ERROR; before, silence."""
+    monkeypatch.setattr(type(aboard), "lossy", lambda self: "")  # recordings are thinned out: numbers are missing
     begun = aboard.clock.now()
     with pytest.raises(ParameterMissing):
         Parameters(aboard).read("NO_SUCH_GAIN")

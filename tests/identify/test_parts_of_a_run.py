@@ -104,7 +104,8 @@ def test_a_disturbance_learns_before_the_first_fit_and_after_each(
     monkeypatch.setattr(problem_module, "in_order", lambda effects: effects)
     monkeypatch.setattr(problem_module, "descend", descend)
     monkeypatch.setattr(problem_module, "_fitted", lambda problem, objective, x, converged: float(x[0]))
-    own: Any = SimpleNamespace(floors="floors", _refit=None)
+    own: Any = SimpleNamespace(floors="floors")
+    own._refit, own._fit = print, partial(Problem._fit, own)
     found = Problem.fit(own, np.zeros(1), [SimpleNamespace(slug=slug)], [], **options)  # type: ignore[list-item]
     assert learnt == lessons
     fits = max(len(lessons), 1)
