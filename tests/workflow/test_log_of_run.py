@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.errors import GuardTripped, OperatorStopped, PreconditionFailed
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow import FlySettings, Unattended, experiment, fly
+from gcs_autotune.workflow.flight_plan import FlightLeg
 
 from .sitl_harness import WHEN, Ear, SitlHarness
 
