@@ -196,7 +196,7 @@ def restore_on_exit(
         if order is None and found.armed and not craft.armed:
             watcher.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
         elif order is None:
-            watcher.say(f"left as found: mode {found.mode}, {_armed(found.armed)}")
+            watcher.say(f"mode and armed state restored: {found.mode}, {_armed(found.armed)}")
 
 
 def _armed(armed: bool) -> str:

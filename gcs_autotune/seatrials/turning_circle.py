@@ -209,7 +209,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
         drift=steady["drift"],
         rate=steady["rate"],
         current=STILL if current is None else current,
-        doubts=(*log.doubts, *_doubts(turned, current)),
+        doubts=(*log.doubts, *_doubts(turned, current, Reading(loss, loss_std, "1"))),
     )
 
 
@@ -327,8 +327,21 @@ def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Re
     }
 
 
-def _doubts(turned: float, current: Current | None) -> list[Doubt]:
+GAINED, GAINED_STDS = 0.02, 2.0
+"""Chosen: a speed gained in a turn beyond this share and so many standard errors shows an approach not yet steady."""
+
+
+def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt]:
     found = []
+    if loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std:
+        found.append(
+            Doubt(
+                "approach-not-steady",
+                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach, which a turn does not "
+                "cause: the approach was not steady yet",
+                "approach on a straight course until the speed no longer changes",
+            )
+        )
     if current is None:
         found.append(
             Doubt(

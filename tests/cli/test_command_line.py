@@ -221,7 +221,7 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
                 break
         said = process.stderr.read()
         assert process.wait(30) == 130
-    assert "left as found" in said
+    assert "mode and armed state restored" in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}

@@ -182,7 +182,7 @@ def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is
         craft.armed = False
     assert not craft.armed
     assert any("it was disarmed meanwhile" in text for text in ear.heard)
-    assert not any("left as found" in text for text in ear.heard)
+    assert not any("armed state restored" in text for text in ear.heard)
 
 
 def test_the_operators_stop_does_not_stop_the_clean_up():

@@ -223,7 +223,7 @@ def kept() -> TuneStory:
             (0.4, "found: mode MANUAL, disarmed"),
             (97.2, "relay-1: completed, 5 periods within 10 % (90 s recorded)"),
             (212.8, "STATUSTEXT: leak detector quiet"),
-            (400.1, "left as found: mode MANUAL, disarmed"),
+            (400.1, "mode and armed state restored: MANUAL, disarmed"),
         ),
         ending="kept",
         reason="the new gains are better and stay",

@@ -64,6 +64,13 @@ def test_the_steady_turn_is_what_it_was_made_with():
     assert sheet["rate"].reading.value == pytest.approx(RATE, rel=1e-3)
 
 
+@pytest.mark.parametrize(("loss", "doubted"), [(-2.0, True), (2.0, False)])
+def test_a_circle_that_gains_speed_doubts_its_approach(loss, doubted):
+    (sheet,) = ship_figures(turn(loss=loss), Particulars(7.0))
+    assert (sheet["speed-loss"].reading.value < 0.0) is doubted
+    assert any(d.slug == "approach-not-steady" for d in sheet.doubts) is doubted
+
+
 def test_advance_and_tactical_diameter_follow_from_the_track_itself():
     run = turn(noise=0.0, position_noise=0.0, psi_0=0.0, duration=120.0)
     (sheet,) = ship_figures(run, Particulars(7.0))
