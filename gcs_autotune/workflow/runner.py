@@ -70,6 +70,7 @@ class ManoeuvreRunner:
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
+        self._spoilt = 0
         self.contradicted = False
         """Whether sensors contradicted each other in a manoeuvre that more depends on."""
         self.too_fast = ""
@@ -104,20 +105,47 @@ class ManoeuvreRunner:
         return flown
 
     def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
-        """Fly *manoeuvre* and return it, however it ended; one that a silence interrupts is flown again."""
+        """Fly *manoeuvre* and return it, however it ended.
+
+        One that a silence interrupts is flown again; so is one that came to no good end while this computer paused.
+        """
         again = deepcopy(manoeuvre)
         while True:
+            begun = self._craft.clock.now()
             try:
                 flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
-                self._see_it_agrees(manoeuvre)
-                return flown
+                if flown.outcome.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.outcome.reason):
+                    self._see_it_agrees(manoeuvre)
+                    return flown
             except AutotuneError as error:
                 if not self.bear(error):
                     self._explain(error)
                     raise
-                self._watcher.say(f"going on: {stage or again.name} is flown again from its beginning")
+            self._watcher.say(f"going on: {stage or again.name} is flown again from its beginning")
             self._come_down(again)
             manoeuvre = deepcopy(again)
+
+    def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
+        """Whether this computer left the vehicle without commands for long since link time *begun* [s].
+
+        Then what the craft did is not what was commanded, and *reason*, for which it ended, says nothing about it.
+
+        Raises
+        ------
+        PreconditionFailed
+            It did so again and again.
+        """
+        pause = self._craft.longest_pause(begun)
+        if pause < LEFT_ALONE:
+            return False
+        self._spoilt += 1
+        told = (
+            f"this computer paused for {pause:.1f} s and sent no commands meanwhile, so the vehicle let its sticks go"
+        )
+        if self._spoilt > MOST_SPOILT:
+            raise PreconditionFailed(f"{reason}. But {told}: close other programs or use a faster computer")
+        self._watcher.say(f"{reason}. But {told}")
+        return True
 
     def _explain(self, error: AutotuneError) -> None:
         """Raise why a limit tripped, where the record shows what works the wrong way or contradicts itself."""
@@ -186,6 +214,10 @@ class ManoeuvreRunner:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
+LEFT_ALONE = 0.5
+"""Seconds of the vehicle's time after which ArduRover without a receiver takes its pilot for lost (mid-2025 builds)."""
+MOST_SPOILT = 2
+"""Chosen: manoeuvres of one run that are flown again because this computer paused."""
 MOST = 5
 """Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
 _PROMPT = 0.8

@@ -201,6 +201,16 @@ class MavlinkCraft:
         """How late things are on this link, as measured so far."""
         return self.latency.times(self._streamer.send_rate.rate, self._streamer.send_rate.longest)
 
+    def longest_pause(self, since: float) -> float:
+        """Return the longest time without a command [s of the vehicle's time] since link time *since* [s].
+
+        0 where time is simulated: there nothing waits for this computer.
+        """
+        if self.session.transport.is_simulated:
+            return 0.0
+        rate = self._streamer.send_rate
+        return rate.pause_since(since) * max(rate.pace, 1.0)
+
     @property
     def least_period(self) -> float:
         """Shortest oscillation [s] that can be flown through this link and still tell about the craft; 0 if unknown."""

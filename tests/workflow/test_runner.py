@@ -1,0 +1,45 @@
+"""Manoeuvres that come to no good end while this computer paused."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.manoeuvres import Envelope, Flown, Outcome
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.runner import ManoeuvreRunner
+
+MANOEUVRE: Any = SimpleNamespace(name="sign-check", purpose="check", in_manual=True)
+SLOW, FINE = Outcome("aborted", "it makes only 0.57 m/s"), Outcome("completed", "it answers")
+
+
+def runner_of(pauses: list[float], outcomes: list[Outcome], said: list[str]) -> ManoeuvreRunner:
+    """A runner whose manoeuvres end so in turn, this computer having paused so long [s] in each."""
+    clock = SimpleNamespace(now=lambda: 0.0)
+    craft: Any = SimpleNamespace(clock=clock, armed=True, longest_pause=lambda since: pauses.pop(0))
+    runner = ManoeuvreRunner(craft, Envelope(), SimpleNamespace(say=said.append), lambda trial: None)  # type: ignore[arg-type]
+    sequencer: Any = runner._sequencer
+    sequencer.fly = lambda manoeuvre, stage, envelope: Flown(Trial("run", {}), outcomes.pop(0))
+    return runner
+
+
+def test_a_manoeuvre_that_fails_while_this_computer_pauses_is_flown_again() -> None:
+    said: list[str] = []
+    flown = runner_of([0.9], [SLOW, FINE], said).attempt(MANOEUVRE, "sign check")
+    assert flown.outcome == FINE
+    assert said[0].startswith("it makes only 0.57 m/s. But this computer paused for 0.9 s and sent no commands")
+    assert said[1] == "going on: sign check is flown again from its beginning"
+
+
+def test_a_computer_that_pauses_again_and_again_is_the_reason() -> None:
+    with pytest.raises(PreconditionFailed, match=r"0\.57 m/s\. But this computer paused for 0\.7 s .* faster computer"):
+        runner_of([0.7] * 3, [SLOW] * 3, []).attempt(MANOEUVRE, "sign check")
+
+
+def test_without_a_pause_what_failed_is_returned_as_it_is() -> None:
+    said: list[str] = []
+    assert runner_of([0.1], [SLOW], said).attempt(MANOEUVRE, "sign check").outcome == SLOW
+    assert not said
