@@ -131,7 +131,7 @@ def _struct(heading: str, rows: Mapping[str, Range]) -> type[Struct]:
 VehicleFile: type[Struct] = defstruct(
     "VehicleFile",
     [
-        ("title", Annotated[str, Meta(min_length=1, max_length=200)]),
+        ("title", Annotated[str, Meta(min_length=1, max_length=200)] | None, None),
         *((name, str | None, None) for name in ("firmware", "actuators", "like")),
         *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
         ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], ParameterEntry], {}),
@@ -153,6 +153,8 @@ def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     """
     _see_units(own)
     conform(own, VehicleFile)
+    if not isinstance(tables.get("title"), str):
+        raise ValueError("missing entry 'title'")
     for heading in ("surge", "sway", "heave", "yaw", "pitch"):
         entries = tables.get(heading, {})
         linear = entries.get("beta", {}).get("value", 0.0)

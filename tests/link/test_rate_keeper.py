@@ -249,7 +249,7 @@ def test_a_vehicle_that_is_not_ours_is_not_watched() -> None:
     ours = Ours()
     ours.monitor.give_back()
     ours.session.custom_mode, ours.session.armed = 4, False
-    ours.monitor.check()
+    assert ours.monitor.check() is None
 
 
 def test_a_switch_moved_at_the_transmitter_is_who_did_it_but_wrote_no_parameter() -> None:
