@@ -12,7 +12,8 @@ import pytest
 
 from gcs_autotune.cli.console import BELL_VARIABLE
 
-ROOM = ("fly", "zig-zag", "--connect", "sitl:charlie", "--max-distance", "3")
+DRIFTING = "sitl:charlie?effect=steady-current.V_x=2.0"
+ROOM = ("fly", "zig-zag", "--connect", DRIFTING, "--max-distance", "150", "--max-speed", "6")
 
 
 def at_a_terminal(folder: Path, *words: str, answer: str = "", **environment: str) -> tuple[int, str]:
