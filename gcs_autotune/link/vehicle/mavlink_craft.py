@@ -290,9 +290,23 @@ class MavlinkCraft:
             self._arm()
             self.set_mode(self._firmware.manual_mode)
             check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode)
+        except LinkLost:
+            self._let_go()
+            self._explain_silence()
+            raise
         except AutotuneError:
             self._let_go()
             raise
+
+    def _explain_silence(self) -> None:
+        """Wait for a vehicle that has fallen silent; raise ``TelemetryFault`` where it has restarted meanwhile."""
+        with self.session.operator.shielded():
+            if not self.session.outlast(_PATIENCE):
+                return
+            with suppress(LinkLost):
+                self.see_restart()
+        if self.telemetry.watchdog.has_restarted:
+            self.telemetry.watchdog.check()
 
     def _arm(self) -> None:
         """Arm; between two attempts another station may take the vehicle, and then it is not armed.
