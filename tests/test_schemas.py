@@ -155,10 +155,15 @@ def test_what_a_flight_leaves_holds_to_the_schemas(flown: Path) -> None:
 def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path) -> None:
     """The events are those that the source records."""
     sources = "".join(p.read_text() for p in (DOCS.parent / "gcs_autotune").rglob("*.py"))
-    recorded = set(re.findall(r'ournal\.record\(\s*"(\w+)"', sources)) | {"opened", "closed"}
+    orders = set(re.findall(r'on_order\("(\w+)"', sources))
+    recorded = set(re.findall(r'ournal\.record\(\s*"(\w+)"', sources)) | {"opened", "closed"} | orders
     journal = Journal(tmp_path / "journal.jsonl", mode="HOLD", armed=False, fingerprint={"A": 1.0})
-    for event in sorted(recorded - {"opened", "closed", "resumed", "kept"}):
+    for event in sorted(recorded - {"opened", "closed", "resumed", "kept"} - orders):
         journal.record(event, name="ATC_STR_RAT_P", value=0.2)
+    journal.record("ordering", mode="GUIDED", boot=12.5)
+    journal.record("ordered", mode="GUIDED")
+    journal.record("ordering", armed=True)
+    journal.record("yielded", mode="HOLD")
     journal.record("kept", values={"ATC_STR_RAT_P": 0.2})
     journal.close()
     Journal.resume(tmp_path / "journal.jsonl").close()

@@ -25,12 +25,16 @@ for the vehicle's state of just before. No station can prevent that; such cases 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What was ordered, of the vehicle: its time [s], ``mode``, ``armed`` or ``write``, and the value."""
+    """What was ordered, of the vehicle: its time [s], ``mode``, ``armed`` or ``write``, and the value.
+
+    ``seen`` is the mode that the vehicle was in when an order of the tool arrived, None if unknown.
+    """
 
     t: float
     what: str
     value: float = math.nan
     name: str = ""
+    seen: int | None = None
 
 
 class OtherStation:
@@ -84,7 +88,8 @@ class OtherStation:
 def overruled(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence[int]) -> tuple[list[str], int]:
     """Return in words which *orders* of the station the tool's own undid, and how many ties there were.
 
-    Disarming a vehicle that the station has stopped (a mode of *stops_in*) undoes nothing.
+    Disarming a vehicle that the station has stopped (a mode of *stops_in*) undoes nothing. Nor does what comes after
+    the vehicle's own failsafe has replaced the mode.
     """
     found, ties = [], 0
     for order in orders:
@@ -101,6 +106,8 @@ def overruled(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence
 
 
 def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
+    if order.what == "mode" and own.seen is not None and own.seen != order.value:
+        return False  # something else had replaced it before
     if order.what == "mode":
         disarms = own.what == "armed" and own.value == 0.0 and int(order.value) not in stops_in
         return disarms or (own.what == "mode" and own.value != order.value)

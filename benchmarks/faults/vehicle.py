@@ -85,7 +85,7 @@ class VehicleAsFound:
     def hears(self, data: bytes) -> None:
         """Take bytes from the ground; note what they write."""
         frames = list(self._framer.feed(data))
-        self.ordered += [order for f in frames if (order := _order_in(f.name, f.message, self.server.now)) is not None]
+        self.ordered += [order for f in frames if (order := self._order_in(f.name, f.message)) is not None]
         writes = [f.message for f in frames if f.name == "PARAM_SET"]
         for message in writes:
             path = self.journal
@@ -93,6 +93,17 @@ class VehicleAsFound:
             self.writes.append((str(message.param_id), float(message.param_value), text))
         if not any(str(message.param_id) in self.deaf_to for message in writes):
             self.server.receive(data)
+
+    def _order_in(self, name: str, message: Any) -> Order | None:
+        """Return the order of mode or armed state, or the write, that a message of the tool is; else None."""
+        t, mode = self.server.now, self.server.vehicle.autopilot.mode.number
+        if name == "PARAM_SET":
+            return Order(t, "write", float(message.param_value), str(message.param_id), mode)
+        if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
+            return Order(t, "mode", message.param2, seen=mode)
+        if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            return Order(t, "armed", message.param1, seen=mode)
+        return None
 
     def condition(self) -> Condition:
         """Ask the vehicle itself."""
@@ -133,17 +144,6 @@ class _Peer:
             station.steer()
             data += self._server.advance_to(min(self._server.now + STICK_PERIOD, until))
         return data + self._server.advance_to(until)
-
-
-def _order_in(name: str, message: Any, t: float) -> Order | None:
-    """Return the order of mode or armed state, or the write, that a message of the tool is; None when it is none."""
-    if name == "PARAM_SET":
-        return Order(t, "write", float(message.param_value), str(message.param_id))
-    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
-        return Order(t, "mode", message.param2)
-    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-        return Order(t, "armed", message.param1)
-    return None
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="run directory (or its journal.jsonl); default: the newest below runs/ with something left to restore",
     )
-    parser.add_argument("--yes", action="store_true", help="do not ask before writing")
+    parser.add_argument(
+        "--yes",
+        action="store_true",
+        help="do not ask before writing; what another operator changed since is left, and ends with code 9",
+    )
     add_connection(parser, otherwise="the link of the run", of_run=True)
     add_loudness(parser)
 
@@ -46,7 +50,8 @@ COMMAND = Command(
     name="restore",
     help="put back what an interrupted run left changed",
     description="Read the journal of a run that was cut off (power, radio, kill) and put the vehicle back as found: "
-    "actuators neutral, parameters as they were, verified by reading them.",
+    "actuators neutral, parameters as they were, verified by reading them. "
+    "Asks about what another operator changed since.",
     add_arguments=_add_arguments,
     run=_run,
 )

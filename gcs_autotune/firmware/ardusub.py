@@ -185,6 +185,7 @@ FIRMWARE = Firmware(
     idle={"RCMAP_PITCH": 1, "RCMAP_ROLL": 2},
     from_one_end=("Z",),
     failsafes=_FAILSAFES,
+    boots_in=("INITIAL_MODE", 19.0),
     holds_itself=True,
     turns_by_stick=True,
 )

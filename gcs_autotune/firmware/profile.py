@@ -111,7 +111,8 @@ class Firmware:
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
 
     ``failsafes`` are those that act when nothing is heard of the ground station; ``stops_in`` are the modes in which
-    nothing is driven, whoever ordered them.
+    nothing is driven, whoever ordered them. ``boots_in`` is the parameter with the number of the mode after a restart,
+    and that number where there is no such parameter.
 
     What such craft can do: ``needs_way``: they steer under way only, at their cruise, and so need room to turn about;
     ``floats``: they have no depth; ``needs_position``: ``hold_mode`` is refused without a position estimate;
@@ -145,6 +146,7 @@ class Firmware:
     unsuited: Sequence[Unsuited] = ()
     failsafes: Sequence[Failsafe] = ()
     stops_in: Sequence[str] = ()
+    boots_in: tuple[str, float] = ("INITIAL_MODE", 0.0)
     needs_way: bool = False
     floats: bool = False
     needs_position: bool = False

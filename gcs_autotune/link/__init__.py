@@ -30,7 +30,7 @@ from gcs_autotune.link.vehicle.actuation_check import TWITCH, read_outputs
 from gcs_autotune.link.vehicle.commands import Commands
 from gcs_autotune.link.vehicle.fence import FENCE_PARAMETERS, FenceItem, read_fence
 from gcs_autotune.link.vehicle.handshake import NEEDED_RATES, WANTED_RATES, difference, fingerprint_of, open_craft
-from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft
+from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft, read_failsafes
 from gcs_autotune.link.vehicle.rates import Granted, Rates
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
@@ -67,6 +67,7 @@ __all__ = [
     "open_craft",
     "open_link",
     "overhear",
+    "read_failsafes",
     "read_fence",
     "read_outputs",
     "same_float32",

@@ -229,12 +229,18 @@ def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Interve
             return {"mode": str(error)}, change
         change = _look(craft) or change
         if change is not None and change.stands:
-            is_left_so = change.is_certain or craft.mode == found.mode
-            left = {} if is_left_so else {"mode": f"it is in {craft.mode}: {change.what}"}
-            return left, change
+            return {} if change.is_certain else _left_in_doubt(craft, found, change), change
         if craft.mode == found.mode and (found.armed or not craft.armed):
             return {}, change
     return {"mode": f"it is in {craft.mode} and {_armed(craft.armed)} again and again"}, change
+
+
+def _left_in_doubt(craft: Craft, found: Observation, change: Intervention) -> dict[str, str]:
+    """Return what is otherwise than *found* because of a *change* that may have been another operator's order."""
+    left = {} if craft.mode == found.mode else {"mode": f"it is in {craft.mode}: {change.what}"}
+    if craft.armed and not found.armed:
+        left["armed state"] = f"it is armed: {change.what}"
+    return left
 
 
 def _look(craft: Craft) -> Intervention | None:
@@ -273,11 +279,11 @@ def _put_back_once(
 def _forbids(order: Intervention, what: str, craft: Craft) -> bool:
     """Whether *order* forbids the step *what*.
 
-    A craft that another station has put into a mode that drives it stays armed: that station needs it so.
+    A craft that another station has put into a mode that drives it, or may have, stays armed: that station needs it so.
     """
     if what == "mode":
         return order.mode_stands
     if what == "armed state":
-        drives = order.mode_stands and order.is_certain and craft.mode not in craft.firmware.stops_in
+        drives = order.mode_stands and craft.mode not in craft.firmware.stops_in
         return order.armed_stands or drives
     return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
@@ -233,7 +233,7 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
     def open_journal(found: Observation) -> Journal:
         refuse_open_runs(craft)
         note_run(record.journal)
-        return Journal(
+        opened = Journal(
             record.journal,
             vehicle=craft.session.vehicle,
             link=connection.uri,
@@ -241,6 +241,12 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
             armed=found.armed,
             fingerprint=fingerprint_of(craft.parameters),
         )
+        craft.on_order = lambda event, what: beside(craft, partial(note_order, opened, event, what))
+        return opened
+
+    def note_order(opened: Journal, event: str, what: Mapping[str, Any]) -> None:
+        with suppress(PreconditionFailed):  # a full disk keeps nobody from ordering neutral; restore then asks
+            opened.record(event, **what)
 
     try:
         with restore_on_exit(craft, watcher, settle) as found:
@@ -251,4 +257,5 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
             yield journal
     finally:
         if journal is not None:
+            craft.on_order = lambda event, what: None
             journal.leave()

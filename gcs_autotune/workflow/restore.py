@@ -1,17 +1,22 @@
 """Putting a vehicle back as a run that was cut off had found it, from the run's journal.
 
+A mode, armed state or value that the journal does not explain, nor a failsafe or restart of the vehicle, belongs to
+another operator. It is left as it is unless a person decides otherwise.
+
 Restoring may itself be cut off at any moment and run again: every step looks first and does only what is still to do,
 and the journal is settled last.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, LinkLost, NotAsFound, OperatorStopped, UsageError, WrongVehicle
-from gcs_autotune.firmware import firmware_for, read_servo_map
+from gcs_autotune.firmware import SetFailsafe, firmware_for, read_servo_map
 from gcs_autotune.link import (
     Commands,
     Journal,
@@ -19,15 +24,16 @@ from gcs_autotune.link import (
     Parameters,
     Session,
     difference,
+    read_failsafes,
     read_outputs,
     same_float32,
 )
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
-from gcs_autotune.mavlink import load_params, save_params
+from gcs_autotune.mavlink import Message, load_params, message_number, save_params
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.open_runs import forget_run
-from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.operator import Operator, can_be_asked
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
@@ -36,6 +42,13 @@ __all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_p
 
 _PATIENCE = 30.0
 """Chosen: seconds that restoring waits for a vehicle that has fallen silent."""
+_FRESH = 3.5
+"""Chosen [s]: three heartbeats."""
+_ANY_WAY = 2.0
+"""Chosen [s]: what the way of two stamps may differ by."""
+_BOOT_SLACK = 30.0
+"""Chosen [s]: two clocks, and a disk that was slow, may differ by so much; no autopilot is power-cycled faster."""
+_ARMED = "armed state"
 _NEUTRAL = 0.03
 """Chosen: fraction of full output that still counts as neutral."""
 
@@ -78,7 +91,8 @@ def restore_run(
     """Finish the clean-up that *run* (directory or journal; None: the newest unfinished) left open.
 
     Disarms what was found disarmed, writes each borrowed parameter's old value and reads it back, restores the mode,
-    looks whether the outputs are neutral, and settles the journal. Returns name -> (found now, old) of what differed.
+    looks whether the outputs are neutral, and settles the journal. Returns name -> (found now, old) of what was
+    restored. Of what another operator has changed since, a person is asked; ``--yes`` is no answer to that.
 
     Raises
     ------
@@ -91,7 +105,8 @@ def restore_run(
     OperatorStopped
         The answer was no, or Ctrl-C; what is not done yet stays open.
     NotAsFound
-        Something could not be put back; the journal stays open for another try.
+        Something could not be put back, or belongs to another operator and nobody could be asked; the journal stays
+        open for another try.
     """
     path = _journal_of(run)
     if path is None or _is_finished(path):
@@ -128,10 +143,18 @@ class _Restoring:
         self._firmware = firmware_for(vehicle.autopilot, vehicle.vehicle_type)
         self._commands = None if self._firmware is None else Commands(session, self._firmware)
         self._differences: dict[str, str] = {}
+        self._boot = self._time_since_boot()
+        self._failsafes = () if self._firmware is None else read_failsafes(self._parameters, self._firmware)
+        self._left: dict[str, str] = {}
 
     def run(self) -> dict[str, tuple[float, float]]:
         found = self._parameters.read_confirmed(self._state.debts)
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
+        foreign = {n: f"it is {now:g}, which the run did not write" for n, (now, _) in changes.items()}
+        self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
+        self._left |= self._foreign_state(self._state.left_in, armed_by_us=self._state.armed_by_us)
+        decided = self._decide(changes)
+        changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
         if wanted and not self._operator.ask(f"As it was found: {' and '.join(wanted)}?", self._session.pump):
             raise OperatorStopped(
@@ -145,11 +168,16 @@ class _Restoring:
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
+            self._left |= self._foreign_state((), armed_by_us=False)
+        if not self._differences and (self._disarms or self._changes_mode):
             self._watcher.say(f"it is in {self._command().mode} now (restarted?): once more")
             self._put_back_state()
         for name, value in self._state.debts.items():
-            if name not in self._differences:
+            if name in decided and name in self._left:
+                self._journal.record("returned", name=name, value=found[name], by="another station")
+            elif name not in self._differences and name not in self._left:
                 self._journal.record("returned", name=name, value=value)
+        undecided = {what: why for what, why in self._left.items() if what not in decided}
         if self._differences:
             shown = "; ".join(f"{what}: {why}" for what, why in self._differences.items())
             raise NotAsFound(
@@ -158,6 +186,13 @@ class _Restoring:
             )
         if wanted:
             self._watcher.say(f"done: {' and '.join(wanted)}; read back and confirmed")
+        if undecided:
+            shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
+            raise NotAsFound(
+                f"left as another operator may want it: {shown}. Run `gcs-autotune restore` without --yes, which asks "
+                "about each",
+                differences=undecided,
+            )
         if self._state.armed and not self._session.armed:
             self._watcher.say(DISARMED_ITSELF)
         return changes
@@ -168,28 +203,112 @@ class _Restoring:
             self._try("armed state", self._command().disarm)
         if self._changes_mode:
             self._try("mode", partial(self._command().set_mode, self._state.mode))
-        if self._state.armed is False:
+        if self._state.armed is False and _ARMED not in self._left:
             self._try("actuators", self._check_neutral)
 
     @property
     def _disarms(self) -> bool:
-        return self._state.armed is False and self._session.armed
+        return self._state.armed is False and self._session.armed and _ARMED not in self._left
 
     @property
     def _changes_mode(self) -> bool:
+        return self._is_in_another_mode and "mode" not in self._left
+
+    @property
+    def _is_in_another_mode(self) -> bool:
         return bool(self._state.mode) and self._commands is not None and self._commands.mode != self._state.mode
+
+    # --- whose it is --------------------------------------------------------------------------------------
+
+    def _is_ours(self, name: str, held: float) -> bool:
+        return any(same_float32(held, value) for value in self._state.written.get(name, ()))
+
+    def _foreign_state(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
+        """Return what of mode and armed state neither we, who *left_in* a mode, nor the vehicle by itself made so.
+
+        A vehicle that another operator has put into a mode that drives it stays armed: that one needs it so.
+        """
+        if self._commands is None or self._firmware is None:
+            return {}
+        with suppress(LinkLost):
+            self._session.ask_state(_FRESH)
+        left, mode, restarted = {}, self._commands.mode, self._has_restarted()
+        outcomes: list[str] = []
+        if self._state.left_in or restarted:  # else the run saw another operator order the mode
+            outcomes += [outcome for failsafe in self._acting() for outcome in failsafe.outcomes]
+        if restarted:
+            outcomes.append(self._booted_mode())
+        if self._is_in_another_mode and mode not in (*left_in, *outcomes):
+            left["mode"] = f"it is in {mode}, which neither the run nor a failsafe ordered"
+        drives = "mode" in left and mode not in self._firmware.stops_in
+        if self._state.armed is False and self._session.armed and (drives or restarted or not armed_by_us):
+            left[_ARMED] = f"it is armed in {mode}" + ("" if drives else ", and not by the run")
+        return left
+
+    def _acting(self) -> list[SetFailsafe]:
+        """Return the failsafes that act once we are silent."""
+        heard = self._heard("RC_CHANNELS")
+        has_receiver = heard is not None and heard.chancount > 0
+        return [f for f in self._failsafes if not (f.by_overrides and has_receiver)]
+
+    def _booted_mode(self) -> str:
+        assert self._firmware is not None
+        name, without = self._firmware.boots_in
+        return self._firmware.mode_name(int(self._parameters.read_existing([name]).get(name, without)))
+
+    def _has_restarted(self) -> bool:
+        """Whether it has restarted since our last order, or since the last look."""
+        before, now = self._boot, self._time_since_boot()
+        if now is None:
+            return False
+        self._boot = now
+        if any(then is not None and now < then - _ANY_WAY for then in (before, self._state.boot)):
+            return True
+        if self._state.boot is None:
+            return False
+        ago = 0.0 if self._session.transport.is_simulated else _seconds_since(self._state.stamp)
+        return now - self._state.boot < ago - _BOOT_SLACK
+
+    def _time_since_boot(self) -> float | None:
+        heard = self._heard("SYSTEM_TIME")
+        return None if heard is None else heard.time_boot_ms * 1e-3
+
+    def _heard(self, name: str) -> Message | None:
+        """Return a message called *name*, asked for up to three times; None where none came."""
+        heard: list[Message] = []
+        stop = self._session.listen(name, heard.append)
+        try:
+            for _ in range(3):
+                self._session.request_message(message_number(name))
+                if self._session.wait_for(lambda: True if heard else None, 1.0):
+                    break
+        except LinkLost:
+            return None  # whoever needs the vehicle says so
+        finally:
+            stop()
+        return heard[-1] if heard else None
+
+    def _decide(self, changes: Mapping[str, tuple[float, float]]) -> set[str]:
+        """Ask about each thing that another operator may want as it is; return what was decided either way."""
+        if not can_be_asked(self._operator):
+            return set()
+        asked = dict(self._left)
+        for what, why in asked.items():
+            undo = {"mode": f"go to {self._state.mode}", _ARMED: "disarm"}.get(what) or f"write {changes[what][1]:g}"
+            if self._operator.ask(f"{what}: {why}. Another operator may want it so. Overrule: {undo}?", self._serve):
+                del self._left[what]
+        return set(asked)
+
+    def _serve(self) -> None:
+        self._session.pump()
 
     def _wanted(self, changes: Mapping[str, tuple[float, float]]) -> list[str]:
         """Return in words what is to be done."""
         wanted = ["disarm"] * self._disarms
-        wanted += [f"write {n} {old:g} -> {new:g}{self._strange(n, old)}" for n, (old, new) in changes.items()]
+        wanted += [f"write {n} {old:g} -> {new:g}" for n, (old, new) in changes.items()]
         if self._changes_mode:
             wanted.append(f"go from {self._command().mode} to {self._state.mode}")
         return wanted
-
-    def _strange(self, name: str, held: float) -> str:
-        ours = any(same_float32(held, value) for value in self._state.written.get(name, ()))
-        return "" if ours else " (which is not what the run wrote; somebody else has changed it since)"
 
     def _command(self) -> Commands:
         assert self._commands is not None
@@ -221,6 +340,14 @@ class _Restoring:
         if off or not outputs:
             shown = ", ".join(f"{n} {f:+.2f} of full output" for n, f in off.items()) or "outputs are not heard"
             raise NotAsFound(f"not neutral ({shown}); take over by hand", differences=dict.fromkeys(off, "not neutral"))
+
+
+def _seconds_since(stamp: str) -> float:
+    """Return the seconds since a journal's time *stamp*; 0 where it has none."""
+    try:
+        return (datetime.now(UTC) - datetime.fromisoformat(stamp)).total_seconds()
+    except (ValueError, TypeError):
+        return 0.0
 
 
 def _check_identity(session: Session, state: JournalState, parameters: Parameters) -> None:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.faulted_tunes import report
-from benchmarks.faults import KINDS, Case, Fault, draw_case, play
+from benchmarks.faulted_tunes import main, report
+from benchmarks.faults import KINDS, STATION_KINDS, Case, Fault, draw_case, draw_station_case, play
 from benchmarks.faults.case import FLEET
+from benchmarks.faults.station import Order, misattributed, overruled
 from benchmarks.fuzzed_messages import fuzz_files, fuzz_messages
 
 
@@ -50,3 +51,61 @@ def test_the_table_counts_what_failed() -> None:
     shared = {"case": case, "ending": "kept", "writes": 4, "proved": True, "as_found_at_once": False}
     text = report([{**shared, "failures": ["left armed"]}, {**shared, "failures": []}])
     assert text.splitlines()[-2].split()[1:] == ["2", "2", "2", "0", "1", "1"]
+
+
+# --- another station ---------------------------------------------------------------------------
+
+
+def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
+    cases = [draw_station_case(5, i) for i in range(100)]
+    assert {f.kind for case in cases for f in case.faults} == {*STATION_KINDS, "reboot", "silence"}
+
+
+@pytest.mark.parametrize(
+    ("index", "ending", "words"),
+    [
+        (83, "NotAsFound", "not by us"),
+        (114, "NotAsFound", "not by us"),
+        (91, "GuardTripped", "its radio failsafe does this"),
+        (96, "TelemetryFault", "the autopilot has restarted"),
+    ],
+)
+def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, words: str) -> None:
+    """83, 114: a mode ordered within 5 s of our own order of the same; 96: a restart while arming."""
+    outcome = play(draw_station_case(1, index))
+    assert outcome.failures == []
+    assert outcome.ending == ending
+    assert words in outcome.message
+
+
+def test_station_cases_are_played_and_counted_from_the_command_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    saved = tmp_path / "outcomes.jsonl"
+    choice = ["--station", "--first", "114", "--cases", "1", "--seed", "1", "--jobs", "1"]
+    assert main([*choice, "--save", str(saved)]) == 0
+    assert "orders of another station: 1, ties 0" in capsys.readouterr().out
+    assert json.loads(saved.read_text())["orders"] == 1
+
+
+@pytest.mark.parametrize(
+    ("own", "broken", "ties"),
+    [
+        (Order(10.5, "mode", 15.0, seen=1), 1, 0),
+        (Order(10.2, "mode", 15.0, seen=1), 0, 1),
+        (Order(9.9, "mode", 15.0, seen=15), 0, 0),
+        (Order(10.5, "mode", 15.0, seen=4), 0, 0),
+        (Order(10.5, "armed", 0.0, seen=1), 1, 0),
+        (Order(10.5, "write", 0.2, "ATC_STR_RAT_P", seen=1), 0, 0),
+    ],
+)
+def test_an_order_is_undone_by_what_comes_after_it_while_it_is_in_force(own: Order, broken: int, ties: int) -> None:
+    found, counted = overruled([Order(10.0, "mode", 1.0)], [own], [4])
+    assert (len(found), counted) == (broken, ties)
+
+
+def test_a_cause_that_was_not_there_is_misattributed() -> None:
+    said = "this computer paused for 0.6 s and sent no overrides meanwhile"
+    assert "this computer paused" in misattributed(said, ["station-mode"])
+    assert misattributed(said, ["stall"]) == ""
+    assert misattributed("it stopped", ["station-mode"]) == "names nothing of station-mode"

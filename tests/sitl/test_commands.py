@@ -147,3 +147,15 @@ def test_a_command_for_somebody_else_is_not_answered():
     ground = Ground("charlie")
     ground.send(mavlink.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     assert not [m for m in ground.run(0.2) if m.get_type() == "COMMAND_ACK"]
+
+
+def test_another_stations_order_is_obeyed_and_acknowledged_at_its_own_port_only():
+    ground = boat(mode=GUIDED)
+    station = mavlink.MAVLink(None, srcSystem=200, srcComponent=190)
+    order = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, HOLD, 0, 0, 0, 0, 0)
+    write = mavlink.MAVLink_param_set_message(1, 1, b"ATC_STR_RAT_P", 0.3, 9)
+    ground.server.receive_elsewhere(order.pack(station) + write.pack(station))
+    heard = ground.run(1.5)
+    assert ground.last("HEARTBEAT").custom_mode == HOLD
+    assert [m for m in heard if m.get_type() == "COMMAND_ACK"] == []
+    assert [m.param_value for m in heard if m.get_type() == "PARAM_VALUE"] == [pytest.approx(0.3)]

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +15,10 @@ import pytest
 
 from benchmarks.faults import Case, Fault, Killed, VehicleAsFound, play
 from benchmarks.faults.case import FLEET
-from gcs_autotune.errors import LinkLost, NotAsFound, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from benchmarks.faults.vehicle import Condition
+from gcs_autotune.errors import LinkLost, NotAsFound, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.link import Commands, Journal, Parameters, ParameterTransaction, Session
+from gcs_autotune.link import Commands, Journal, JournalState, Parameters, ParameterTransaction, Session
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Unattended, restore_run
 from gcs_autotune.workflow import restore as restore_module
@@ -44,8 +46,11 @@ def borrow(vehicle: VehicleAsFound, path: Path, faults: tuple[Fault, ...] = (), 
         known = {"vehicle": session.vehicle, "mode": "HOLD", "armed": False, "link": "memory", **found}
         journal = Journal(path, **known)
         try:
+            journal.record("ordering", armed=True)
             commands.arm()
+            journal.record("ordering", mode="GUIDED", boot=vehicle.server.now)
             commands.set_mode("GUIDED")
+            journal.record("ordered", mode="GUIDED")
             ParameterTransaction(Parameters(session), journal).set(NEW)
         finally:
             journal.leave()
@@ -130,13 +135,126 @@ def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Pa
     assert Journal.read(path).is_settled
 
 
-def test_what_somebody_else_wrote_since_is_said_before_it_is_written_over(path: Path) -> None:
+@pytest.mark.parametrize(
+    ("hours", "boot", "restarted"), [(1.0, 3700.0, False), (1.0, 1000.0, True), (0.0, 90.0, True), (0.0, 101.0, False)]
+)
+def test_a_restart_is_known_by_two_clocks(hours: float, boot: float, restarted: bool) -> None:
+    restoring = object.__new__(_Restoring)
+    restoring._session = SimpleNamespace(transport=SimpleNamespace(is_simulated=False))  # type: ignore[assignment]
+    restoring._boot = None
+    stamp = (datetime.now(UTC) - timedelta(hours=hours)).isoformat()
+    restoring._state = JournalState(boot=100.0, stamp=stamp)
+    restoring._time_since_boot = lambda: boot  # type: ignore[method-assign]
+    assert restoring._has_restarted() == restarted
+
+
+# --- what another operator did since -----------------------------------------------------------
+
+
+class Person(Unattended):
+    """Somebody at the keyboard: *overrules* what others did, or not; agrees to the rest."""
+
+    answered_beforehand = False
+
+    def __init__(self, *, overrules: bool) -> None:
+        super().__init__()
+        self.overrules, self.asked = overrules, list[str]()
+
+    def ask(self, question: str, while_waiting: Any) -> bool:
+        self.asked.append(question)
+        return self.overrules if "Another operator" in question else True
+
+
+def without_receiver(vehicle: VehicleAsFound) -> Condition:
+    """Switch the transmitter off, so that only our overrides kept the radio failsafe away."""
+    vehicle.server.vehicle.parameters.preset("SIM_RC_FAIL", 1.0)
+    return vehicle.condition()
+
+
+def test_a_value_that_another_station_wrote_stays_and_what_is_ours_is_restored(path: Path) -> None:
     vehicle = moored()
+    found = vehicle.condition()
     borrow(vehicle, path)
     vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
-    with pytest.raises(OperatorStopped, match=r"ATC_STR_RAT_P 0.77 -> 0.2 \(which is not what the run wrote"):
-        restore(vehicle, path, answer=False)
-    assert vehicle.condition().armed
+    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_P: it is 0.77.*without --yes") as caught:
+        restore(vehicle, path)
+    assert set(caught.value.differences) == {"ATC_STR_RAT_P"}
+    assert vehicle.condition().differs_from(found, {}) == ["ATC_STR_RAT_P 0.77, found 0.2"]
+    assert set(Journal.open_debts(path)) == {"ATC_STR_RAT_P"}
+
+
+@pytest.mark.parametrize("mode", [4, 0, 3])
+def test_a_mode_that_neither_we_nor_a_failsafe_ordered_stays(path: Path, mode: int) -> None:
+    """With an RC receiver no failsafe ends in HOLD (4), and none ever in MANUAL (0) or STEERING (3)."""
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path, mode="ACRO")
+    vehicle.server.vehicle.autopilot.set_mode(mode)
+    with pytest.raises(NotAsFound, match=r"mode: it is in .*without --yes") as caught:
+        restore(vehicle, path)
+    now = vehicle.condition()
+    assert now.mode == mode
+    assert now.parameters == found.parameters
+    assert ("armed state" in caught.value.differences, now.armed) == ((False, False) if mode == 4 else (True, True))
+    assert not Journal.read(path).is_settled
+
+
+@pytest.mark.parametrize("overrules", [True, False])
+def test_a_person_decides_about_what_another_operator_did_and_the_journal_is_settled(
+    path: Path, overrules: bool
+) -> None:
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path)
+    vehicle.server.vehicle.autopilot.set_mode(3)
+    vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
+    person = Person(overrules=overrules)
+    restore_run(vehicle.connection(), path, person, SilentWatcher())
+    now = vehicle.condition()
+    assert len([q for q in person.asked if "Another operator" in q]) == 3, "mode, armed state, a gain"
+    assert (now.mode, now.armed) == ((4, False) if overrules else (3, True))
+    assert now.parameters["ATC_STR_RAT_P"] == pytest.approx(0.2 if overrules else 0.77)
+    assert {**now.parameters, "ATC_STR_RAT_P": 0.0} == {**found.parameters, "ATC_STR_RAT_P": 0.0}
+    assert Journal.read(path).is_settled
+
+
+def test_a_vehicle_in_hold_by_its_radio_failsafe_after_a_kill_is_restored(path: Path) -> None:
+    vehicle = moored()
+    found = vehicle.condition()
+    borrow(vehicle, path, mode="ACRO")
+    without_receiver(vehicle)
+    vehicle.wait(6.0)
+    assert (vehicle.condition().mode, vehicle.condition().armed) == (4, True)
+    restore(vehicle, path)
+    now = vehicle.condition()
+    assert not now.armed
+    assert {n: now.parameters[n] for n in NEW} == {n: found.parameters[n] for n in NEW}
+    assert Journal.read(path).is_settled
+
+
+def test_a_mode_that_the_run_saw_another_station_order_stays_though_a_failsafe_ends_in_it_too(path: Path) -> None:
+    vehicle = moored()
+    borrow(vehicle, path, mode="ACRO")
+    without_receiver(vehicle)
+    vehicle.wait(6.0)
+    journal = Journal.resume(path)
+    journal.record("yielded", mode="HOLD")
+    journal.leave()
+    with pytest.raises(NotAsFound, match="mode: it is in HOLD"):
+        restore(vehicle, path)
+    assert vehicle.condition().mode == 4
+
+
+def test_the_mode_that_a_restart_ends_in_is_nobodys_order(path: Path) -> None:
+    vehicle = moored()
+    vehicle.wait(30.0)
+    borrow(vehicle, path)
+    vehicle.server.reboot_soon()
+    vehicle.wait(5.0)
+    assert (vehicle.condition().mode, vehicle.condition().armed) == (0, False)
+    restore(vehicle, path)
+    assert vehicle.condition().mode == 4
+    assert Journal.read(path).is_settled
 
 
 def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:

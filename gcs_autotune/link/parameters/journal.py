@@ -2,7 +2,9 @@
 
 JSON lines, each forced to the disk before the next step. Events in order: ``opened`` (vehicle, link, mode,
 armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value), then ``kept``
-(values) or ``returned`` (name, value), and ``closed``; ``resumed`` where a restore goes on with it. Whoever writes
+(values) or ``returned`` (name, value), and ``closed``; ``resumed`` where a restore goes on with it. Between
+them what we order: ``ordering`` (mode or armed, the vehicle's time since boot) and, once the vehicle shows it,
+``ordered``; ``yielded`` (mode or armed) where another operator has ordered something else. Whoever writes
 holds a lock on the file, which the system lets go of when the program dies in whatever way. Reading one back, torn
 tails are expected.
 """
@@ -35,6 +37,10 @@ class JournalState:
     ``vehicle``, ``link``, ``mode``, ``armed``, ``fingerprint`` : how things were found. ``debts`` : name -> old value
     of what was written and neither returned nor kept; ``written`` : name -> the values we wrote there. ``opened`` is
     False when not even the first line reached the disk: then nothing was touched.
+
+    ``left_in`` : modes that we may have left it in: the last one ordered, and the one before while that is not
+    confirmed; none once another operator has ordered one. ``armed_by_us`` : whether an order of ours may have armed it.
+    ``boot`` [s] and ``stamp`` : the vehicle's time since boot, and ours, at the last order; None and empty if unknown.
     """
 
     vehicle: Mapping[str, Any] = field(default_factory=dict)
@@ -46,6 +52,10 @@ class JournalState:
     written: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     closed: bool = False
     opened: bool = False
+    left_in: tuple[str, ...] = ()
+    armed_by_us: bool = False
+    boot: float | None = None
+    stamp: str = ""
 
     @property
     def is_settled(self) -> bool:
@@ -142,7 +152,50 @@ class _Resumed(Struct, frozen=True, tag_field="event", tag="resumed"):
     pass
 
 
-_Event = _Opened | _Lent | _Writing | _Written | _Returned | _Kept | _Closed | _Resumed
+class _Ordering(Struct, frozen=True, tag_field="event", tag="ordering"):
+    mode: str | None = None
+    armed: bool | None = None
+    boot: Value | None = None
+    time: str = ""
+
+
+class _Ordered(Struct, frozen=True, tag_field="event", tag="ordered"):
+    mode: str | None = None
+    armed: bool | None = None
+
+
+class _Yielded(Struct, frozen=True, tag_field="event", tag="yielded"):
+    mode: str | None = None
+    armed: bool | None = None
+
+
+_Event = (
+    _Opened | _Lent | _Writing | _Written | _Returned | _Kept | _Closed | _Resumed | _Ordering | _Ordered | _Yielded
+)
+
+
+@dataclass(slots=True)
+class _Orders:
+    """What we ordered, as far as the events have come."""
+
+    modes: tuple[str, ...] = ()
+    armed: bool = False
+    boot: float | None = None
+    stamp: str = ""
+
+    def take(self, event: _Ordering | _Ordered | _Yielded) -> None:
+        """Go on to *event*."""
+        match event:
+            case _Ordering():
+                self.boot, self.stamp = event.boot, event.time
+                self.armed = self.armed or bool(event.armed)
+                self.modes = self.modes if event.mode is None else (*self.modes, event.mode)
+            case _Ordered():
+                self.armed = self.armed if event.armed is None else event.armed
+                self.modes = self.modes if event.mode is None else (event.mode,)
+            case _Yielded():
+                self.armed = self.armed and event.armed is None
+                self.modes = self.modes if event.mode is None else ()
 
 
 def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
@@ -151,6 +204,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
     debts: dict[str, float] = {}
     written: dict[str, tuple[float, ...]] = {}
     closed = False
+    orders = _Orders()
     try:
         for told in events:
             event: _Event = conform(told, _Event)  # type: ignore[arg-type]
@@ -158,8 +212,13 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
             match event:
                 case _Opened():
                     head = head or event
-                case _Lent() | _Writing() | _Written() | _Returned() | _Kept() if head is None:
+                    orders = orders if orders.modes else _Orders((head.mode,))
+                case _Closed() | _Resumed():
+                    pass
+                case _ if head is None:
                     raise Refused("it does not begin with how things were found")
+                case _Ordering() | _Ordered() | _Yielded():
+                    orders.take(event)
                 case _Lent():
                     lent[event.name] = event.value
                 case _Writing():
@@ -181,7 +240,19 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
     if head is None:
         return JournalState(closed=closed)
     return JournalState(
-        head.vehicle, head.link, head.mode, head.armed, head.fingerprint, debts, written, closed, opened=True
+        head.vehicle,
+        head.link,
+        head.mode,
+        head.armed,
+        head.fingerprint,
+        debts,
+        written,
+        closed,
+        opened=True,
+        left_in=orders.modes,
+        armed_by_us=orders.armed,
+        boot=orders.boot,
+        stamp=orders.stamp,
     )
 
 

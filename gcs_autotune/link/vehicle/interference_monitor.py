@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from gcs_autotune.craft import Intervention
 from gcs_autotune.errors import GuardTripped
@@ -73,6 +74,7 @@ class InterferenceMonitor:
     ----------
     failsafes : those that act when nothing is heard of us, as this vehicle's parameters set them.
     lateness : how late the link's answers are now [s].
+    on_yield : called with the mode or armed state that another operator has ordered.
     modes : custom mode numbers that may be seen: of what we ordered last, and of before while that is not confirmed.
     armed : whether it is expected to be armed, None while that is just being changed by us.
     is_ours : whether the vehicle is in our hands.
@@ -102,6 +104,7 @@ class InterferenceMonitor:
         self._watchdog = watchdog
         self.failsafes: Sequence[SetFailsafe] = ()
         self.lateness: Callable[[], float] = lambda: 0.0
+        self.on_yield: Callable[[Mapping[str, Any]], None] = lambda what: None
         self._let_go = let_go
         self._guard = ""
         self._unanswered: set[int] = set()
@@ -158,6 +161,9 @@ class InterferenceMonitor:
             change = self._change()
             if change is not None:
                 self._guard, self.found = self._judge(change, seen)
+                if self.found.stands and not self.found.may_go_on:
+                    by_mode = {"mode": self._firmware.mode_name(self._session.custom_mode)}
+                    self.on_yield(by_mode if self.found.mode_stands else {"armed": self._session.armed})
         return self.found
 
     def check_state(self) -> None:

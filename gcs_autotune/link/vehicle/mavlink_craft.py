@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.craft import Actuate, Command, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, ModeRefused, NoReply, NotAsFound
-from gcs_autotune.firmware import Firmware, ServoMap
+from gcs_autotune.firmware import Firmware, ServoMap, SetFailsafe
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.actuation_check import await_neutral, check_outputs_follow, check_overrides_taken
@@ -28,7 +28,7 @@ from gcs_autotune.mavlink import message_number
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Mark, Trial
 
-__all__ = ["MavlinkCraft", "VehicleConfig"]
+__all__ = ["MavlinkCraft", "VehicleConfig", "read_failsafes"]
 
 _FRESH = 3.5
 """Chosen [s]: three heartbeats; a vehicle that sends none in that time is not given another mode."""
@@ -48,6 +48,8 @@ class MavlinkCraft:
     ----------
     session, parameters, commands, rates, latency, other_stations : the parts it is made of.
     arm_patience : seconds of link time that :meth:`arm` keeps trying while the pre-arm checks settle.
+    on_order : called with ``ordering``, ``ordered`` or ``yielded`` and what is ordered, for the journal. It must not
+        raise, nor leave the link unserved.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class MavlinkCraft:
         self.commands = commands
         self.rates = rates
         self.arm_patience = arm_patience
+        self.on_order: Callable[[str, Mapping[str, Any]], None] = lambda event, what: None
         self._firmware = firmware
         self._config = config
         self._recorder = Recorder()
@@ -97,6 +100,7 @@ class MavlinkCraft:
             let_go=self._rest_sticks,
         )
         self._interference.lateness = lambda: self.latency.lateness
+        self._interference.on_yield = lambda what: self.on_order("yielded", what)
         self._is_taken_over = False
         self._mode_is_changing = False
 
@@ -108,10 +112,7 @@ class MavlinkCraft:
 
     def learn_failsafes(self) -> None:
         """Read which failsafes act when nothing is heard of us, after how long, and what they do."""
-        failsafes = self._firmware.failsafes
-        values = self.parameters.read_existing(dict.fromkeys(name for f in failsafes for name in f.parameters))
-        found = (failsafe.set_by(values) for failsafe in failsafes)
-        self._interference.failsafes = tuple(failsafe for failsafe in found if failsafe is not None)
+        self._interference.failsafes = read_failsafes(self.parameters, self._firmware)
 
     @property
     def firmware(self) -> Firmware:
@@ -252,6 +253,7 @@ class MavlinkCraft:
     def _order_mode(self, mode: str) -> None:
         number, before = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode"), self._interference.modes
         self._interference.order_mode(number)
+        self._note_order(mode=mode)
         try:
             self.commands.set_mode(mode)
         except LinkError:
@@ -259,6 +261,11 @@ class MavlinkCraft:
                 self._interference.doubt_mode(number, before)
             raise
         self._interference.confirm_mode()
+        self.on_order("ordered", {"mode": mode})
+
+    def _note_order(self, **what: Any) -> None:
+        boot = self.telemetry.boot_time
+        self.on_order("ordering", what if math.isnan(boot) else {**what, "boot": boot})
 
     def _check_fresh(self) -> None:
         """See that mode and armed state are now as we left them."""
@@ -293,9 +300,23 @@ class MavlinkCraft:
             self._arm()
             self.set_mode(self._firmware.manual_mode)
             check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode)
+        except LinkLost:
+            self._let_go()
+            self._explain_silence()
+            raise
         except AutotuneError:
             self._let_go()
             raise
+
+    def _explain_silence(self) -> None:
+        """Wait for a vehicle that has fallen silent; raise ``TelemetryFault`` where it has restarted meanwhile."""
+        with self.session.operator.shielded():
+            if not self.session.outlast(_PATIENCE):
+                return
+            with suppress(LinkLost):
+                self.see_restart()
+        if self.telemetry.watchdog.has_restarted:
+            self.telemetry.watchdog.check()
 
     def _arm(self) -> None:
         """Arm; between two attempts another station may take the vehicle, and then it is not armed.
@@ -306,6 +327,7 @@ class MavlinkCraft:
         def check() -> None:
             self._check_fresh()
             self.session.patience = 0.0  # from here on a silence ends what is flown, neutral first
+            self._note_order(armed=True)
             self._interference.armed = None
 
         self.commands.arm_patiently(self.arm_patience, _WARM_UP, check)
@@ -316,6 +338,7 @@ class MavlinkCraft:
         self._interference.armed = None
         self.commands.disarm()
         self._interference.armed = False if self._interference.is_ours else None
+        self.on_order("ordered", {"armed": False})
         self.release()
 
     def neutral(self) -> None:
@@ -443,3 +466,10 @@ class MavlinkCraft:
             "rate_lag": self._config.rate_lag,
             "link_times": self.link_times.to_dict(),
         }
+
+
+def read_failsafes(parameters: Parameters, firmware: Firmware) -> tuple[SetFailsafe, ...]:
+    """Return the failsafes that act when nothing is heard of the ground station, as *parameters* set them."""
+    values = parameters.read_existing(dict.fromkeys(name for f in firmware.failsafes for name in f.parameters))
+    found = (failsafe.set_by(values) for failsafe in firmware.failsafes)
+    return tuple(failsafe for failsafe in found if failsafe is not None)

@@ -154,6 +154,11 @@ class Telemetry:
             "SYSTEM_TIME": lambda m: self.watchdog.see_boot_time(m.time_boot_ms * 1e-3),
         }
 
+    @property
+    def boot_time(self) -> float:
+        """The vehicle's time since boot [s] by the latest stamp; NaN before any."""
+        return self._clock.now
+
     def value(self, name: str) -> float:
         """Return the latest value of a signal, NaN when there is none."""
         return self.latest.get(name, math.nan)
