@@ -1,10 +1,10 @@
 """Whether every manoeuvre of the table flies to its end at its usual sizes, on every simulated vehicle that can fly it,
 and in the water and the time that were announced.
 
-Run: ``python3 -m benchmarks.every_manoeuvre [VEHICLE ...] [--only NAME,..] [--force X,..] [--tunes] [--quick]``. Each
-is flown over MAVLink inside the usual limits, by every force that it may drive. Printed: how each ended, what was made
-of it, what was said. Exit status 1 when one ended early without having been refused, or left the vehicle other than
-neutral and disarmed.
+Run: ``python3 -m benchmarks.every_manoeuvre [VEHICLE ...] [--only NAME,..] [--force X,..] [--tunes] [--seed S]
+[--quick]``. Each is flown over MAVLink inside the usual limits, by every force that it may drive. Printed: how each
+ended, what was made of it, what was said. Exit status 1 when one ended early without having been refused, or left the
+vehicle other than neutral and disarmed.
 
 Then a table of announced against used: the greatest distance from where the vehicle lay (of its true hull, until it has
 stopped), and the time from arming until it is restored. Goal: never less than used, at most 1.5 times it. Where a loop
@@ -151,12 +151,12 @@ def cases(vehicle: str, only: set[str], forces: set[str]) -> Iterator[tuple[str,
                 yield kind.name, force
 
 
-def flown(vehicle: str, name: str, force: str) -> tuple[bool, str, Told | None]:
+def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str, Told | None]:
     """Fly one; return whether it came to its end or was refused beforehand, what is to be said of it, and the room it
     took (None: it did not come to its end)."""
-    server = open_vehicle(vehicle, seed=1)
+    server = open_vehicle(vehicle, seed=seed)
     if not server.vehicle.data.is_boat:
-        server = open_vehicle(vehicle, seed=1, parameters=QUICK)
+        server = open_vehicle(vehicle, seed=seed, parameters=QUICK)
     link = MemoryLink(server)
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
@@ -218,6 +218,7 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="NAME,..")
     parser.add_argument("--force", default="", metavar="X,..")
     parser.add_argument("--tunes", action="store_true", help="tunes and experiments as well")
+    parser.add_argument("--seed", type=int, default=1, help="of the simulator's noise and wind")
     parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
     args = parser.parse_args()
     if args.quick:
@@ -227,7 +228,7 @@ def main() -> int:
     rooms: list[tuple[str, Told]] = []
     for vehicle in args.vehicles or sorted(VEHICLES):
         for name, force in (*cases(vehicle, only, forces), *(tunes(vehicle) if args.tunes else ())):
-            good, told, room = flown(vehicle, name, force)
+            good, told, room = flown(vehicle, name, force, args.seed)
             if room is not None:
                 rooms.append((f"{vehicle} {name} {force}", room))
             done, bad = done + 1, bad + (not good)

@@ -209,8 +209,9 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
 
 
 def exactly(seconds: float) -> str:
-    """Return seconds in whole tens, up, as minutes and seconds."""
-    minutes, rest = divmod(10 * math.ceil(seconds / 10.0), 60)
+    """Return seconds in whole tens, up, as minutes and seconds; in fives below a minute."""
+    step = 5 if seconds < 60.0 else 10
+    minutes, rest = divmod(step * math.ceil(seconds / step), 60)
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))
 
 

@@ -52,10 +52,12 @@ STOPPED, LONGEST_COAST = 0.1, 60.0
 ends it."""
 SPARE, SPARE_METRES = 1.2, 2.0
 """Chosen: margin on top of the worst craft, for wind, waves and noise: a factor, and at least so many metres."""
+SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
+"""Chosen: the same below the surface, where neither wind nor waves move the vehicle."""
 LATE = 1.05
 """Chosen: the same margin on the time."""
-ROUNDED = 5.0
-"""Chosen [m]: distances are announced in whole steps of this, above."""
+ROUNDED, EXACT = 5.0, 30.0
+"""Chosen [m]: distances are announced in whole steps of the first; those below the second in whole metres."""
 NO_LIMITS = Envelope(
     heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
 )
@@ -182,6 +184,7 @@ class PaperVisit:
             speed=_most(trials, "u", lambda u: float(np.abs(u).max())),
             turn_rate=_most(trials, "r", lambda r: float(np.abs(r).max())),
             trouble=self.trouble,
+            submerged=not math.isnan(self._state.z),
         )
 
 
@@ -201,6 +204,7 @@ class Excursion:
     trouble : what ends it early on paper; empty for nothing.
     usual : the same where a loop that is flown damps well; None: no loop is flown for long.
     least : the least of several craft, by name; empty for one craft.
+    submerged : it is flown below the surface.
     """
 
     seconds: float
@@ -215,11 +219,13 @@ class Excursion:
     trouble: str = ""
     usual: Excursion | None = None
     least: Mapping[str, float] = field(default_factory=dict)
+    submerged: bool = False
 
     @property
     def needs(self) -> float:
         """The distance that it needs [m], with a margin, in whole steps."""
-        return rounded(max(SPARE * self.distance, self.distance + SPARE_METRES))
+        factor, metres = (SUBMERGED, SUBMERGED_METRES) if self.submerged else (SPARE, SPARE_METRES)
+        return rounded(max(factor * self.distance, self.distance + metres))
 
     def metres(self, envelope: Envelope) -> float:
         """Return the distance to announce [m]: what it needs, at most where *envelope* ends it."""
@@ -266,7 +272,8 @@ def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> 
 
 def rounded(metres: float) -> float:
     """Return *metres* in whole steps, up."""
-    return ROUNDED * math.ceil(metres / ROUNDED)
+    step = ROUNDED if metres > EXACT else 1.0
+    return step * math.ceil(metres / step)
 
 
 _NUMBERS = ("distance", *(name for _, name, _, _ in LIMITED[1:]))

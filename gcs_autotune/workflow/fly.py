@@ -341,7 +341,9 @@ class _Flight:
         if not left:
             return []
         least = self._plan.min_depth
-        needs = [whole_of(self._whole, left[0].envelope, left[0].preview.craft.source)]
+        craft = left[0].preview.craft
+        source = craft.source + "; the craft is assumed, and the worst of several is announced" * craft.assumed
+        needs = [whole_of(self._whole, left[0].envelope, source)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def fly(self) -> None:

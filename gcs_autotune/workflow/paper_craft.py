@@ -43,16 +43,21 @@ class Kin:
 
 
 USUAL: Mapping[str, Kin] = {"rudder": Kin(), "thrusters": Kin(lag=0.7, gains=1.6), "rov": Kin(lag=0.25, gains=1.0)}
-"""Chosen: in the middle of boats of 1 to 3 m, and of published ROVs, where nothing is known. Yaw rates of ROVs: Falcon
-1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9; Benzon2022, table A1). None of ArduSub's
+"""Chosen: in the middle of boats of 1 to 3 m, and of published ROVs, where nothing is known. Yaw rates of ROVs:
+AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11; Benzon2022, table
+A1). None of ArduSub's
 parameters tells it: they limit what its loops ask for, not what its thrusters give."""
 _KIN: Mapping[str, tuple[Kin, ...]] = {
     "rudder": (Kin(radius=6.7, lag=3.7), Kin(radius=3.0, lag=1.0)),
     "thrusters": (Kin(radius=4.0, lag=1.0, gains=2.0), Kin(radius=2.5, lag=0.5, gains=1.4)),
-    "rov": (Kin(rate=1.2, lag=0.3, ahead=0.7, gains=1.5), Kin(rate=4.0, lag=0.15, ahead=1.8, gains=0.5)),
+    "rov": (
+        Kin(rate=0.9, lag=0.4, ahead=0.7, gains=1.5),
+        Kin(rate=4.0, lag=0.15, ahead=1.8, gains=0.5),
+        Kin(rate=1.6, lag=0.3, ahead=1.8, gains=1.3),
+    ),
 }
-"""Chosen: slow and quick craft of each kind. A boat that steers by two thrusters turns in less water than one that
-steers by a rudder."""
+"""Chosen: slow and quick craft of each kind, and an ROV that is fast and heavy, which coasts furthest. A boat that
+steers by two thrusters turns in less water than one that steers by a rudder."""
 TIED = 1e9
 """Inertia and drag of what does not move."""
 _FULL_SPEED: Mapping[str, float] = {"Y": 1.0, "Z": 1.5}
@@ -61,6 +66,9 @@ ROVs of up to 100 kg are (0.6 to 1.3): what is foreseen as too small ends at a l
 _SIDEWAYS = 0.3
 """Chosen [s]: in which such a craft gains its speed to the side, up and down (0.1 to 0.6): they are short of mass for
 their thrusters there."""
+_BY_SQUARE = 0.7
+"""Chosen: share of the square in an ROV's yaw drag at full output, between Falcon (affine) and VideoRay and AutoMarine
+(all of it; Miskovic2010, 7.2 to 7.4). Such a craft turns slowly at small outputs and takes long to come to rest."""
 _WEIGHT = 0.03
 """Chosen [of full]: weight left in the water of an ROV that nobody knows, or buoyancy (0.02 to 0.03)."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
@@ -144,7 +152,7 @@ def assumed_craft(
         yaw, words = SingleDof("yaw", "1", gain * kin.lag, gain), f"its ATC_STR_RAT_FF {gain:g}"
     else:
         rate, lag = max(speed, 0.1) / kin.radius if under_way else kin.rate, kin.lag
-        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate)
+        yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate) if under_way else _lively("yaw", rate, lag, _BY_SQUARE)
         words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
     ahead = speed / math.sqrt(throttle) if speed and throttle else kin.ahead
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
@@ -166,7 +174,9 @@ def _by_the_square(dof: str, full_speed: float) -> SingleDof:
     return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
 
 
-def _lively(dof: str, full_speed: float, lag: float) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s] at full output in *lag* [s], half of its drag by the square."""
-    linear, square = 0.5 / full_speed, 0.5 / full_speed**2
+def _lively(dof: str, full_speed: float, lag: float, share: float = 0.5) -> SingleDof:
+    """Return a craft that reaches *full_speed* [m/s, rad/s] at full output in *lag* [s], *share* of its drag by the
+    square.
+    """
+    linear, square = (1.0 - share) / full_speed, share / full_speed**2
     return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * lag, linear, square)

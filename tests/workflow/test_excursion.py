@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.manoeuvres import Envelope, OpenLoopProgramme, PaperCraft, PaperState, preview
+from gcs_autotune.manoeuvres import Envelope, OpenLoopProgramme, PaperCraft, PaperState, Preview, preview
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow import Connection, FlySettings, TuneSettings
 from gcs_autotune.workflow.announcement import exactly, whole_of
 from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
@@ -20,7 +22,7 @@ from gcs_autotune.workflow.excursion import (
     overhead,
     worst_of,
 )
-from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
+from gcs_autotune.workflow.paper_craft import Kin, assumed_craft, kin_of, paper_craft
 
 BOAT = PaperCraft(SingleDof("yaw", "1", 5.0, 3.0), 1.0, "a test", others={"X": SingleDof("surge", "1", 6.0, 0.0, 1.0)})
 
@@ -97,7 +99,7 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
     told = whole_of(whole, Envelope(), "a test")
     assert told == (
-        "need up to 90 m from where it lies, and up to 2 min 20 s: sign check 40 s, zig-zag 1 min; by a test"
+        "need up to 90 m from where it lies, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; by a test"
     )
     assert "up to 80 m from where it lies (the run is ended there: --max-distance)" in whole_of(
         whole, Envelope(distance=80.0)
@@ -105,3 +107,30 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert "where the loop hardly damps; usually about 40 m and 1 min 10 s:" in whole_of(loop, Envelope())
     assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]
+    assert [exactly(t) for t in (3.0, 31.0, 36.0, 56.0)] == ["5 s", "35 s", "40 s", "1 min"]
+
+
+def test_a_distance_is_announced_in_whole_metres_while_it_is_short():
+    assert [Excursion(60.0, d).needs for d in (3.0, 20.5, 27.0)] == [5.0, 25.0, 35.0]
+    assert [Excursion(60.0, d, submerged=True).needs for d in (3.0, 20.5)] == [4.0, 23.0]
+
+
+def pull_out(kin: Kin) -> Preview:
+    settings = FlySettings("pull-out", TuneSettings("heading", Connection("memory"), Path("unused")))
+    paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, kin)
+    return preview(settings.make(0.0, keep_still=True), paper, NO_LIMITS, floats=False)
+
+
+def test_an_rov_takes_long_to_stop_turning_for_its_drag_goes_by_the_square():
+    usual, slow, quick = (pull_out(kin).seconds for kin in kin_of(under_way=False, skid=False)[:3])
+    assert quick < usual < slow
+    assert slow > 1.3 * quick  # with drag by the speed alone 1.06
+
+
+def test_an_rov_that_is_fast_and_heavy_coasts_furthest():
+    far = []
+    for kin in kin_of(under_way=False, skid=False)[:4]:
+        craft = assumed_craft(FIRMWARE["ardusub"], {}, 0.0, 0.0, kin)
+        ahead = OpenLoopProgramme("ahead", lambda t: {"X": 1.0 if t < 8.0 else 0.0}, 30.0, force="X")
+        far.append(preview(ahead, craft, NO_LIMITS, floats=False).away)
+    assert far.index(max(far)) == 3

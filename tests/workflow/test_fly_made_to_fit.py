@@ -87,7 +87,7 @@ def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known
     paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0)
     falcon, bluerov2 = 1.28, 3.91  # Miskovic2010, table 7.1; Benzon2022, table A1
     assert falcon < paper.yaw.steady_velocity(1.0) < bluerov2
-    assert 0.1 < paper.yaw.alpha / paper.yaw.beta < 0.6
+    assert 0.1 < paper.yaw.alpha / (paper.yaw.beta + 2.0 * paper.yaw.beta_quadratic * 1.9) < 0.6
     assert "an assumed turn rate of 109 deg/s" in paper.source
 
 
