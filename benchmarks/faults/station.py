@@ -55,6 +55,8 @@ class OtherStation:
         autopilot = self._vehicle.server.vehicle.autopilot
         if fault.kind == "station-mode" and autopilot.mode.number == mode:
             return  # it changes nothing, and so can be seen by nobody
+        if fault.kind == "station-disarm" and not autopilot.armed:
+            return
         if fault.kind == "station-mode":
             self._order(Order(now, "mode", mode), mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(mode))
         elif fault.kind == "station-disarm":

@@ -68,10 +68,15 @@ def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
         (114, "NotAsFound", "not by us"),
         (91, "GuardTripped", "its radio failsafe does this"),
         (96, "TelemetryFault", "the autopilot has restarted"),
+        (37, "LinkLost", "has been silent"),
+        (68, "kept", ""),
     ],
 )
 def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, words: str) -> None:
-    """83, 114: a mode ordered within 5 s of our own order of the same; 96: a restart while arming."""
+    """83, 114: a mode ordered within 5 s of our own order of the same; 96: a restart while arming.
+
+    37: a mode ordered in a silence in which a failsafe disarmed it; 68: disarmed before it was armed.
+    """
     outcome = play(draw_station_case(1, index))
     assert outcome.failures == []
     assert outcome.ending == ending

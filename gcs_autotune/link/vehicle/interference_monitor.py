@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -153,18 +153,28 @@ class InterferenceMonitor:
         TelemetryFault
             Its heartbeats contradict each other. LinkLost: there are none.
         """
-        if self.is_ours and self.found is None and self._change() is not None:
+        if self.is_ours and self.found is None and self._changes():
             self._let_go()
             seen = self._session.clock.now()
             self._session.request_message(message_number("SYSTEM_TIME"))
             self._session.await_heartbeat()
-            change = self._change()
-            if change is not None:
-                self._guard, self.found = self._judge(change, seen)
-                if self.found.stands and not self.found.may_go_on:
-                    by_mode = {"mode": self._firmware.mode_name(self._session.custom_mode)}
-                    self.on_yield(by_mode if self.found.mode_stands else {"armed": self._session.armed})
+            judged = [self._judge(change, seen) for change in self._changes()]
+            if judged:
+                self._take(judged)
         return self.found
+
+    def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
+        """Find what was *judged*: a failsafe may disarm it just when another station orders a mode."""
+        self._guard, told = max(judged, key=lambda j: j[1].stands)
+        self.found = replace(
+            told,
+            mode_stands=any(each.mode_stands for _, each in judged),
+            armed_stands=any(each.armed_stands for _, each in judged),
+            may_go_on=all(each.may_go_on for _, each in judged),
+        )
+        if self.found.stands and not self.found.may_go_on:
+            mode = {"mode": self._firmware.mode_name(self._session.custom_mode)} if self.found.mode_stands else {}
+            self.on_yield({**mode, **({"armed": self._session.armed} if self.found.armed_stands else {})})
 
     def check_state(self) -> None:
         """Raise what there is to be said of :meth:`look`.
@@ -199,16 +209,17 @@ class InterferenceMonitor:
                 limit=old,
             )
 
-    def _change(self) -> _Change | None:
+    def _changes(self) -> list[_Change]:
+        found = []
         now, armed = self._session.custom_mode, self._session.armed
         if self.armed is not None and armed != self.armed:
             what = f"the vehicle was {'armed' if armed else 'disarmed'}"
-            return _Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now)
+            found.append(_Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now))
         if self.modes and now not in self.modes:
             expected = " or ".join(sorted(self._firmware.mode_name(mode) for mode in self.modes))
             name = self._firmware.mode_name(now)
-            return _Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now)
-        return None
+            found.append(_Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now))
+        return found
 
     def _judge(self, change: _Change, seen: float) -> tuple[str, Intervention]:
         """Return the guard and the intervention of a *change* first *seen* at that link time [s]."""
