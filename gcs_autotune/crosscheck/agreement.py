@@ -146,7 +146,8 @@ def _still_part(
     count = max(math.ceil(PART / hop), FEWEST)
     if len(windows) < 3 * count:
         return None
-    blocks = [slice(k, k + count) for k in range(0, len(windows) - count + 1, max(count // 4, 1))]
+    last = len(windows) - count
+    blocks = [slice(k, k + count) for k in (*range(0, last, max(count // 4, 1)), last)]
     middle = windows.middle
     for kind, a, b, noise in (
         ("still-rate", *sides, noises[0]),
