@@ -178,12 +178,22 @@ class NotAchieved(ManoeuvreError):
 
 
 class GuardTripped(ManoeuvreError):
-    """The safety envelope was left."""
+    """The safety envelope was left.
+
+    happened : the message without the advice, which holds only where the record does not show a cause.
+    """
 
     def __init__(
-        self, message: str, *, guard: str = "", value: float = float("nan"), limit: float = float("nan")
+        self,
+        message: str,
+        *,
+        guard: str = "",
+        value: float = float("nan"),
+        limit: float = float("nan"),
+        advice: str = "",
     ) -> None:
-        super().__init__(message)
+        super().__init__(f"{message}. {advice}" if advice else message)
+        self.happened = message
         self.guard = guard
         self.value = value
         self.limit = limit

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -51,6 +51,12 @@ BETTER = 0.6
 """Chosen: a shift must leave less than this share of what stays unexplained without it."""
 
 
+PART, STANDING = 8.0, 0.2
+"""Chosen: least seconds of a part in which one side stands still, and the most it moves as a share of the other."""
+LARGE, MANY = 4.0, 20
+"""Chosen: motion as a multiple of the least, and windows, from which on two unlike motions contradict each other."""
+
+
 @dataclass(frozen=True, slots=True)
 class Expected:
     """What good sensors of this pair may do.
@@ -72,7 +78,8 @@ class Comparison:
 
     factor, std : the position moves so many times what the rate integrates to. shift, shift_std : seconds by which the
     position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
-    of the rate's integral. clear : of the quieter side, in standard deviations of its noise.
+    of the rate's integral. clear : of the quieter side, in standard deviations of its noise. during : the stretch [s]
+    in which one side stands still, where the rest of the run agrees; None for the whole run.
     """
 
     kind: Kind
@@ -84,6 +91,7 @@ class Comparison:
     moved: float
     predicted: float
     clear: float
+    during: tuple[float, float] | None = None
 
 
 def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Comparison | None:
@@ -94,11 +102,18 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
     """
     most = min(LONGEST_SHIFT, 0.1 * _common(position, rate))
     first: Comparison | None = None
-    for windows in _windows(position, rate, total, most):
+    strange: list[Comparison] = []
+    for k, windows in enumerate(_windows(position, rate, total, most)):
         found = _compared(windows, position, rate, total, expected, most)
         if found is None:
             continue
+        if k == 0:
+            part = _still_part(windows, position, rate, total, expected, found)
+            if part is not None:
+                return part
         if found.kind == "unclear":
+            if _is_strange(windows, position, rate, expected, found):
+                strange.append(found)
             continue
         if first is None:
             first = found
@@ -108,7 +123,67 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
             first = found
         elif found.kind == "agrees" and found.coherence > ALIKE and found.std < SPREAD * abs(found.factor):
             return found
+    if first is None and len(strange) >= 2:
+        return replace(strange[0], kind="unrelated", factor=math.nan, std=math.nan)
     return first
+
+
+def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, found: Comparison) -> bool:
+    """Whether both sides move, each well above its noise, and have little in common."""
+    noise = _noises(windows, position, rate)
+    moves = found.moved > CLEAR * noise[0] and found.predicted > CLEAR * noise[1]
+    large = min(found.moved, found.predicted) > LARGE * expected.floor
+    return moves and large and len(windows) >= MANY and abs(found.coherence) < APART and found.std > SPREAD
+
+
+def _still_part(
+    windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, whole: Comparison
+) -> Comparison | None:
+    """Return that one side stands still, or at one value, in a part of the run while the rest of it agrees."""
+    sides = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
+    noises = _noises(windows, position, rate)
+    hop = windows.span / windows.overlap
+    count = max(math.ceil(PART / hop), FEWEST)
+    if len(windows) < 3 * count:
+        return None
+    last = len(windows) - count
+    blocks = [slice(k, k + count) for k in (*range(0, last, max(count // 4, 1)), last)]
+    middle = windows.middle
+    for kind, a, b, noise in (
+        ("still-rate", *sides, noises[0]),
+        ("still-position", sides[1], sides[0], noises[1]),
+    ):
+        still = np.zeros(len(windows), dtype=bool)
+        for block in blocks:
+            if middle[block][-1] - middle[block][0] < 2.0 * count * hop and _stands(
+                a[block], b[block], noise, hop, expected
+            ):
+                still[block] = True
+        rest = ~still
+        if not still.any() or rest.sum() < count:
+            continue
+        slope, std, _ = _regression(a[rest], b[rest], windows.overlap, expected.offset, noise)
+        if abs(slope - 1.0) > 2.0 * TOLERANCE + SURE * min(std, 0.03) or _cosine(a[rest], b[rest]) < ALIKE:
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+        k = int(np.argmax(edges[1::2] - edges[::2]))
+        start, end = int(edges[2 * k]), int(edges[2 * k + 1]) - 1
+        during = (
+            float(middle[start] if start else position.t[0]),
+            float(middle[end] if end < len(windows) - 1 else position.t[-1]),
+        )
+        found: Kind = "still-rate" if kind == "still-rate" else "still-position"
+        return replace(whole, kind=found, factor=math.nan, std=math.nan, during=during)
+    return None
+
+
+def _stands(a: Array, b: Array, noise: float, hop: float, expected: Expected) -> bool:
+    """Whether *b* is constant, or about zero, over windows in which *a* moves far; *noise* is that of *a*."""
+    (centred, quiet), size = (v - float(np.mean(v)) for v in (a, b)), _rms(a)
+    if float(np.sum(np.abs(a))) * hop < expected.way or size < max(CLEAR * noise, LARGE * expected.floor):
+        return False
+    varies = _rms(centred) > max(CLEAR * noise, LARGE * expected.floor)
+    return (_rms(b) < STANDING * size) or (varies and _rms(quiet) < STANDING * _rms(centred))
 
 
 def _compared(

@@ -246,6 +246,13 @@ LEAST_STEPS = 20
 def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
     """Yield that the track is longer or shorter than the speed over ground, or the speeds of the craft, say."""
     known = _positions(trial)
+    if _stands_ahead(trial):
+        never = Comparison("still-rate", math.nan, math.nan, 0.0, 0.0, 0.0, math.nan, 0.0, math.nan)
+        yield told(trial.name, "x, y", "u", "moves", never, "u")
+        return
+    if known is None and not any(n in trial for n in ("y", "psi")):
+        yield from _one_way(trial)
+        return
     speed, name = _speed(trial)
     rate = None if speed is None else series(speed)
     if known is None or rate is None:
@@ -284,6 +291,29 @@ def _unit_by_axes(trial: Trial, x: Series, y: Series) -> Comparison | None:
             return None
         found.append(one)
     return found[0] if unit_of("x, y", found[0])[1] == unit_of("x, y", found[1])[1] else None
+
+
+def _one_way(trial: Trial) -> Iterator[Contradiction]:
+    """Yield that a distance ahead and the speed ahead contradict each other, of a craft that only goes ahead."""
+    position, rate = (series(trial[n]) if n in trial else None for n in ("x", "u"))
+    found = None if position is None or rate is None else compare(position, rate, integral(rate), _SPEED)
+    if found is None or found.kind in ("agrees", "unrelated"):
+        return
+    if found.kind in ("factor", "sign") and abs(found.factor - 1.0) * found.predicted < CURRENT:
+        return
+    suspect = "u" if found.kind == "still-rate" else "x" if found.kind == "still-position" else ""
+    yield told(trial.name, "x", "u", "changes", found, suspect)
+
+
+def _stands_ahead(trial: Trial) -> bool:
+    """Whether the speed ahead never changes from nothing, although the track leads along the heading."""
+    if "u" not in trial or not len(trial["u"]) or np.any(trial["u"].values != 0.0):
+        return False
+    track = _track(trial)
+    if track is None:
+        return False
+    ahead = np.real(track.velocity * np.exp(-1j * track.heading))
+    return float(np.median(np.abs(ahead))) > LEAST_SPEED + CURRENT
 
 
 def _speed(trial: Trial) -> tuple[Channel | None, str]:

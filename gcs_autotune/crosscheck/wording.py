@@ -16,7 +16,13 @@ UNITS: Mapping[str, Mapping[float, str]] = {
 }
 """Kind -> factor that a forgotten unit leaves, and the unit."""
 CLOSE = 0.08
-"""Chosen: how near to the factor of a unit."""
+"""Chosen: how near to the factor of a unit, at most."""
+EXACT = 0.02
+"""Chosen: how near where the factor is known better than that: 2 is not the factor of knots."""
+SAME = 0.01
+"""Chosen: so near, a unit is taken before others that are near as well: 60 and 57.3."""
+MISTAKABLE = 5.0
+"""Chosen: smaller factors have other causes as well."""
 _LENGTHS = ("x", "y", "z", "U", "u", "v", "w")
 
 _CHECKS: Mapping[str, str] = {
@@ -42,9 +48,9 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
     cause = f"{said} (run '{run}')"
     if unit:
-        cause += (
-            f": {factor:.3g} is the factor of {unit}, so one of the columns is in {unit} and its head says otherwise"
-        )
+        sure = f"so one of the columns is in {unit} and its head says otherwise"
+        perhaps = f"so perhaps one of the columns is in {unit}"
+        cause += f": {factor:.3g} is the factor of {unit}, {sure if factor > MISTAKABLE else perhaps}"
     elif suspect and kind == "still":
         cause += f". {suspect} is more likely wrong: a dead, disturbed or wrongly scaled sensor"
     elif suspect:
@@ -57,19 +63,24 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
 
 
 def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
+    when = "" if found.during is None else f" from {found.during[0]:.0f} to {found.during[1]:.0f} s"
     if found.kind == "still-rate":
-        return f"{rate} stands still while {position} {does}", 0.0, found.std, "still"
+        stands = "stands" if "," not in rate else "stand"
+        return f"{rate} {stands} still{when} while {position} {does}", 0.0, found.std, "still"
     if found.kind == "still-position":
         still = "stands" if "," not in position else "stand"
         moves = "turns" if does.startswith("turn") else "moves"
-        return f"{position} {still} still while {rate} {moves}", found.factor, found.std, "still"
+        return f"{position} {still} still{when} while {rate} {moves}", found.factor, found.std, "still"
     if found.kind == "unrelated":
         return f"{position} and {rate} move, but not together", math.nan, math.nan, "unrelated"
+    integrates = "integrates" if "," not in rate else "integrate"
     if found.kind == "shift":
         late = f"{abs(found.shift):.2g} s {'later' if found.shift > 0.0 else 'earlier'}"
-        does_not = f"{position} {does} {late} than {rate} integrates to (+- {max(found.shift_std, 0.01):.2g} s)"
+        does_not = f"{position} {does} {late} than {rate} {integrates} to (+- {max(found.shift_std, 0.01):.2g} s)"
         return does_not, found.shift, found.shift_std, "shift"
-    digits = f"{found.factor:.3g} times what {rate} integrates to (+- {max(found.std, 0.0005 * abs(found.factor)):.1g})"
+    digits = (
+        f"{found.factor:.3g} times what {rate} {integrates} to (+- {max(found.std, 0.0005 * abs(found.factor)):.1g})"
+    )
     if found.kind == "sign":
         return f"{position} {does} {digits}, so they have opposite signs", found.factor, found.std, "sign"
     return f"{position} {does} {digits}", found.factor, found.std, "factor"
@@ -78,11 +89,12 @@ def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, 
 def unit_of(position: str, found: Comparison) -> tuple[float, str]:
     """Return the factor and name of the unit that explains what was found; (1, "") for none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
-    for factor, unit in UNITS[kind].items():
-        for value in (factor, 1.0 / factor):
-            if abs(abs(found.factor) / value - 1.0) < CLOSE:
-                return factor, unit
-    return 1.0, ""
+    size = abs(found.factor)
+    own = 2.0 * found.std / size
+    known = [(abs(size / value - 1.0), f, unit) for f, unit in UNITS[kind].items() for value in (f, 1.0 / f)]
+    near = [k for k in known if k[0] < (CLOSE if k[1] > MISTAKABLE else min(CLOSE, max(EXACT, own)))]
+    best = next(iter([k for k in near if k[0] < SAME] or near), (0.0, 1.0, ""))
+    return best[1], best[2]
 
 
 def _cure(position: str, rate: str, suspect: str, kind: str) -> str:
@@ -92,7 +104,7 @@ def _cure(position: str, rate: str, suspect: str, kind: str) -> str:
         check = f"check the stamps of {position} and {rate}, and the filters of both"
     kept = rate if suspect == position else position
     wrong = suspect or "the wrong column"
-    use = f"--use {kept}" if suspect and "," not in kept else "--use with the others"
+    use = f"--use {kept}" if suspect and "," not in kept else "--use with the names of the others"
     return f"{check}; until then leave {wrong} out ({use})"
 
 

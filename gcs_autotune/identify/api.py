@@ -249,7 +249,8 @@ def fit_axis(
         lookup({str(name): name for name in FREE}, structure, "drag structure")
     known_delay = None if delay == "auto" else _seconds(delay)
     axis = _common_axis(runs, dof)
-    runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
+    with _contradictions_named(runs):
+        runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
     _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})
     case = Case(
         records=records,

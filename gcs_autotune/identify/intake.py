@@ -168,11 +168,16 @@ def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
     BadFile
         Two columns contradict each other by a factor that only a wrong unit explains.
     """
-    found = contradictions_of(trial, use)
-    if "psi" in trial:
-        found += _heading_alone(trial, trial["psi"])
+    alone = _heading_alone(trial, trial["psi"]) if "psi" in trial else []
+    try:
+        found = contradictions_of(trial, use)
+    except BadFile as error:
+        if not alone or not str(error).startswith("psi ") or "degrees" in str(error):
+            raise
+        # so fast that unwrapping lost count of the turns: the factor means nothing
+        raise BadFile(f"{alone[0].cause}: {alone[0].cure}") from error
     check_axes(trial)
-    return found + _inputs_alone(trial)
+    return found + alone + _inputs_alone(trial)
 
 
 def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
@@ -263,6 +268,10 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
                 f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head says {said} but "
                 f"the numbers are {really}; correct the unit in the head"
             )
+    is_smooth = float(np.median(np.abs(np.diff(x, n=2)))) < 0.5 * usual
+    if is_smooth and float(np.mean(steps > math.pi)) > 0.1:
+        cause = f"psi of run '{trial.name}' changes by more than half a turn from sample to sample, and smoothly"
+        return [Doubt("unit", cause, "its head says radians: are the numbers degrees? correct the unit in the head")]
     lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
     turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
     if len(t) <= lag + 20:

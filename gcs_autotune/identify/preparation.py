@@ -175,6 +175,11 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     rate = None if rate is None else outside(rate, hidden)
     position = None if position is None else outside(position, hidden)
     _check_excitation(trial, drive, [c for c in (position, rate) if c is not None])
+    if position is not None and rate is not None and _varies(position) is not _varies(rate):
+        dead = rate if _varies(position) else position
+        position, rate = (None if c is dead else c for c in (position, rate))
+        cause = f"{dead.name} of run '{trial.name}' never changes: it was left out"
+        notes.append(Doubt("dead-column", cause, "check that sensor"))
     if position is not None and axis.angular:
         position = replace(position, values=unwrap(position.t, position.values, rate))
     main = position if position is not None and len(position) >= MIN_SAMPLES else rate

@@ -28,6 +28,9 @@ SETTLED = 0.01
 MAD = 1.4826
 """Standard deviation over median magnitude, of a Gaussian: outliers hardly move the latter."""
 
+LEAST = 1e-100
+"""Least noise level of a signal that never changes; its square still has an inverse."""
+
 LOOSE = 1e-4
 """Relative decrease that ends a round which is not the last."""
 
@@ -108,7 +111,7 @@ def likeliest(
             if law.robust
             else math.sqrt(errors @ errors)
         )
-        level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * swing, 1e-300)
+        level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * swing, LEAST)
         found[name] = law.likeliest(errors, level)
     return found
 

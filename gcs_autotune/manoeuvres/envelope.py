@@ -256,11 +256,11 @@ class Watch:
             else "Fly something smaller, slower or shorter, or, where there is room, set"
         )
         raise GuardTripped(
-            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to "
-            f"neutral. {cure} another limit (--{guard.option})",
+            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to neutral",
             guard=guard.name,
             value=value,
             limit=limit,
+            advice=f"{cure} another limit (--{guard.option})",
         )
 
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Craft, Intervention, Observation
-from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, NotAsFound, PreconditionFailed
+from gcs_autotune.errors import AutotuneError, GuardTripped, LinkError, LinkLost, NotAsFound, PreconditionFailed
 from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
@@ -72,7 +72,8 @@ class Sequencer:
         try:
             outcome = self._run(manoeuvre, stage, envelope or self._envelope)
         except BaseException as error:
-            outcome = Outcome("aborted", str(error) or type(error).__name__)
+            happened = error.happened if isinstance(error, GuardTripped) else str(error)
+            outcome = Outcome("aborted", happened or type(error).__name__)
             self._broken = outcome.reason
             self._end(manoeuvre, outcome, error)
             raise

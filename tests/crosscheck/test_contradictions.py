@@ -86,3 +86,51 @@ def test_a_rate_by_the_attitude_of_a_pitched_craft_is_no_contradiction() -> None
     assert contradictions(Trial("pitched", {n: Channel(n, units[n], t, v) for n, v in columns.items()})) == ()
     level = {n: Channel(n, units[n], t, v) for n, v in columns.items() if n in ("psi", "r")}
     assert contradictions(Trial("level", level))[0].value == pytest.approx(1.0 / math.cos(math.radians(40.0)), rel=0.03)
+
+
+def _turning(seed: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stamps [s], heading [rad] and rate [rad/s] of a craft that turns to and fro."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 120.0, 0.1)
+    rate = 0.5 * np.sin(0.4 * t) + 0.3 * np.sin(1.1 * t)
+    heading = np.cumsum(0.1 * rate) + rng.normal(0.0, 0.004, len(t))
+    return t, heading, rate + rng.normal(0.0, 0.004, len(t))
+
+
+def _run(t: np.ndarray, psi: np.ndarray, r: np.ndarray) -> Trial:
+    return Trial("own", {"psi": Channel("psi", "rad", t, psi), "r": Channel("r", "rad/s", t, r)})
+
+
+@pytest.mark.parametrize("column", ["psi", "r"])
+@pytest.mark.parametrize(("start", "end"), [(40.0, 80.0), (60.0, 120.0), (0.0, 30.0)])
+@pytest.mark.parametrize("noisy", [False, True], ids=["frozen", "noisy"])
+def test_a_column_that_stands_still_for_a_part_of_the_run_is_named_with_the_part(
+    column: str, start: float, end: float, noisy: bool
+) -> None:
+    t, psi, r = _turning()
+    values = {"psi": psi, "r": r}
+    part = (t >= start) & (t < end)
+    stuck = np.full(int(part.sum()), values[column][int(np.flatnonzero(part)[0])])
+    values[column][part] = stuck + (np.random.default_rng(2).normal(0.0, 0.004, len(stuck)) if noisy else 0.0)
+    (found,) = contradictions(_run(t, values["psi"], values["r"]))
+    assert found.suspect == column and f"{column} stands still from" in found.cause
+    named = [float(word) for word in found.cause.split("from ")[1].split(" s ")[0].split(" to ")]
+    assert named == pytest.approx([start, end], abs=6.0)
+
+
+def test_a_heading_that_is_noise_and_a_rate_that_turns_are_named() -> None:
+    t, psi, r = _turning()
+    noise = np.random.default_rng(3).normal(0.0, 1.0, len(t))
+    (found,) = contradictions(_run(t, noise, r))
+    assert "move, but not together" in found.cause
+    assert contradictions(_run(t, psi, r)) == ()
+
+
+def test_a_factor_near_that_of_a_unit_but_surely_another_is_not_called_a_unit() -> None:
+    t, psi, r = _turning()
+    (found,) = contradictions(_run(t, psi / 60.0, r))
+    assert found.unit == "per minute"
+    depth = np.cumsum(0.1 * 0.4 * np.sin(0.3 * t))
+    channels = {"z": Channel("z", "m", t, 2.0 * depth), "w": Channel("w", "m/s", t, 0.4 * np.sin(0.3 * t))}
+    (found,) = contradictions(Trial("dive", channels))
+    assert found.unit == "" and found.value == pytest.approx(2.0, rel=0.01)

@@ -195,3 +195,15 @@ def test_a_current_a_straight_way_and_a_file_without_one_of_them_tell_nothing_of
     check_axes(run(straight["t"], **{n: straight[n] for n in ("x", "y", "psi")}, **over_ground))
     turning = cruise(0.4)
     check_axes(run(turning["t"], **{n: turning[n] for n in ("x", "y")}, u=turning["north"], v=turning["east"]))
+
+
+def test_degrees_too_fast_to_unwrap_are_called_degrees_and_no_other_unit() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    rate = 0.8 * np.sin(0.4 * t) + 0.4 * np.sin(1.3 * t)
+    psi = np.degrees(np.cumsum(0.1 * rate))
+    run = Trial("own", {"psi": Channel("psi", "rad", t, psi), "r": Channel("r", "rad/s", t, rate)})
+    try:
+        said = " ".join(d.cure for d in check_units(run))
+    except BadFile as error:
+        said = str(error)
+    assert "degrees" in said and "revolutions" not in said

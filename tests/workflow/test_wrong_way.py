@@ -123,6 +123,7 @@ def test_no_gains_are_offered_for_what_works_the_wrong_way(
     with pytest.raises(PreconditionFailed) as caught:
         harness.tune(axis=axis, dry_run=True)
     assert why in str(caught.value) and "another limit" not in str(caught.value)
+    assert not any("another limit" in text for text in harness.said)
     harness.assert_as_found()
     assert not (harness.directory / "proposed.param").exists()
 
