@@ -308,7 +308,7 @@ def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path
     assert fit["parameters"]["beta_u"]["value"] == pytest.approx(4.4283 / 8.0, rel=0.03)
     assert "will write no parameter" in err
     journal = map(json.loads, (out / "journal.jsonl").read_text().splitlines())
-    assert [e["event"] for e in journal] == ["opened", "closed"]
+    assert {e["event"] for e in journal} == {"opened", "ordering", "ordered", "closed"}, "no parameter is borrowed"
 
 
 def test_a_boat_does_not_heave(capsys, tmp_path):

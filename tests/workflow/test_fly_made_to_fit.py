@@ -16,7 +16,7 @@ from gcs_autotune.workflow.paper_craft import Kin, paper_craft
 from .sitl_harness import SLOW_LOOP, SitlHarness
 from .test_fly import flown
 
-BY_THE_CLOCK = sorted(kind.name for kind in MANOEUVRES.values() if kind.shrinks and kind.for_force)
+BY_THE_CLOCK = sorted(kind.name for kind in MANOEUVRES.values() if kind.shrinks and kind.for_force and kind.identifies)
 
 
 def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) -> tuple[SitlHarness, Any]:
