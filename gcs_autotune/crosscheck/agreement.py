@@ -53,6 +53,8 @@ BETTER = 0.6
 
 PART, STANDING = 8.0, 0.2
 """Chosen: least seconds of a part in which one side stands still, and the most it moves as a share of the other."""
+JUMP = 3
+"""Windows that hold the jump of a column which comes back."""
 LARGE, MANY = 4.0, 20
 """Chosen: motion as a multiple of the least, and windows, from which on two unlike motions contradict each other."""
 
@@ -159,7 +161,9 @@ def _still_part(
                 a[block], b[block], noise, hop, expected
             ):
                 still[block] = True
-        rest = ~still
+        reach = 2 * (JUMP + count // 4) + 1
+        near = np.convolve(still, np.ones(reach), mode="same") > 0.5  # a dead column comes back with a jump
+        rest = ~near
         if not still.any() or rest.sum() < count:
             continue
         slope, std, _ = _regression(a[rest], b[rest], windows.overlap, expected.offset, noise)
@@ -179,6 +183,8 @@ def _still_part(
 
 def _stands(a: Array, b: Array, noise: float, hop: float, expected: Expected) -> bool:
     """Whether *b* is constant, or about zero, over windows in which *a* moves far; *noise* is that of *a*."""
+    keep = np.sort(np.argsort(np.abs(a))[:-JUMP])
+    a, b = a[keep], b[keep]
     (centred, quiet), size = (v - float(np.mean(v)) for v in (a, b)), _rms(a)
     if float(np.sum(np.abs(a))) * hop < expected.way or size < max(CLEAR * noise, LARGE * expected.floor):
         return False
