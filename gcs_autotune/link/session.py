@@ -143,6 +143,7 @@ class Session:
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
+    at_work : whether our HEARTBEAT says that a run of ours is going on.
     port : frames out and in, their counts, and the id that we send as.
     routing : who is told of what, and who else was heard.
     liveness : for how long the vehicle has been silent.
@@ -168,6 +169,7 @@ class Session:
         self.clock: Clock = transport.clock
         self.vehicle: VehicleIdentity | None = None
         self.armed = False
+        self.at_work = False
         self.custom_mode = -1
         self.heartbeats = 0
         self.texts = TextLog()
@@ -428,7 +430,7 @@ class Session:
         self.texts.take(message, self.clock.now())
 
     def _send_heartbeat(self) -> None:
-        self.send(our_heartbeat())
+        self.send(our_heartbeat(at_work=self.at_work))
         self.port.flush_log()
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gcs_autotune.mavlink.framing import (
+        AT_WORK,
         Frame,
         Framer,
         Message,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from gcs_autotune.mavlink.tlog import TlogReader, TlogRecord, TlogWriter, read_tlog
 
 _HOMES = {
-    "framing": "Frame Framer Message Packer decode_frame frame_length mavlink message_request our_heartbeat "
+    "framing": "AT_WORK Frame Framer Message Packer decode_frame frame_length mavlink message_request our_heartbeat "
     "split_frames",
     "names": "StatusText TextLog VehicleIdentity enum_name firmware_version message_fields message_number type_name "
     "unique_id",
@@ -62,6 +63,7 @@ _HOMES = {
 _HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
+    "AT_WORK",
     "CONTROL_STATUS_NAMES",
     "LINK_ID",
     "MANUAL_INPUT_NAMES",

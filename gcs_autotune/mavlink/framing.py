@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 __all__ = [
+    "AT_WORK",
     "Frame",
     "Framer",
     "Message",
@@ -241,10 +242,19 @@ class Packer:
         return frame
 
 
-def our_heartbeat() -> Message:
-    """Return the HEARTBEAT of a ground station."""
+AT_WORK = 0x67637361
+"""``custom_mode`` ("gcsa") in the HEARTBEAT of a station on which a run of ours is going on; ground stations send 0."""
+
+
+def our_heartbeat(*, at_work: bool = False) -> Message:
+    """Return the HEARTBEAT of a ground station; *at_work*: a run of ours is going on, and no other should begin."""
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+        mavlink.MAV_TYPE_GCS,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        AT_WORK if at_work else 0,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
     )
 
 

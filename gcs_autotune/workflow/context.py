@@ -232,7 +232,9 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
 
     def open_journal(found: Observation) -> Journal:
         refuse_open_runs(craft)
-        note_run(record.journal)
+        if not craft.session.transport.is_simulated:  # a vehicle in this process is nobody else's, and ends with it
+            note_run(record.journal)
+        craft.session.at_work = True
         opened = Journal(
             record.journal,
             vehicle=craft.session.vehicle,
@@ -258,4 +260,5 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
     finally:
         if journal is not None:
             craft.on_order = lambda event, what: None
+            craft.session.at_work = False
             journal.leave()

@@ -21,6 +21,10 @@ from gcs_autotune.workflow.record import JOURNAL
 __all__ = ["OpenRun", "forget_run", "note_run", "open_runs", "refuse_open_runs"]
 
 
+SIMULATED = ("sitl:", "memory")
+"""Beginnings of links whose vehicle ended with the program: there is nothing to restore on it."""
+
+
 @dataclass(frozen=True, slots=True)
 class OpenRun:
     """A run directory whose journal is open; ``is_going_on``: another program writes it now."""
@@ -77,7 +81,7 @@ def open_runs() -> list[OpenRun]:
             if not path.exists():
                 forget_run(path)
             continue
-        if state.is_settled:
+        if state.is_settled or state.link.startswith(SIMULATED):
             forget_run(path)
         else:
             found[path] = OpenRun(path.parent, state, is_being_written(path))
@@ -95,6 +99,12 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
     vehicle = craft.session.vehicle
     if vehicle is None or craft.session.transport.is_simulated:
         return  # a vehicle in this process is nobody else's
+    other = craft.other_stations.at_work
+    if other:
+        raise PreconditionFailed(
+            f"a run of gcs-autotune on another computer is going on with this vehicle: {other}. Wait until it ends, or "
+            "stop it there; nothing was armed or written"
+        )
     for run in open_runs():
         if difference(run.state.vehicle, run.state.fingerprint, vehicle, craft.parameters):
             continue

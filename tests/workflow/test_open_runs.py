@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.link import Journal
-from gcs_autotune.mavlink import VehicleIdentity
+from gcs_autotune.link.vehicle.other_stations import OtherStations
+from gcs_autotune.mavlink import VehicleIdentity, our_heartbeat
 from gcs_autotune.workflow import examine
-from gcs_autotune.workflow.open_runs import forget_run, note_run, open_runs
+from gcs_autotune.workflow.open_runs import forget_run, note_run, open_runs, refuse_open_runs
 
 from .sitl_harness import SitlHarness
 
@@ -80,3 +83,38 @@ def uid_of(harness: SitlHarness, tmp_path: Path) -> str:
 
     with Session(MemoryLink(Later(harness.server))) as session:
         return str(session.discover().uid)
+
+
+def test_a_simulated_vehicle_that_ended_with_its_program_leaves_no_open_run(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    identity = VehicleIdentity(1, 1, 3, 11, "4.7.0-dev", uid="00000000a1b2c3d4")
+    journal = Journal(folder / "journal.jsonl", vehicle=identity, link="sitl:charlie", mode="HOLD", armed=False)
+    note_run(journal.path)
+    journal.leave()
+    assert open_runs() == []
+
+
+def heard_from(at_work: bool) -> SimpleNamespace:
+    """A craft on whose link another station, with our own ids, was heard to have a run going on, or none."""
+    session: Any = SimpleNamespace(
+        vehicle=VehicleIdentity(1, 1, 3, 11),
+        clock=ManualClock(),
+        transport=SimpleNamespace(is_simulated=False),
+        listen=lambda name, listener: None,
+        routing=SimpleNamespace(overhear=lambda hear: None),
+        port=SimpleNamespace(system=255),
+    )
+    stations = OtherStations(session)
+    frame: Any = SimpleNamespace(name="HEARTBEAT", message=our_heartbeat(at_work=at_work), system=255, component=190)
+    stations._on_foreign(frame)
+    return SimpleNamespace(session=session, other_stations=stations, parameters=None)
+
+
+def test_a_vehicle_on_which_another_computer_has_a_run_going_on_is_refused() -> None:
+    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 190\). Wait until it ends"):
+        refuse_open_runs(heard_from(at_work=True))  # type: ignore[arg-type]
+    refuse_open_runs(heard_from(at_work=False))  # type: ignore[arg-type]
+    late = heard_from(at_work=True)
+    late.session.clock.advance(60.0)
+    assert late.other_stations.at_work == "", "it has fallen silent since"

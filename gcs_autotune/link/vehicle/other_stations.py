@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import (
+    AT_WORK,
     CONTROL_STATUS_NAMES,
     MANUAL_INPUT_NAMES,
     REQUEST_OPERATOR_CONTROL,
@@ -83,6 +84,7 @@ class OtherStations:
         self._session = session
         self._heard: dict[tuple[int, int], float] = {}
         self.stations: dict[tuple[int, int], str] = {}
+        self._at_work: tuple[int, int] | None = None
         self.orders: deque[Order] = deque(maxlen=_KEPT)
         self.in_control: ControlStatus | None = None
         self.steering: ManualInput | None = None
@@ -172,6 +174,14 @@ class OtherStations:
             return f"also on this link: {', '.join(present)}"
         return "nobody else is heard on this link, so it came by another one, or from aboard"
 
+    @property
+    def at_work(self) -> str:
+        """The station on which a run of gcs-autotune was going on lately, in words; empty where none is known."""
+        ids = self._at_work
+        if ids is None or self._session.clock.now() - self._heard[ids] >= _RECENT:
+            return ""
+        return self._called(*ids)
+
     def has_ordered(self, kinds: Collection[str], since: float) -> bool:
         """Whether anybody was heard to order any of *kinds* since link time *since* [s]."""
         return bool(self._ordered(kinds, since))
@@ -191,6 +201,10 @@ class OtherStations:
         self._heard[ids] = self._session.clock.now()
         if frame.name == "HEARTBEAT":
             self.stations[ids] = type_name(int(frame.message.type))
+            if int(frame.message.custom_mode) == AT_WORK:
+                self._at_work = ids
+            elif ids == self._at_work:
+                self._at_work = None
         else:
             self.stations.setdefault(ids, "")
         if frame.name in ORDERS and self._is_for_our_vehicle(frame):
