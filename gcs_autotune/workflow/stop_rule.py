@@ -142,8 +142,9 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 class KnownDesign:
     """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
 
-    Every half period from the third on is asked about, in turn, and none is passed over: of one record a slow computer
-    gives the same answers as a fast one, only later. What was flown while an answer was awaited does not count (:attr:`counted_to`).
+    Every half period from the third on is asked about, in turn, and none is passed over. Of one record a slow computer
+    therefore gives the same answers as a fast one, only later. What was flown while an answer was awaited does not
+    count (:attr:`counted_to`).
 
     :meth:`start` comes first of all. *watcher* is told what the gains promise by then.
 
