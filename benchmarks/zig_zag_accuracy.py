@@ -51,7 +51,7 @@ def truth(craft: str, share: float) -> tuple[float, float]:
 
     A = np.column_stack([rates(NUDGE, 0.0, 0.0), rates(0.0, NUDGE, 0.0)]) / NUDGE
     b = (rates(0.0, 0.0, share) - rates(0.0, 0.0, -share)) / (2.0 * share)
-    if not body.sways:
+    if "sway" not in body.dofs:
         return float(-b[1] / A[1, 1]), float(-1.0 / A[1, 1])
     if np.linalg.eigvals(A).real.max() >= 0.0:
         return math.nan, math.nan
