@@ -299,12 +299,12 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
     for gain in axis.gains:
         if not math.isfinite(present.get(gain.parameter, math.nan)):
             raise ParameterMissing(
-                f"the present value of {gain.parameter} is not known, so it cannot be put back; "
-                "read the vehicle's parameters first",
+                f"the present value of {gain.parameter} is unknown, so it could not be restored. "
+                "Read the vehicle's parameters first",
                 name=gain.parameter,
             )
     if axis.needs_speed and spec.speed is None:
-        raise UsageError(f"the {axis.name} axis needs way on: give the speed at which it was identified")
+        raise UsageError(f"the {axis.name} axis needs speed. Supply the speed at which it was identified")
 
 
 def _problem(
@@ -374,16 +374,16 @@ def _changes(law: Law, axis: Axis, before: GainCandidate, after: GainCandidate, 
 
 def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
-        return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
+        return f"{gain.meaning}: measured on the water, the speed at this throttle"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
-        return f"{gain.meaning}: the identified model has no lag that would need it"
+        return f"{gain.meaning}: not needed, since the identified model has no lag"
     wanted, new = after.wanted, after.settings[gain.parameter]
     settled = settling_time(wanted.kind, wanted.omega_0)
     reason = f"{gain.meaning}: " + (
-        "chosen for the least predicted error over time of the step"
+        "chosen for the smallest predicted tracking error (ITAE) of the step"
         if is_refined
         else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
     )
     if new in (gain.low, gain.high):
-        reason += f", stopped at the documented {'least' if new == gain.low else 'most'}"
+        reason += f", limited to the documented {'minimum' if new == gain.low else 'maximum'}"
     return reason

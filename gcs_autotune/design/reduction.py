@@ -65,7 +65,7 @@ def reduce(
     """
     form = model.base.form
     if dof not in form.dofs:
-        raise UsageError(f"the model is about {', '.join(form.dofs)}, not about {dof}")
+        raise UsageError(f"the model is of {', '.join(form.dofs)}, not of {dof}")
     axis = DOFS[dof]
     channel, gain, words = _drive(model, axis)
     at = form.dofs.index(dof)
@@ -102,16 +102,16 @@ def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
                 value = gain if isinstance(gain, float | int) else _named(model, gain)
                 drives[channel] = drives.get(channel, 0.0) + float(value)
     if not drives:
-        raise UsageError(f"nothing in the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
+        raise UsageError(f"no input of the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
     words = ""
     if len(form.dofs) > 1:
-        words = "the loop is designed for this axis alone, its coupling to the others left out"
+        words = "the loop is designed for this axis alone, without its coupling to the others"
     if len(drives) == 1:
         (channel, gain), *_ = drives.items()
         return channel, gain, words
     together = sum(abs(g) for g in drives.values())
     channel = "+".join(drives)
-    return channel, together, f"full output is taken as all of {', '.join(drives)} pulling together; {words}"
+    return channel, together, f"full output is the sum of {', '.join(drives)}; {words}"
 
 
 def _named(model: ExtendedModel, name: str) -> float:

@@ -239,7 +239,7 @@ class Proposal:
         metrics = [
             (words, *(format_number(scale * getattr(p.metrics, name), 3) for p in (self.before, self.after)))
             for words, name, scale in (
-                ("error over time, ITAE [s^2]", "itae", 1.0),
+                ("tracking error, ITAE [s^2]", "itae", 1.0),
                 ("overshoot [%]", "overshoot", 100.0),
                 ("rise [s]", "rise", 1.0),
                 ("settling [s]", "settling", 1.0),
@@ -248,9 +248,7 @@ class Proposal:
         tables = [html_table(("predicted step", "old gains", "new gains"), metrics)]
         if changes:
             tables.insert(0, html_table(("gain", "old", "new", "why"), changes))
-        title = f"{self.axis} ({self.law}): " + (
-            "new gains, written nowhere yet" if changes else "the present gains stay"
-        )
+        title = f"{self.axis} ({self.law}): " + ("new gains, not written" if changes else "the present gains stay")
         return html_block(title, tables, self.notes)
 
     def to_dict(self) -> dict[str, Any]:

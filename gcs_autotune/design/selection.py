@@ -128,7 +128,7 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
     """Yield what is wrong with gains whose worst margins and predicted step are given."""
     spec = problem.spec
     if not low.stable:
-        yield "the loop is unstable for some craft within the 95 % region of the identification"
+        yield "the loop is unstable for part of the 95 % region of the identified model"
     else:
         if low.gain < spec.gain_margin:
             yield f"gain margin {low.gain:.2f}, less than {spec.gain_margin:.2f}"
@@ -138,7 +138,7 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
             yield f"phase margin {has:.{digits}f} deg, less than {wants:.0f} deg"
         needed = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         if low.delay < needed:
-            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
+            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s required"
     metrics = prediction.metrics
     most = max_overshoot(problem)
     if metrics.overshoot > most:
@@ -180,7 +180,7 @@ def _fastest(problem: DesignProblem) -> float:
     if not is_flyable(low):
         raise NoGainsMeetSpec(
             f"the constant force on the craft ({abs(model.delta):.0%} of full output) leaves too little of the "
-            f"actuator for any step (limit {spec.actuator_use:.0%}); trim the craft or allow more actuator use"
+            f"actuator for a step (limit {spec.actuator_use:.0%}). Trim the craft or allow more actuator use"
         )
     if is_flyable(high):
         return math.exp(high)
@@ -193,7 +193,7 @@ def _fastest(problem: DesignProblem) -> float:
 def _refusal(problem: DesignProblem, last: GainCandidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
-        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "
-        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a "
+        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop. The last try, "
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a longer settling time, a "
         "smaller step, or a longer experiment (less uncertainty)"
     )

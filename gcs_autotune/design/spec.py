@@ -78,7 +78,7 @@ class Spec:
     def __post_init__(self) -> None:
         lookup(REFERENCE_MODELS, self.kind, "reference model")
         if self.omega_0 is not None and self.settling_time is not None:
-            raise UsageError("give either a characteristic frequency or a settling time, not both")
+            raise UsageError("use either a characteristic frequency or a settling time, not both")
         positive = (
             "step",
             "omega_0",

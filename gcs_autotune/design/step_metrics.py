@@ -92,7 +92,7 @@ def step_metrics(
     size = float(target[-1] - start)
     floor = _floor_of(size, noise_std, quantum)
     if len(t) - begin < MIN_SAMPLES:
-        raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
+        raise NotInformative(f"only {len(t) - begin} samples after the step. Record longer or request higher rates")
     smooth = _without_spikes(position, size)[begin:]
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
@@ -128,7 +128,7 @@ def step_error(
     seconds = t - t[0]
     itae = _error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time)
     if not math.isfinite(itae):
-        raise NotInformative("the simulated step holds samples that are not finite")
+        raise NotInformative("the simulated step contains samples that are not finite")
     return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor))
 
 
@@ -136,7 +136,7 @@ def _floor_of(size: float, noise_std: float, quantum: float) -> float:
     """Return :func:`noise_floor` as a share of a step of *size*."""
     floor = noise_floor(noise_std, quantum)
     if abs(size) <= 2.0 * floor:
-        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
+        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise. Use a larger step")
     return floor / abs(size)
 
 
@@ -211,11 +211,11 @@ def _checked(*signals: Array) -> list[Array]:
     if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
         raise NotInformative("time, target, position and output of a step must be equally long")
     if not np.all(np.isfinite(np.array(arrays))):
-        raise NotInformative("the step holds samples that are not finite; drop them first")
+        raise NotInformative("the step contains samples that are not finite. Drop them first")
     if len(arrays[0]) < MIN_SAMPLES:
-        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured; record longer")
+        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured. Record longer")
     if np.any(np.diff(arrays[0]) < 0.0) or arrays[0][-1] <= arrays[0][0]:
-        raise NotInformative("the step's time does not run forwards")
+        raise NotInformative("the time of the step does not increase")
     return arrays
 
 

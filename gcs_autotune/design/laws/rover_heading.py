@@ -120,10 +120,10 @@ class RoverHeading(PositionLoop):
             return []
         most = math.degrees(abs(model.steady_velocity(1.0)))
         bound = settings[ANG] <= BARELY
-        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the step in heading needs less"
+        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the heading step needs less"
         return [
-            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}; the craft can turn at {most:.0f} "
-            f"deg/s at most at this speed, while ATC_STR_RAT_MAX asks for up to "
+            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}. At this speed the craft turns at "
+            f"most {most:.0f} deg/s; ATC_STR_RAT_MAX requests up to "
             f"{self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
 

@@ -173,7 +173,8 @@ class RoverSpeed(VelocityLoop):
         """Say what the cruise pair does besides, and where the gains hold."""
         speed_now, percent = (settings.get(name, math.nan) for name in CRUISE)
         return [
-            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward; "
-            "it also says what a full stick asks for in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
-            "the model was found in calm water on this load: head wind, current and payload are left to the integral",
+            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward. "
+            "It also sets the speed at full stick in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
+            "the model is valid for calm water and this load; head wind, current and payload are left to the integral "
+            "gain",
         ]

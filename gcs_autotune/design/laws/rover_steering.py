@@ -173,31 +173,32 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     base = _get(settings, "MOT_SPD_SCA_BASE")
     if is_skid(settings):
         return [
-            f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
-            f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
-            "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
+            f"steered by two thrusters: the autopilot does not scale their difference with speed, so the gains are "
+            f"valid at {speed or 0.0:.2f} m/s and this throttle. If thrust grows with the square of the pulse, "
+            f"steering "
+            "is stronger at more throttle and weaker at less, unless MOT_THST_EXPO linearises it"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0
         whence = "" if known else " (from CRUISE_THROTTLE and CRUISE_SPEED)"
         return [
             "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
-            f"so the gains hold at the throttle of the experiment, {'' if known else 'taken to be '}"
-            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere as long as thrust grows in proportion to "
-            "throttle; without throttle there is no steering"
+            f"so the gains are valid at the throttle of the experiment, {'' if known else 'assumed to be '}"
+            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere if thrust is proportional to throttle. "
+            "Without throttle there is no steering"
         ]
     turn = math.degrees(abs(model.steady_velocity(1.0)))
     seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
     if not integral_grows(settings, speed):
         return [
-            f"{seen}; that is not above MOT_SPD_SCA_BASE = {base:g} m/s: there the autopilot does not scale the "
-            "steering and its integral cannot grow, so wind or trim leaves an error; the margins are given for "
-            "just above that speed; prove the gains again when going faster"
+            f"{seen}, which is not above MOT_SPD_SCA_BASE = {base:g} m/s. Below that speed the autopilot does not "
+            "scale the steering and freezes its integral, so wind or trim leaves an error. The margins are for just "
+            "above that speed. Prove the gains again before going faster"
         ]
     ideal = ideal_feed_forward(model, settings, speed)
     return [
-        f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
-        f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
-        f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
+        f"{seen}. Above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed. The gains are "
+        f"valid if turn rate per rudder is proportional to speed. {FF} = 1/(K base) = "
+        f"{ideal:.3g} then follows turn rates exactly at every speed. At or below {base:g} m/s the integral term "
         "is frozen"
     ]

@@ -79,5 +79,5 @@ class RoverYaw(VelocityLoop):
         """Say at which speeds the gains hold, and what rests on them."""
         return [
             *steering.speed_notes(model, settings, speed),
-            "ATC_STR_ANG_P was left alone: `tune heading` chooses it together with these gains",
+            "ATC_STR_ANG_P is unchanged; `tune heading` chooses it together with these gains",
         ]

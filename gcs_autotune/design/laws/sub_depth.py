@@ -139,9 +139,11 @@ class SubDepth(PositionLoop):
         """Say what the gains do not cover."""
         notes = []
         if SURFACE in settings:
-            notes.append(f"near the surface ArduSub limits the upward thrust ({SURFACE}); prove the gains below it")
+            notes.append(
+                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Prove the gains below that depth"
+            )
         if self._get(settings, "PSC_ACCZ_D") != 0.0:
-            notes.append("PSC_ACCZ_D is not zero; the design leaves it alone and does not model it")
+            notes.append("PSC_ACCZ_D is not zero; the design does not change or model it")
         return notes
 
 

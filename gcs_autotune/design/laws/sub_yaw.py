@@ -78,6 +78,6 @@ class SubYaw(VelocityLoop):
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Say why the angle gain is among them."""
         return [
-            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, "
-            "here for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and chosen with the rate gains. Here "
+            "they are chosen for turn rates; `tune heading` chooses the same gains for headings"
         ]
