@@ -275,15 +275,15 @@ class InterferenceMonitor:
         return [f for f in self.failsafes if change.outcome in f.outcomes and not (f.by_overrides and has_receiver)]
 
     def _lost_on_the_way(self, named: SetFailsafe | None, change: _Change) -> str:
-        """Return in words that the failsafe *named* itself although we sent all the time; empty where another did it."""
+        """Return in words that the failsafe *named* itself although we went on sending; empty where another did it."""
         since = self._session.clock.now() - _LOOK_BACK
         if named is None or self._other_stations.has_ordered(change.kinds, since):
             return ""
         lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
         return (
-            f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer paused "
-            f"for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better link. Another "
-            "station may have ordered the same"
+            f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
+            f"paused for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better link. "
+            "Another station may have ordered the same"
         )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
