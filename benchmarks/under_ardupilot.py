@@ -124,7 +124,7 @@ def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
     orders: list[Order] = []
     ours: list[Order] = []
     sea = _open(vehicle, instance, port)
-    began, told, until = math.inf, 0, math.inf
+    began, told, until, next_stick = math.inf, 0, math.inf, 0.0
 
     def hear(message: Any) -> None:
         order = order_in(message, sea.t)
@@ -132,7 +132,7 @@ def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
             ours.append(order)
 
     def meanwhile(process: int) -> None:
-        nonlocal began, told, until
+        nonlocal began, next_stick, told, until
         began = min(began, sea.t if sea.armed else math.inf)
         if sea.t - began >= at and not orders and not (kind == "mode" and sea.mode == mode):  # that changes nothing
             told = said.stat().st_size
@@ -148,7 +148,8 @@ def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
                 sea.send(_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 21196.0), station)
             elif kind == "write":
                 sea.send(mavlink.MAVLink_param_set_message(1, 1, gain.encode(), value, 9), station)
-        if orders and kind == "sticks" and sea.t - orders[0].t < orders[0].value and sea.t * 20 % 1 < 0.1:
+        if orders and kind == "sticks" and next_stick <= sea.t < orders[0].t + orders[0].value:
+            next_stick = sea.t + draw.uniform(0.03, 0.07)  # a joystick keeps no step with the vehicle's clock
             sea.send(
                 mavlink.MAVLink_rc_channels_override_message(1, 1, 1640, 1500, 1420, 1630, 1500, 1580, 0, 0), station
             )

@@ -282,8 +282,8 @@ class InterferenceMonitor:
         lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
         return (
             f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
-            f"paused for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better link. "
-            "Another station may have ordered the same"
+            f"paused for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better "
+            "link. Another station may have ordered the same"
         )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
