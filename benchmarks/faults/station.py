@@ -137,7 +137,13 @@ BLAME: Mapping[str, tuple[str, ...]] = {
     "station-write": ("another ground station wrote", "somebody else has changed it", "another station wrote"),
     "reboot": ("has restarted", "has been silent"),
     "stall": ("this computer paused",),
-    "silence": ("has been silent", "the link was silent", "another station may have ordered", "failsafe of its own"),
+    "silence": (
+        "has been silent",
+        "the link was silent",
+        "another station may have ordered",
+        "failsafe of its own",
+        "lost on the way",
+    ),
 }
 """Kind of fault -> words by which it is told."""
 
