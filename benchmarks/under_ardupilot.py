@@ -23,6 +23,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from benchmarks.results import count, headline
 from benchmarks.rivals.sea import BINARIES, Sea
 from sitl import load_vehicle
 from sitl.effects import parse_effect
@@ -140,7 +141,10 @@ def main() -> int:
         if "tune" in what:
             good = min(show_tune(*case, args.instance, args.port, keep) for case in TUNES) and good
         if "hidden" in what:
-            good = min(show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN) and good
+            named = [show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN]
+            good = all(named) and good
+            found = count("hidden effects found", sum(named), len(named), least=1.0)
+            headline("under_ardupilot", "tunes and hidden effects on ArduPilot's firmware", [found])
     return 0 if good else 1
 
 
