@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of
+from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
 from gcs_autotune.diagnose.score import LUCK, Judged, is_material, is_needed
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance
 
-__all__ = ["ENOUGH", "FAINT", "chance_of", "hints_of", "own_gain", "surest", "worth"]
+__all__ = ["ENOUGH", "FAINT", "WeakCandidate", "chance_of", "hints_of", "own_gain", "surest", "weak_under", "worth"]
 
 FAINT, ENOUGH = 3.0, 10.0
 """Log-likelihood gained by one number from which on a candidate is a hint, and from which on it is named where it also
@@ -57,38 +58,9 @@ def worth(gained: float, numbers: int) -> float:
     return 0.5 * chi_square.threshold(p, 1) if p > 0.0 else gained
 
 
-def hints_of(
-    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Candidate], Mapping[str, Value]]
-) -> tuple[Hint, ...]:
-    """Return the hints of a finished search, the likeliest first; *causes*: those that are identified."""
-    known = {(e.slug, e.place) for e in causes}
-    weighed = [_weighed(state, one) for one in _candidates(state) if (one.effect.slug, one.effect.place) not in known]
-    found = [w for w in weighed if w is not None and w.size >= FAINT]
-    slugs = {w.one.effect.slug for w in found}
-    found.sort(key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))
-    best = found[:MOST_HINTS]
-    return tuple(_hint(state, w, best, values_of(w.one)) for w in best)
-
-
-def _candidates(state: SearchState) -> list[Candidate]:
-    """Return the candidates of the last step, and names that were refused.
-
-    Left out are those too brief to be anything, and those of which the 95 % interval contains no effect.
-    """
-    search = state.weather
-    if search is None:
-        last = state.steps[-1] if state.steps else None
-        return [] if last is None or last.accepted is not None else [j for j in last.judged if j.unseen is not None]
-    last_step = max((a.step for a in search.judged), default=0)
-    told = {slug for group in search.alike for slug in group}
-    beside = [a for a in search.judged if a.step == last_step and not a.brief and a.effect.slug not in told]
-    own = {(a.effect.slug, a.effect.place): a for a in (*beside, *(a for a, _ in state.refused)) if not a.uncertain}
-    return list(own.values())
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Weighed:
-    """A candidate with the size of its evidence, in nats of one number, and the rest of what a hint has."""
+class WeakCandidate:
+    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, and the rest of what a hint has."""
 
     one: Candidate
     size: float
@@ -98,24 +70,60 @@ class _Weighed:
     lacks: Lack
 
 
-def _weighed(state: SearchState, one: Candidate) -> _Weighed | None:
-    """Return a candidate with its evidence; None where it gains nothing on data left out."""
-    if isinstance(one, Attested):
-        assert state.weather is not None
-        if not one.foretold > 0.0:
-            return None
-        here = [i for i, e in enumerate(one.fit.effects) if (e.slug, e.place) == (one.effect.slug, one.effect.place)]
-        numbers, gained, tried = sum(i in here for i, _ in one.fit.free_effects), one.gain, state.weather.tried
-        unseen, lacks = tuple(one.unseen.tolist()), next((why for a, why in state.refused if a is one), _lack(one))
-    else:
-        if not one.gain > 0.0:
-            return None
-        numbers, gained, tried = one.fitted.parameters - state.fitted.parameters, 0.5 * one.likelihood, state.tried
-        unseen, lacks = (), _lack_of(state, one)
-    return _Weighed(one, worth(gained, numbers), gained, unseen, chance_of(gained, numbers, tried), lacks)
+def hints_of(
+    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Candidate], Mapping[str, Value]]
+) -> tuple[Hint, ...]:
+    """Return the hints of a finished search, the likeliest first; *causes*: those that are identified."""
+    weak = _weak(state) if state.weather is None else weak_under(state.weather, state.refused)
+    known = {(e.slug, e.place) for e in causes}
+    best = [w for w in weak if _key(w.one) not in known][:MOST_HINTS]
+    return tuple(_hint(state, w, best, values_of(w.one)) for w in best)
 
 
-def _hint(state: SearchState, own: _Weighed, best: Sequence[_Weighed], values: Mapping[str, Value]) -> Hint:
+def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
+    """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
+
+    Left out are those too brief to be anything, and those of which the 95 % interval contains no effect.
+    """
+    last_step = max((a.step for a in search.judged), default=0)
+    told = {slug for group in search.alike for slug in group} | {a.effect.slug for a in search.named}
+    beside = [(a, _lack(a)) for a in search.judged if a.step == last_step and a.effect.slug not in told and not a.brief]
+    own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
+    found = []
+    for one, lacks in own.values():
+        if one.foretold > 0.0:
+            here = [i for i, e in enumerate(one.fit.effects) if (e.slug, e.place) == _key(one)]
+            numbers = sum(i in here for i, _ in one.fit.free_effects)
+            chance = chance_of(one.gain, numbers, search.tried)
+            unseen = tuple(one.unseen.tolist())
+            found.append(WeakCandidate(one, worth(one.gain, numbers), one.gain, unseen, chance, lacks))
+    return _ranked(found)
+
+
+def _weak(state: SearchState) -> list[WeakCandidate]:
+    """Return the candidates of the last step, where nothing was accepted, that are hints."""
+    last = state.steps[-1] if state.steps else None
+    found = []
+    for one in () if last is None or last.accepted is not None else last.judged:
+        if one.unseen is not None and one.gain > 0.0:
+            numbers, gained = one.fitted.parameters - state.fitted.parameters, 0.5 * one.likelihood
+            chance = chance_of(gained, numbers, state.tried)
+            found.append(WeakCandidate(one, worth(gained, numbers), gained, (), chance, _lack_of(state, one)))
+    return _ranked(found)
+
+
+def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
+    """Return those of enough evidence, the strongest first, of equals the more usual cause."""
+    slugs = {w.one.effect.slug for w in found}
+    enough = [w for w in found if w.size >= FAINT]
+    return sorted(enough, key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))
+
+
+def _key(one: Candidate) -> tuple[str, str]:
+    return one.effect.slug, one.effect.place
+
+
+def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate], values: Mapping[str, Value]) -> Hint:
     seconds = sum(float(s.stamps[-1]) - s.start for s in state.problem.segments)
     runs = max(1, len({s.run for s in state.problem.segments}))
     alike = (w.one.effect.slug for w in best if w is not own and abs(w.size - own.size) < ALIKE)

@@ -94,9 +94,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     search, refused, gains = supported(search)
     above = above_the_command(search)
     if above > 1.0:
-        refused = (*refused, *((name, "above-command") for name in search.named))
-        search = replace(search, named=(), alike=(), fit=search.plain)
-        state, gains = replace(state, doubts=(*state.doubts, _no_base(search, above))), {}
+        state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
     kept = replace(plain, weather=search, refused=refused, own_gains=gains, doubts=state.doubts)
     if not search.named:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
@@ -118,7 +116,8 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
 
     A name is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
     data left out is no smaller with it than without it; ten nats there that every part contributes to are enough where
-    the error is not surely larger. The weakest goes first: beside it another may seem to help.
+    the error is not surely larger. The weakest goes first: beside it another may seem to help. None stands beside a
+    drifting force above the commands.
     """
     refused: list[tuple[Attested, Lack]] = []
     while True:
@@ -138,6 +137,9 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
             ratio = math.inf if _is_none(name, search.fit) else ratio
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
                 weakest = ratio, name, without
+        if weakest is None and search.named and above_the_command(search) > 1.0:
+            refused += [(name, "above-command") for name in search.named]
+            return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
         if weakest is None:
             return search, tuple(refused), own
         _, name, without = weakest

@@ -81,12 +81,16 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
         return ErrorReduction("error 1 s ahead", "psi", "rad", 1.0, ratio, ratio, (ratio, ratio))
 
     monkeypatch.setattr(weathered, "gain_over", gain_over)
+    monkeypatch.setattr(weathered, "above_the_command", lambda search: 0.5)
     one, refused, gains = supported(searched("dead-zone"))
     assert not one.named and not gains
     assert [(a.effect.slug, why) for a, why in refused] == [("dead-zone", "no-gain")]
     two, refused, gains = supported(searched("dead-zone", "backlash"))
     assert [a.effect.slug for a in two.named] == ["dead-zone", "backlash"] and not refused
     assert gains["dead-zone", "N"].ratio == 0.8
+    monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
+    none, refused, gains = supported(searched("dead-zone", "backlash"))
+    assert not none.named and not gains and {why for _, why in refused} == {"above-command"}
 
 
 # -- hints
