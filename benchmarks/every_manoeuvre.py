@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import count, headline
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
@@ -122,11 +123,11 @@ def told_in(text: str, used: tuple[float, float]) -> Told:
     metres = float(far[1]) if far else math.nan
     whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about (\d+) m and )?{_TIME}", text)
+    usual = re.search(rf"usually (?:about \d+ m and )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    near = re.search(r"usually about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
-    if usual is None:
-        return Told((most, metres), (seconds, metres), used)
-    return Told((most, metres), (_seconds(usual.groups()[1:]), float(usual[1]) if usual[1] else metres), used)
+    usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres
+    return Told((most, metres), usually, used)
 
 
 def _seconds(pair: Sequence[str | None]) -> float:
@@ -236,6 +237,12 @@ def main() -> int:
             sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{told}\n")
             sys.stdout.flush()
     show(rooms)
+    enough = sum("LOW" not in told.misses for _, told in rooms)
+    figures = [
+        count("runs within the announced distance and time", enough, len(rooms), least=1.0),
+        count("flown to their end, or rejected before arming", done - bad, done),
+    ]
+    headline("every_manoeuvre", "every manoeuvre on every simulated vehicle", figures)
     sys.stdout.write(f"{done} flown or refused beforehand, {bad} ended early\n")
     return 1 if bad else 0
 

@@ -72,7 +72,7 @@ WORDS = {
     r"shares? of full": "normalised output, percent of full output",
     r"on board log|log on board": "onboard log",
     r"holds? (no|\d+|a) [a-z]+ (log|message|sample|run|parameter)s?": "contains no ...",
-    r"(?<!there )is no [a-z]+": "is not a ...",
+    r"(?<!there )is no (?!better|longer|more|less|worse)[a-z]+": "is not a ...",
     r"hears?|unheard": "receive, lose contact",
 }
 """What a text must not contain -> what to write instead."""

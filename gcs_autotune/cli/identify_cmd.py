@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -15,6 +14,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, progress
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
+from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -32,21 +32,10 @@ MOST = 1e12
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
 """Names of degrees of freedom and shipped forms, to reject a typo before SciPy is imported."""
-_ROW = re.compile(r'\bMethod\(\s*"([^"]+)"')
-"""Pattern of a row in the table of methods."""
-
-
-def method_names() -> tuple[str, ...]:
-    """Return the names of the methods, read from the source of their table to avoid its imports."""
-    table = sys.modules.get("gcs_autotune.identify.methods")
-    if table is not None:
-        return tuple(table.METHODS)
-    files = sorted(Path(__file__).parents[1].joinpath("identify").rglob("*.py"))
-    return tuple(dict.fromkeys(name for file in files for name in _ROW.findall(file.read_text(encoding="utf-8"))))
 
 
 def _see_method_is_known(name: str, *besides: str) -> None:
-    lookup(dict.fromkeys((*method_names(), *besides)), name, "identification method")
+    lookup(dict.fromkeys((*METHOD_PLACES, *besides)), name, "identification method")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

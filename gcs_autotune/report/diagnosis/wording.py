@@ -372,10 +372,14 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     if any(d.slug == "no-model" for d in diagnosis.doubts):
         return "An effect is missing, but no cause is reported: no model of the craft could be fitted."
     said = "An effect is missing, and no known effect explains it"
+    if diagnosis.hints:
+        said = "An effect is missing, and the evidence is too weak to identify it"
     if math.isfinite(error):
         said += f": the error of the simulated {signal_words(signal)} is {format_error(error, unit, 3)}"
     if not diagnosis.tried:
         return f"{said}. No candidate was tried completely."
+    if diagnosis.hints:
+        return f"{said}. Of {diagnosis.tried} candidates tried, {len(diagnosis.hints)} are reported as hints."
     return f"{said}. None of the {diagnosis.tried} candidates tried improves prediction of held-out data."
 
 
