@@ -19,9 +19,8 @@ Array = NDArray[np.float64]
 MIN_SLOPE = 0.25
 """Local gains below this are not held against the margins: the loop is then all but open, as the simulation shows."""
 USED = 0.5
-"""Chosen [fraction of full output]: margins are to hold up to this size, however large the relays were that told the
-curve. The gain of a square law at most doubles from here to full output, which is passed through and not dwelt at: the
-gain margin of 2.5 leaves 1.25 there."""
+"""Largest output for which margins must hold [normalised], independent of the relay sizes. Chosen: the gain of a square
+law at most doubles from here to full output, which is only passed through; the gain margin of 2.5 leaves 1.25 there."""
 
 
 class ActuatorStep(NamedTuple):

@@ -1,7 +1,7 @@
-"""How a design treats each effect, and what a parameter or a screwdriver can do about it.
+"""Treatment of each effect in a design, and what a parameter or a repair can do about it.
 
 MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM: ArduRover's motor library (the last two for thrusters only); ArduSub's
-thrusters take output to pulse in a straight line, whatever MOT_THST_EXPO says.
+thrusters map output linearly to pulse, independent of MOT_THST_EXPO.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WEAKEST = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """What the design makes of one effect: ``treated`` how, ``advice`` what can be done besides (may be empty)."""
+    """Remark about one effect: ``treated``: its treatment in the design; ``advice``: further action, if any."""
 
     slug: str
     place: str
@@ -227,7 +227,7 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
 """Slug -> how it enters the design."""
 
 _ANYWHERE = frozenset({"measurement-delay", "quantisation", "mass-change", "time-scale"})
-"""Effects that are asked wherever they sit."""
+"""Effects that matter at any place."""
 
 _FILE = ("it is in the record, not in the craft; the design uses corrected numbers", "")
 
@@ -266,4 +266,4 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "gyro-bias": ("omitted: the autopilot removes it at start-up, at rest", "start the autopilot at rest"),
     "outliers": ("left out", "repair the sensor, which the autopilot uses too"),
 }
-"""Slug -> what is said of effects the design does not use."""
+"""Slug -> (treatment, advice) of effects that the design omits."""

@@ -27,13 +27,13 @@ from gcs_autotune.sname import DOFS
 __all__ = ["NEAR_LIMIT", "at_speed", "beside_told", "notes_on", "on_other_speeds", "said"]
 
 LONG_DELAY = 0.05
-"""A delay [s] beyond which it matters where it lies."""
+"""Delay from which its location matters [s]. Chosen."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
 """Errors [rad or m] not worth a word."""
 POOR_MATCH = 0.08
-"""Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
+"""Rms deviation from the reference step, relative to it, from which a note is given. Chosen."""
 NEAR_LIMIT = 0.01
-"""Chosen: gains so near the end of their range, as a share of it, are held by it."""
+"""Distance to the end of a range, relative to it, at which a gain counts as limited. Chosen."""
 ROUNDING = 1e-6
 """A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
 
@@ -47,7 +47,7 @@ def notes_on(
     is_refined: bool,
     wider: GainCandidate | None = None,
 ) -> Iterator[str]:
-    """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met.
+    """Yield notes: validity of the gains, problems of the present ones, limits of the specification.
 
     wider : better gains beyond the documented ranges.
     """
@@ -63,7 +63,7 @@ def notes_on(
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
-    """Yield what is left going on after a small step, with the present gains and with those proposed."""
+    """Yield the residual motion after a small step, with the present and the proposed gains."""
     if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
         return
     yield f"after a small step the loop {_left(before, dof)} with the present gains, and {_left(after, dof)} with these"
@@ -148,13 +148,13 @@ BESIDE: Mapping[str, str] = {
     "rover-heading": "headings (GUIDED)",
     "sub-heading": "headings (ALT_HOLD)",
 }
-"""Law of another mode -> what it follows, and who uses it."""
+"""Law of another mode -> what it follows, and its modes."""
 POORLY = 0.1
-"""Chosen: a mode that falls short by this share is worth advice."""
+"""Shortfall of a mode from which advice is given. Chosen."""
 
 
 def beside_told(beside: Beside) -> Iterator[str]:
-    """Yield how the other mode fares with the same gains."""
+    """Yield the prediction of the other mode with the same gains."""
     yield (
         f"{BESIDE[beside.law]}: predicted shortfall {beside.after:.1%} (time-weighted mean; "
         f"{beside.before:.1%} with the present gains)"
@@ -168,9 +168,9 @@ def _lags(shown: GainCandidate) -> bool:
 
 
 SPEEDS = (0.5, 2.0)
-"""Shares of the experiment's speed that are looked at."""
+"""Speeds to check, relative to that of the experiment. Chosen."""
 ENOUGH_GAIN, ENOUGH_PHASE = 1.6, math.radians(25.0)
-"""Chosen: below these the sentence is a warning."""
+"""Margins below which the sentence is a warning. Chosen."""
 MOST = 100.0
 
 
@@ -183,7 +183,7 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
 
 
 def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
-    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that does not steer by way."""
+    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that steers without speed."""
     speed = problem.spec.speed
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
     if speed is None or steered_by_thrust:

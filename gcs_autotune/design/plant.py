@@ -43,7 +43,7 @@ def in_fractions(
     UsageError
         The model's input is not a fraction and *full_scale* is missing, or the covariance is unusable.
     NoGainsMeetSpec
-        The craft answers its actuator the wrong way round, or does not answer.
+        The craft responds to its actuator in the wrong direction, or not at all.
     """
     if covariance.shape != (5, 5) or not np.all(np.isfinite(covariance)):
         raise UsageError("the covariance must be a finite 5 x 5 matrix (alpha, beta, beta_quadratic, delta, delay)")

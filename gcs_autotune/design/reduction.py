@@ -1,8 +1,7 @@
-"""A model with effects cut down to what a loop of one axis is designed with, and what is said of the rest.
+"""Reduction of a model with effects to the plant of one axis, with remarks about the rest.
 
-Of the base model the axis' own inertia, drag and constant force stay; of the effects delays, the actuator and whatever
-adds to those. Every effect gets a :class:`Remark`: how the design treats it, and what the autopilot or a screwdriver
-can do about it.
+The axis keeps its own inertia, drag and constant force of the base model, and delays and actuator effects. Every effect
+gets a :class:`Remark`: how the design treats it, and what a parameter or a repair can do about it.
 """
 
 from __future__ import annotations

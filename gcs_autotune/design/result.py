@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class ReferenceModel:
-    """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` names its family."""
+    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` is its family."""
 
     kind: str
     omega_0: float
@@ -97,10 +97,10 @@ class StepMetrics:
 
 
 class Beside(NamedTuple):
-    """How another mode fares that has the same gains, predicted.
+    """Prediction of another mode that uses the same gains.
 
-    ``law`` of that mode. ``before``, ``after``: the error over time of its step as a share of that of a craft that does
-    not follow at all. ``given_up``: by what share the error of the axis' own step is larger than without regard to it.
+    ``law`` of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not follow.
+    ``given_up``: relative increase of the ITAE of the axis' own step by considering that mode.
     """
 
     law: str

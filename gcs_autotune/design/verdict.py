@@ -1,7 +1,7 @@
-"""The stated measure: is the step after really better than the step before?
+"""The criterion for keeping gains: is the step after better than the step before?
 
-New gains are kept only when every line holds; otherwise the old ones are put back. In words: clearly less
-error over time, and none of the usual prices for it (overshoot, oscillation, a standing error, a busy actuator).
+New gains are kept only if every line holds; otherwise the old ones are restored. The ITAE must be clearly lower,
+without more overshoot, oscillation, steady error or actuator travel.
 """
 
 from __future__ import annotations

@@ -50,14 +50,14 @@ DEFAULTS: Settings = {
     "INS_GYRO_FILTER": 4.0,
     "SCHED_LOOP_RATE": 50.0,
 }
-"""What the controller reads besides its gains."""
+"""Parameters of the controller other than its gains."""
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
 MIN_THROTTLE = 0.05
 """Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
 MAX_FEED = 1.3
-"""Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
-with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
+"""Largest feed-forward relative to the exact one of the model. Chosen: on a craft with a fast response a larger one
+with a smaller ATC_STR_ANG_P gives an equal heading step, but turn rates in other modes exceed their command."""
 
 
 def _get(settings: Settings, name: str) -> float:
@@ -78,8 +78,7 @@ def scale(settings: Settings, speed: float | None) -> float:
     """Return servo per controller output at *speed* [m/s].
 
     With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
-    throttle of the experiment; where that is not known, the one that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot
-    drives at that speed with.
+    throttle of the experiment; if unknown, at the throttle for that speed from CRUISE_THROTTLE and CRUISE_SPEED.
     """
     if is_skid(settings):
         return 1.0
@@ -169,7 +168,7 @@ def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None)
 
 
 def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-    """Say at which speeds the gains hold."""
+    """Return notes on the speeds at which the gains are valid."""
     base = _get(settings, "MOT_SPD_SCA_BASE")
     if is_skid(settings):
         return [
