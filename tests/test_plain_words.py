@@ -1,6 +1,6 @@
 """A lint for the texts that people see: words that do not belong there, and sentences that are too long.
 
-It reads the string literals of the packages in :data:`ROOMS` that look like sentences, as they stand in the code; a
+It reads the string literals of the packages in :data:`ROOMS` that look like sentences, and the text of their pages; a
 ``{placeholder}`` counts as one word. Docstrings and names are not texts. A new word for the table goes into
 :data:`WORDS`, with what to write instead.
 """
@@ -84,7 +84,7 @@ _PLACEHOLDER = "\u00a7"
 
 
 def texts(pattern: str) -> Iterator[tuple[str, str]]:
-    """Yield (place, text) of every sentence-like string literal in a package, docstrings left out."""
+    """Yield (place, text) of every sentence-like string literal in a package, without docstrings, and of its pages."""
     place = ROOT / pattern
     files = sorted(ROOT.glob(pattern)) if "*" in pattern else sorted(place.rglob("*.py"))
     for file in files:
@@ -97,6 +97,11 @@ def texts(pattern: str) -> Iterator[tuple[str, str]]:
             text = _text(node)
             if text.count(" ") >= 2 and "\n" not in text.strip():
                 yield f"{file.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", text
+    for page in [] if "*" in pattern else sorted(place.rglob("*.html")):
+        bare = re.sub(r"\{[{].*?[}]\}", _PLACEHOLDER, page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for text in re.split(r"<[^>]*>|\{[%#].*?[%#]\}", bare, flags=re.DOTALL):
+            if text.strip().count(" ") >= 2:
+                yield str(page.relative_to(ROOT)), " ".join(text.split())
 
 
 def _text(node: ast.AST) -> str:

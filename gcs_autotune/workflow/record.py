@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from gcs_autotune.documents import see_run_folder
+from gcs_autotune.documents import check_run_folder
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.plain_json import json_text
@@ -41,7 +41,7 @@ class RunDirectory:
         self.path = path
         self.is_made = False
         self._count = 0
-        see_run_folder(path)
+        check_run_folder(path)
 
     def make(self) -> None:
         """Make the directory.
