@@ -123,6 +123,7 @@ def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
     station = mavlink.MAVLink(None, srcSystem=255 if kind == "sticks" else 200, srcComponent=100)
     orders: list[Order] = []
     ours: list[Order] = []
+    os.environ["XDG_STATE_HOME"] = str(keep / f"state-{seed}")  # a run left open refuses the next on this vehicle
     sea = _open(vehicle, instance, port)
     began, told, until, next_stick = math.inf, 0, math.inf, 0.0
 
