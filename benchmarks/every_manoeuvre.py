@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import count, headline
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
@@ -236,6 +237,12 @@ def main() -> int:
             sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{told}\n")
             sys.stdout.flush()
     show(rooms)
+    enough = sum("LOW" not in told.misses for _, told in rooms)
+    figures = [
+        count("runs within the announced distance and time", enough, len(rooms), least=1.0),
+        count("flown to their end, or rejected before arming", done - bad, done),
+    ]
+    headline("every_manoeuvre", "every manoeuvre on every simulated vehicle", figures)
     sys.stdout.write(f"{done} flown or refused beforehand, {bad} ended early\n")
     return 1 if bad else 0
 

@@ -36,6 +36,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from benchmarks.faults import KINDS, STATION_KINDS, Outcome, draw_case, draw_station_case, play  # noqa: E402
+from benchmarks.results import count, headline  # noqa: E402
 from gcs_autotune.executor import executor_for  # noqa: E402
 
 
@@ -125,6 +126,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if o["failures"] or not asked.quiet:
             print(_said(o), f"| {len(done)} of {len(wanted)}", flush=True)
     print(report(done))
+    right = sum(not o["failures"] for o in done)
+    at_once = sum(o["as_found_at_once"] for o in done)
+    figures = [
+        count("vehicles left as before or as proved", right, len(done), least=1.0),
+        count("right at once", at_once, len(done)),
+        count("tunes that wrote gains", sum(o["writes"] > 0 for o in done), len(done)),
+    ]
+    if asked.station:
+        headline("faulted_tunes-station", "whole tunes beside another station that gives orders", figures)
+    else:
+        headline("faulted_tunes", "whole tunes with random faults, then restore", figures)
     return 1 if any(o["failures"] for o in done) else 0
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from benchmarks.results import Figure, count, headline
 from gcs_autotune.axes import AXES
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
@@ -465,6 +466,23 @@ def main(argv: Sequence[str] | None = None) -> None:
                 flush=True,
             )
     _show_table(tuned, _cases(args.cases))
+    headline("reach", "whole tunes beside the best gains that a search finds", _figures(tuned))
+
+
+def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
+    near = [t for t in tuned if math.isfinite(t.flown)]
+    return [
+        count("tunes kept", sum(t.ending == "kept" for t in tuned), len(tuned), least=1.0),
+        count(
+            f"within {WITHIN:g} times the best", sum(_has(t) <= WITHIN * t.beside for t in tuned), len(tuned), least=0.9
+        ),
+        count(
+            f"predicted within {NEAR:.0%}",
+            sum(abs(t.predicted - t.flown) <= NEAR * t.flown for t in near),
+            len(near),
+            least=0.9,
+        ),
+    ]
 
 
 def _shown(gains: Mapping[str, float]) -> str:

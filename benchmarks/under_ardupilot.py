@@ -32,6 +32,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks.faults.station import Order, misattributed, order_in, overruled
+from benchmarks.results import count, headline
 from benchmarks.rivals.sea import BINARIES, Sea
 from sitl import load_vehicle
 from sitl.effects import parse_effect
@@ -231,9 +232,15 @@ def main() -> int:
             good = min(show_tune(*case, args.instance, args.port, keep) for case in TUNES) and good
         if "station" in what:
             seeds = range(args.seed, args.seed + args.cases)
-            good = sum(show_station(seed, args.instance, args.port, keep) for seed in seeds) == args.cases and good
+            right = sum(show_station(seed, args.instance, args.port, keep) for seed in seeds)
+            good = right == args.cases and good
+            stands = count("tunes in which the order stands and its cause is reported", right, args.cases, least=1.0)
+            headline("under_ardupilot-station", "tunes on ArduPilot's firmware beside another station", [stands])
         if "hidden" in what:
-            good = min(show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN) and good
+            named = [show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN]
+            good = all(named) and good
+            found = count("hidden effects found", sum(named), len(named), least=1.0)
+            headline("under_ardupilot", "tunes and hidden effects on ArduPilot's firmware", [found])
     return 0 if good else 1
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSettings, Unattended, fly
@@ -112,13 +113,17 @@ def main() -> None:
             goal = max(ONE_DEGREE, 0.02 * true[name]) if "overshoot" in name else 0.02 * true[name]
             shares[name].append(abs(value - true[name]) / goal)
     how = f"{args.helm:g}/{args.helm:g}" if rudder else f"{args.helm:g} deg at {share:.0%}"
+    kept: list[Figure] = []
     print(f"{args.seeds} zig-zags {how} on {args.craft}: K {K:.4f} rad/s, T {T:.3f} s")
     for name, found in errors.items():
         if not found:
             continue
         rms, worst = math.sqrt(float(np.mean(np.square(found)))), max(map(abs, found))
+        goal_of = 3.0 if name in ("K", "T", "K of the sheet") else None
+        kept.append(Figure(f"{args.craft}, {name}, worst", 100.0 * worst, "%", most=goal_of))
         missed = sum(s > 1.0 for s in shares[name]) if name in shares else sum(not abs(e) <= 0.03 for e in found)
         print(f"{name:22s} rms {rms:7.2%}  worst {worst:7.2%}  beyond the goal {missed} of {args.seeds}")
+    headline("zig_zag_accuracy", "zig-zags flown over MAVLink against the hidden truth", kept)
 
 
 if __name__ == "__main__":

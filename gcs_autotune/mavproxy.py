@@ -246,7 +246,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _stop(self) -> None:
         if not self.is_busy:
             raise UsageError("nothing is running")
-        _print("still putting things back; please wait" if self._person.stop else "stopping: putting things back")
+        _print("Still restoring; please wait." if self._person.stop else "Stopping: restoring mode and parameters.")
         self._person.stop = True
 
     def _status(self) -> str:
