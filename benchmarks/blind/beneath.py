@@ -222,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 MEASURES = {
     "weather": "the search with process noise alone",
-    "rough": "the same with waves, a lagging heading, a helm, runs that differ",
+    "rough": "the search with process noise alone, in rough water",
 }
 
 
