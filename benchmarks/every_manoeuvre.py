@@ -123,11 +123,11 @@ def told_in(text: str, used: tuple[float, float]) -> Told:
     metres = float(far[1]) if far else math.nan
     whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about (\d+) m and )?{_TIME}", text)
+    usual = re.search(rf"usually (?:about \d+ m and )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    near = re.search(r"usually about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
-    if usual is None:
-        return Told((most, metres), (seconds, metres), used)
-    return Told((most, metres), (_seconds(usual.groups()[1:]), float(usual[1]) if usual[1] else metres), used)
+    usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres
+    return Told((most, metres), usually, used)
 
 
 def _seconds(pair: Sequence[str | None]) -> float:
