@@ -223,8 +223,9 @@ def hide_and_find() -> str:
     lines = [
         "# Hide an effect, and find it",
         "",
-        "A simulated vehicle can hide any of these effects, to see how it shows and whether it would be found. The tuner",
-        "has no information about it: they meet on the wire only. `diagnose` without further options tries all effects.",
+        "A simulated vehicle can hide any of these effects, to see how it shows and whether it would be found. The",
+        "tuner has no information about it: they meet on the wire only. `diagnose` without further options tries all",
+        "effects.",
         "",
         "Sizes are for a craft of a few metres; smaller ones vanish in the noise. The",
         "[benchmarks](../../benchmarks/README.md) show how often it is right, and a",
