@@ -1,12 +1,11 @@
-"""The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
+"""The search with process noise alone: seconds per case instead of tens for a whole diagnosis.
 
 ``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--oracle]
-[--save F]`` draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs
-besides. Told are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those
-in weather of up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where
-the heading lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves. What an
-effect is worth is what the search found for it; with ``--oracle`` besides what it is worth to who knows the weather
-(:mod:`.oracle`).
+[--save F]`` draws from every seed the first case of each effect and three clean ones; ``rough`` adds three pairs. It
+prints how often the true cause is first (in its group): of all effects, of those worth ten in log-likelihood, and of
+those in noise up to 40 % of full command. It also prints wrong causes, causes on clean craft, pairs, and the same by
+circumstances. If the heading lags, the causes of :data:`.rough.EXCUSED` are counted apart. The worth of an effect is
+that found by the search; ``--oracle`` adds its worth with the disturbance known (:mod:`.oracle`).
 """
 
 from __future__ import annotations
