@@ -15,6 +15,7 @@ from functools import partial
 
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
     Attempt,
@@ -27,7 +28,7 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import Number, Numbers
+from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
@@ -134,7 +135,9 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``cut``: at what the search was stopped, and what was not begun, in words.
+    problem it was asked about. ``refused``: names of that search that were taken back in the end, and why;
+    ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
+    was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -158,6 +161,8 @@ class SearchState:
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
     beneath: tuple[Problem, WeatherSearch | None] | None = None
+    refused: tuple[tuple[Attested, Lack], ...] = ()
+    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     cut: tuple[str, ...] = ()
 
     @property

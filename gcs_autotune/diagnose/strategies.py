@@ -36,6 +36,7 @@ from gcs_autotune.diagnose.score import (
     SearchStep,
     bic_penalty,
     is_needed,
+    may_be_none,
     ordered,
     winner_of,
 )
@@ -70,9 +71,6 @@ FOLLOWED, FARTHEST = 3, 3
 
 RIVALS = 9
 """Candidates fitted roughly, where only those count that may beat a cause already found."""
-
-HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
@@ -285,12 +283,10 @@ def drop_insignificant(state: SearchState) -> SearchState | None:
 
 
 def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
-    entry, i = EFFECTS[effect.slug], fitted.effects.index(effect)
-    at = {n: len(fitted.free) + k for k, (j, n) in enumerate(fitted.free_effects) if j == i and n in entry.grows_with}
-    if not at or set(at) != set(entry.grows_with) & set(effect.values):
-        return False
+    i = fitted.effects.index(effect)
     std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
-    return all(abs(effect[n] - entry.neutral.get(n, 0.0)) <= HALF_WIDTH * std[k] for n, k in at.items())
+    own = {n: float(std[len(fitted.free) + k]) for k, (j, n) in enumerate(fitted.free_effects) if j == i}
+    return may_be_none(effect, own)
 
 
 # -- causes found in pieces where whole runs are lost
