@@ -25,7 +25,7 @@ from msgspec.structs import replace
 
 from gcs_autotune_files import conform, read
 
-__all__ = ["FOLDER", "PAGE", "Figure", "Result", "count", "headline", "load", "page"]
+__all__ = ["FOLDER", "PAGE", "RECORD", "Figure", "Result", "commit", "count", "headline", "load", "page"]
 
 FOLDER = Path(__file__).parent / "results"
 PAGE = Path(__file__).parent / "README.md"
@@ -124,7 +124,7 @@ def headline(benchmark: str, measures: str, figures: Sequence[Figure]) -> None:
     if not os.environ.get(RECORD):
         return
     now = datetime.datetime.now(datetime.UTC).date().isoformat()
-    result = Result(benchmark, measures, _command(), tuple(figures), now, _commit(), _machine())
+    result = Result(benchmark, measures, _command(), tuple(figures), now, commit(), _machine())
     print(f"kept in {save(result)}")
     PAGE.write_text(page(), encoding="utf-8")
 
@@ -161,7 +161,7 @@ def _command() -> str:
     return shlex.join(["python3", "-m", module, *sys.argv[1:]])
 
 
-def _commit() -> str:
+def commit() -> str:
     """Return the commit of the tree, with a ``+`` if tracked files other than results differ from it."""
     root = Path(__file__).parents[1]
 
@@ -169,8 +169,9 @@ def _commit() -> str:
         return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
 
     changed = git(
-        "status", "--porcelain", "--untracked-files=no", "--", ".", ":!benchmarks/results", ":!benchmarks/README.md"
-    )
+        "status", "--porcelain", "--untracked-files=no", "--", ".", ":!benchmarks/results", ":!benchmarks/README.md",
+        ":!benchmarks/real_diagnosis/answers.json", ":!docs/measured-data.md",
+    )  # fmt: skip
     return git("rev-parse", "--short=8", "HEAD") + ("+" if changed else "")
 
 
