@@ -23,6 +23,7 @@ from benchmarks.blind.oracle import visible
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN
+from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
 from gcs_autotune.effects import EFFECTS
@@ -214,7 +215,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows.append({**known[key], **marked(known[key])})
         print(_line(rows[-1]), flush=True)
     print("\n".join(report(rows)))
+    if not asked.only and not asked.whole:
+        headline(f"blind.beneath-{asked.kind}", MEASURES[asked.kind], _figures(rows))
     return 0
+
+
+MEASURES = {
+    "weather": "the search with process noise alone",
+    "rough": "the same with waves, a lagging heading, a helm, runs that differ",
+}
+
+
+def _figures(rows: Sequence[Row]) -> list[Figure]:
+    single, clean = ([r for r in rows if len(r["truth"]) == n] for n in (1, 0))
+    large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
+    return [
+        count(f"effects worth {WORTH:g} nats found first", _count(large, "right"), len(large), least=0.85),
+        count(f"effects in noise up to {MILD:.0%} found first", _count(mild, "right"), len(mild), least=0.5),
+        count("wrong causes first", _count(single, "wrong"), len(single), most=0.03),
+        count("clean craft with a cause", _count(clean, "wrong"), len(clean), most=0.03),
+    ]
 
 
 if __name__ == "__main__":

@@ -214,6 +214,22 @@ def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: Scr
     assert "nobody else" not in said
 
 
+def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_one(rov: ScriptedVehicle) -> None:
+    """Its text holds no word of a failsafe."""
+    rov.receiver = None
+    rov.parameters.update(FS_PILOT_INPUT=2.0, FS_PILOT_TIMEOUT=1.0)
+    craft = board(rov)
+    craft.arm()
+    for _ in range(10):
+        craft.observe()
+        craft.send(Actuate(N=0.1))
+    rov.say("Lost manual control")
+    rov.armed = False
+    said = trip(craft, "armed")
+    assert "it reports its pilot input failsafe, which does this after 1 s without overrides" in said
+    assert "lost on the way" in said and "nobody else" not in said
+
+
 def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
     router.vehicle.say("EKF failsafe")  # type: ignore[attr-defined]
