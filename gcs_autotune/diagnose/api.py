@@ -9,7 +9,7 @@ from dataclasses import replace
 from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
-from gcs_autotune.diagnose.intake import taken_in, without_repeats
+from gcs_autotune.diagnose.intake import taken_in, within_manoeuvre, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
@@ -125,6 +125,7 @@ def _diagnosed(
     together, repeats = without_repeats(together, others)
     check_alive(together)
     base = _form(together, dof, form, given)
+    together, others = ([within_manoeuvre(run, base.inputs) for run in some] for some in (together, others))
     check_excitation(together, base, use)
     segments, notes = prepare_as_recorded(together, base, use)
     held = prepare_as_recorded(others, base, use)[0] if others else []
