@@ -36,6 +36,9 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
 
+PAIR = 2
+"""Runs of our own of which each alone teaches too little of the other: a tune flies a step and a relay."""
+
 WORK = 1e9
 """Chosen: samples that a diagnosis may pass over, ten minutes or so of one core: see docs/diagnose.md."""
 
@@ -136,7 +139,8 @@ def _diagnosed(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
+    one_flight = len(together) == PAIR and all("manoeuvre" in run.meta for run in together)
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, one_flight=one_flight)
     strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:

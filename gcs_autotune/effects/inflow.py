@@ -170,15 +170,15 @@ class PropellerWash(ActuatorEffect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Scale the commands with the thrust commanded, or with what other effects have made of it."""
-        name = columns_of(effect.place)[0]
+        name, other = columns_of(effect.place)
         if name not in drive.channels:
             return drive
-        if THRUST in drive.channels:
-            acting = drive.channels[name] * self._gain(effect, drive.channels[THRUST])
+        if other in drive.channels:
+            acting = drive.channels[name] * self._gain(effect, drive.channels[other])
             return drive.with_channel(name, acting)
-        if THRUST not in drive.measured:
+        if other not in drive.measured:
             return drive
-        own = drive.measured[THRUST]
+        own = drive.measured[other]
         known = np.isfinite(own.values)
         if not known.any():
             return drive
