@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.results import count, headline
 from gcs_autotune.crosscheck import Contradiction, contradictions
 from gcs_autotune.trial import Channel, Trial
-from sitl.hull import Hull
-from sitl.open_loop import open_loop
+from sitl.open_loop import Hull, open_loop
 
 Array = NDArray[np.float64]
 
@@ -320,7 +320,11 @@ def main() -> None:
             else:
                 print(f"seed {seed}, clean, {case[0]}: {[c.cause for c in found]}")
     spoilt, clean = len(seeds) * len(SPOILT), len(seeds) * len(CLEAN)
-    print(f"named {named} of {spoilt} ({named / spoilt:.1%}); silent on {silent} of {clean} clean records")
+    figures = [
+        count("contradictions identified", named, spoilt, least=0.95),
+        count("clean records silent", silent, clean, least=1.0),
+    ]
+    headline("contradictory_sensors", "records whose sensors contradict each other", figures)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from benchmarks.coupled_accuracy import BOAT, Setting, clean_runs, noisy, settings
+from benchmarks.results import Figure, headline
 from gcs_autotune.identify import fit
 from gcs_autotune.trial import Trial
 
@@ -95,6 +96,9 @@ def main() -> None:
     for times in (2, 4):
         more = [Trial(f"{run.name}, {k}", run.channels) for k in range(times) for run in runs]
         print(f"  {600 * times:5d} samples, as {len(more)} runs: {1e3 * ours(more, setting, 3):6.0f} ms")
+    headline(
+        "coupled_speed", "processor time of a coupled fit of 14 parameters", [Figure("warm fit, median", warm, "s")]
+    )
     asked = sys.argv[1] if len(sys.argv) > 1 else "3"
     seconds, jacobians, x, ended = straightforward(runs, None if asked == "all" else int(asked))
     print(f"solve_ivp + least_squares: {seconds:.1f} s for {jacobians} Jacobians{' to its end' if ended else ''}")

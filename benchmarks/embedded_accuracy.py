@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from benchmarks.results import Figure, headline
+from gcs_autotune.executor import executor_for
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Structure, cramer_rao, fit_axis
 from gcs_autotune.link import MemoryLink, Session, open_craft
@@ -188,6 +189,15 @@ def report(title: str, results: list[Result]) -> None:
         _print_row(name, [r.rows[name] for r in results])
 
 
+def _figures(title: str, results: list[Result]) -> list[Figure]:
+    figures = []
+    for name in results[0].rows:
+        rows = [r.rows[name] for r in results]
+        _, rms, _ = _judged(np.array([r.given for r in rows]), np.array([r.truth for r in rows]))
+        figures.append(Figure(f"{title}, {name}, rms error over its bound", rms / _rms([r.bound for r in rows])))
+    return figures
+
+
 def _print_row(name: str, rows: list[Row]) -> None:
     truth = np.array([r.truth for r in rows])
     scale = float(abs(truth.mean()))
@@ -229,11 +239,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one vehicle")
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.workers) as pool:
-        for vehicle, axis in CASES:
-            if args.only in (None, vehicle):
-                cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
-                report(f"{vehicle} {axis}", list(pool.map(one, cases, chunksize=4)))
+    executor, figures = executor_for(args.workers), list[Figure]()
+    for vehicle, axis in CASES:
+        if args.only in (None, vehicle):
+            cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
+            flights = list(executor.map(one, cases))
+            report(f"{vehicle} {axis}", flights)
+            figures += _figures(f"{vehicle} {axis}", flights)
+    headline("embedded_accuracy", "the tuner's identification on simulated vehicles", figures)
 
 
 if __name__ == "__main__":

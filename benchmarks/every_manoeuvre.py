@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import count, headline
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
@@ -67,7 +68,7 @@ class Ear(SilentWatcher):
             self.announced += f"{text} "
         if text.startswith("found: mode"):
             self.armed = True
-            self._began, self._home = self._vehicle.seconds, (self._vehicle.body.x, self._vehicle.body.y)
+            self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
     def update(self, progress: Progress) -> None:
         """Look where it is."""
@@ -76,13 +77,13 @@ class Ear(SilentWatcher):
 
     @property
     def _away(self) -> float:
-        return math.hypot(self._vehicle.body.x - self._home[0], self._vehicle.body.y - self._home[1])
+        return math.hypot(self._vehicle.state.x - self._home[0], self._vehicle.state.y - self._home[1])
 
     def used(self) -> tuple[float, float]:
         """Return the time [s] by now, and the distance [m] once the hull has stopped."""
         seconds, vehicle = self._vehicle.seconds - self._began, self._vehicle
         until = vehicle.seconds + COASTS
-        while vehicle.seconds < until and abs(vehicle.body.u) > STOPPED:
+        while vehicle.seconds < until and abs(vehicle.state.u) > STOPPED:
             vehicle.move()
             vehicle.control()
             self.far = max(self.far, self._away)
@@ -122,11 +123,11 @@ def told_in(text: str, used: tuple[float, float]) -> Told:
     metres = float(far[1]) if far else math.nan
     whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about (\d+) m and )?{_TIME}", text)
+    usual = re.search(rf"usually (?:about \d+ m and )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    near = re.search(r"usually about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
-    if usual is None:
-        return Told((most, metres), (seconds, metres), used)
-    return Told((most, metres), (_seconds(usual.groups()[1:]), float(usual[1]) if usual[1] else metres), used)
+    usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres
+    return Told((most, metres), usually, used)
 
 
 def _seconds(pair: Sequence[str | None]) -> float:
@@ -236,6 +237,12 @@ def main() -> int:
             sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{told}\n")
             sys.stdout.flush()
     show(rooms)
+    enough = sum("LOW" not in told.misses for _, told in rooms)
+    figures = [
+        count("runs within the announced distance and time", enough, len(rooms), least=1.0),
+        count("flown to their end, or rejected before arming", done - bad, done),
+    ]
+    headline("every_manoeuvre", "every manoeuvre on every simulated vehicle", figures)
     sys.stdout.write(f"{done} flown or refused beforehand, {bad} ended early\n")
     return 1 if bad else 0
 

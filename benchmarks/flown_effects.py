@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import count, headline
 from gcs_autotune.cli import main as command_line
 
 SECOND_OUTPUT = "0.45"
@@ -166,7 +167,12 @@ def main() -> None:
             seconds = time.perf_counter() - began
             print(f"{answer:6} {told['verdict']:16} {'' if pure else 'FALSE NAME':10} {seconds:4.0f} s")
             print(f"{'':21}{_numbers(told)}; alike: {told['indistinguishable']}", flush=True)
-    print(f"\n{named} of {hidden} named, {alike} more called alike; {clean} of {hidden + silent} without a false name")
+    figures = [
+        count("hidden effects found", named, hidden),
+        count("hidden effects found in a group", named + alike, hidden),
+        count("records without a false cause", clean, hidden + silent),
+    ]
+    headline("flown_effects", "effects hidden behind the wire, flown and diagnosed", figures)
 
 
 if __name__ == "__main__":

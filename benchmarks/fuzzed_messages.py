@@ -27,6 +27,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal, MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.mavlink import load_params, read_tlog, split_frames
@@ -245,10 +246,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     begun = time.perf_counter()
     wrong = fuzz_messages(asked.messages, asked.seed, say=lambda text: print(text, flush=True))
+    of_messages = len(wrong)
     wrong += fuzz_files(asked.files, asked.seed)
     print(f"{asked.files} damaged files of each kind; {time.perf_counter() - begun:.0f} s; {len(wrong)} wrong")
     for text in wrong:
         print(text)
+    figures = [
+        Figure(f"wrong reactions to {asked.messages} messages", of_messages, most=0.0),
+        Figure(f"wrong reactions to {asked.files} damaged files of each kind", len(wrong) - of_messages, most=0.0),
+    ]
+    headline("fuzzed_messages", "random messages, noise and damaged files", figures)
     return 1 if wrong else 0
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from benchmarks.results import Figure, count, headline
 from gcs_autotune.axes import AXES
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
@@ -52,7 +53,7 @@ from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
 from sitl.autopilot.rover_modes import GuidedTarget
-from sitl.hull import Loads
+from sitl.plants import Wrench
 from sitl.vehicle import Vehicle
 
 __all__ = ["CASES", "main"]
@@ -293,15 +294,15 @@ def true_craft(name: str, axis: Axis, step: float, spec: Spec) -> Truth:
             settings |= {SKID: 1.0, THROTTLE: shares["X"]}
 
     def force(u: float) -> float:
-        loads = Loads()
-        data.actuators.apply({**shares, dof: u}, data.body, loads)
-        return float(getattr(loads, dof))
+        wrench = Wrench()
+        data.actuators.apply({**shares, dof: u}, data.plant.parameters, wrench)
+        return float(getattr(wrench, dof))
 
     full = data.actuators.full[axis.dof]
     u = np.linspace(0.0, USED, 201)
     share = (np.array([force(v) for v in u]) - force(0.0)) / full
     # Only now is a rudder's hull that of its propeller's speed.
-    hull = {"yaw": data.body.yaw, "heave": data.body.heave}[axis.dof]
+    hull = data.plant.axis(axis.dof)
     dead = int(np.argmax(share > 0.0))
     slopes = np.gradient(share[dead:], u[dead:])[1:-1]
     period = law.loop_period(settings)
@@ -465,6 +466,23 @@ def main(argv: Sequence[str] | None = None) -> None:
                 flush=True,
             )
     _show_table(tuned, _cases(args.cases))
+    headline("reach", "whole tunes beside the best gains that a search finds", _figures(tuned))
+
+
+def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
+    near = [t for t in tuned if math.isfinite(t.flown)]
+    return [
+        count("tunes kept", sum(t.ending == "kept" for t in tuned), len(tuned), least=1.0),
+        count(
+            f"within {WITHIN:g} times the best", sum(_has(t) <= WITHIN * t.beside for t in tuned), len(tuned), least=0.9
+        ),
+        count(
+            f"predicted within {NEAR:.0%}",
+            sum(abs(t.predicted - t.flown) <= NEAR * t.flown for t in near),
+            len(near),
+            least=0.9,
+        ),
+    ]
 
 
 def _shown(gains: Mapping[str, float]) -> str:

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import sitl
+from benchmarks.results import Figure, count, headline
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.experiments import relative_errors
 from gcs_autotune.identify import fit
@@ -138,7 +139,12 @@ def main() -> None:
         ratios.append(ratio)
         print(f"craft {seed}: {story}, ratio {ratio:.2f}", flush=True)
     within = sum(ratio <= 0.6 for ratio in ratios)
-    print(f"{args.seeds} craft: median ratio {np.median(ratios):.2f}, at most 0.60 in {within}")
+    figures = [
+        count("craft with at most 60 % of the plan's time", within, args.seeds),
+        Figure("share of the plan's time, median", float(np.median(ratios)), most=0.6),
+        Figure("share of the plan's time, worst", max(ratios)),
+    ]
+    headline("self_planned_trials", "fly --until beside a fixed plan", figures)
 
 
 if __name__ == "__main__":

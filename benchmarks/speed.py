@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.reach import Aboard
+from benchmarks.results import Figure, count, headline
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Session, open_craft, open_link
@@ -164,11 +165,31 @@ def water(cases: Sequence[str], seeds: int, waves: bool, file: Path | None) -> N
     print(
         f"{'case':<25}{'seeds':>5}{'settled':>9}{'known':>7}{'(worst)':>9}{'goal':>6}  ITAE new/old  endings new (old)"
     )
+    figures: list[Figure] = []
     for case, goal in GOALS.items():
         for sea in (False, True):
             own = [p for p in found if (p.vehicle, p.axis) == case and p.waves is sea]
             if own:
+                figures += _figures(f"{' '.join(case)}{', waves' if sea else ''}", own, None if sea else goal)
                 _show(f"{' '.join(case)}{' waves' if sea else ''}", own, math.nan if sea else goal)
+    calm = [p for p in found if not p.waves]
+    both = count(
+        "tunes in calm water kept by both rules", sum(p.endings == ("kept", "kept") for p in calm), len(calm), least=1.0
+    )
+    headline("speed", "duration of a tune by the design rule, and with --stop-rule settled", [both, *figures])
+
+
+def _figures(name: str, pairs: Sequence[Pair], goal: float | None) -> list[Figure]:
+    over = [p for p in pairs if "aborted" not in p.endings] or list(pairs)
+    ratios = [p.itae[0] / p.itae[1] for p in pairs if math.isfinite(p.itae[0]) and p.itae[1] > 0.0]
+    settled = float(np.mean([p.seconds[1] for p in over]))
+    mean = Figure(
+        f"{name}, mean (settled: {settled:.0f} s)", float(np.mean([p.seconds[0] for p in over])), "s", most=goal
+    )
+    ratio = (
+        [Figure(f"{name}, median ITAE over settled", float(np.median(ratios)), most=goal and WORSE)] if ratios else []
+    )
+    return [mean, *ratio]
 
 
 def _show(name: str, pairs: Sequence[Pair], goal: float) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.reach import Aboard
+from benchmarks.results import Figure, headline
 from gcs_autotune.identify import CURVE
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, experiment
@@ -33,7 +35,7 @@ def fly(boat: str, seed: int) -> dict[str, tuple[float, float, float]]:
     """Return what was found, its standard error and the truth: inertia, damping (per full thrust) and the share."""
     server = open_vehicle(boat, seed=seed)
     vehicle = server.vehicle
-    hull, full = vehicle.body.surge, vehicle.actuators.full["surge"]
+    hull, full = vehicle.plant.axis("surge"), vehicle.actuators.full["surge"]
     truth = {"alpha_u": hull.alpha / full, "beta_u": hull.beta / full, "beta_uu": hull.beta2 / full}
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings("surge", Aboard(server=server), Path(folder) / "run")
@@ -68,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for line in args.save.read_text(encoding="utf-8").splitlines():
             boat, seed, found = json.loads(line)
             saved[boat, seed] = found
+    figures = []
     for boat in args.boats or BOATS:
         for seed in range(1, args.seeds + 1):
             if (boat, seed) in saved:
@@ -79,6 +82,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         own = [saved[boat, seed] for seed in range(1, args.seeds + 1)]
         print(f"{boat}\n{'':<9}{'truth':>9}{'mean':>8}{'rms':>7}{'beyond 2':>11}{'std':>9}")
         print("\n".join(table(own)), flush=True)
+        for name in own[0]:
+            value, std, truth = np.array([f[name] for f in own]).T
+            has = std > 0.0  # a damping decided away has no standard error
+            rms = float(np.sqrt(np.mean(((value - truth)[has] / std[has]) ** 2))) if has.any() else math.inf
+            figures.append(Figure(f"{boat}, {name}, rms error in standard errors", rms))
+    headline("surge_accuracy", "experiment surge: errors in their own standard errors", figures)
 
 
 if __name__ == "__main__":

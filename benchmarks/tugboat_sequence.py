@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
 from tug_plants import NOISE, TUG, WIND_NOISE, sea_trials
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.identify.plan import PLANS, run_plan
 
 
@@ -50,6 +51,12 @@ def main() -> None:
         print(f"{name:8}{truth[i]:10.4f}{row[0]:13.2f}{row[1]:14.2f}{std:9.2f}{np.sqrt(np.mean(z[:, i] ** 2)):8.2f}")
     inside = 100.0 * np.mean(np.abs(z) < 1.96)
     print(f"95 % intervals cover {inside:.0f} % of {z.size} estimates; final validation {np.mean(finals):.1f} %")
+    sizes = np.sqrt(np.mean(error**2, axis=0)) / np.abs(truth) * 100.0
+    figures = [
+        Figure(f"rms error, median of {len(TUG)} parameters, {seeds} seeds", float(np.median(sizes)), "%"),
+        Figure("95 % intervals that cover", float(inside), "%"),
+    ]
+    headline("tugboat_sequence", "a sequence of experiments (Erunsal2017)", figures)
     print(f"{np.mean(seconds):.1f} s a sequence. Y_r is zero but for its last digit: read its error as absolute.")
 
 

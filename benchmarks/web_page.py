@@ -27,6 +27,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import Figure, headline
+
 TICK = 0.04
 HOUR = 90_000
 """Ticks of an hour at 25 Hz."""
@@ -248,7 +250,7 @@ def thirds(sizes: list[float]) -> str:
     return f"{sizes[0]:.1f} MB at first, at most {second:.1f} in the second third and {last:.1f} in the last"
 
 
-def cost(seconds: float, viewers: int, *, in_browser: bool) -> None:
+def cost(seconds: float, viewers: int, *, in_browser: bool) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         server = Server(Path(folder))
         found = {}
@@ -284,9 +286,14 @@ def cost(seconds: float, viewers: int, *, in_browser: bool) -> None:
         if shown:
             print(f"memory over an hour's ticks, page in Chromium: {thirds(shown)}")
         server.close()
+    later = late["told"][-1] - late["silent"][-1]
+    return [
+        Figure(f"processor at {rate:.0f} Hz with {viewers} viewers", share, "%", most=3.0),
+        Figure("worst lateness of a tick, more than without the page", later, "ms", most=5.0),
+    ]
 
 
-def stops(count: int, viewers: int, *, in_browser: bool) -> None:
+def stops(count: int, viewers: int, *, in_browser: bool) -> list[Figure]:
     vehicle = subprocess.Popen(
         [sys.executable, "-m", "sitl", "charlie", "--listen", "tcp:127.0.0.1:5797"], stdout=subprocess.DEVNULL
     )
@@ -318,6 +325,10 @@ def stops(count: int, viewers: int, *, in_browser: bool) -> None:
     finally:
         vehicle.terminate()
         vehicle.wait(10.0)
+    return [
+        Figure(f"STOP to neutral, worst of {count}", delays[-1], "ms", most=50.0),
+        Figure("STOP to neutral, median", delays[count // 2], "ms"),
+    ]
 
 
 def main() -> None:
@@ -330,8 +341,10 @@ def main() -> None:
     static = Path("gcs_autotune/web/static")
     sizes = sum(p.stat().st_size for p in static.iterdir())
     print(f"page: {sizes / 1e3:.1f} kB in {len(list(static.iterdir()))} files (goal 300)")
-    cost(args.seconds, args.viewers, in_browser=args.browser)
-    stops(args.stops, args.viewers, in_browser=args.browser)
+    spent = cost(args.seconds, args.viewers, in_browser=args.browser)
+    stopped = stops(args.stops, args.viewers, in_browser=args.browser)
+    size = Figure("page size", sizes / 1e3, "kB", most=300.0)
+    headline("web_page", "cost of the page of serve", [*stopped, *spent, size])
 
 
 if __name__ == "__main__":

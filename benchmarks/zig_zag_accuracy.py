@@ -19,11 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSettings, Unattended, fly
 from sitl import load_vehicle, open_vehicle
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 FIGURES = ("first-overshoot", "second-overshoot", "initial-turning-time", "reach", "period")
 ONE_DEGREE = math.radians(1.0)
@@ -36,22 +37,22 @@ def truth(craft: str, share: float) -> tuple[float, float]:
     *share*: the steering flown, about which a nonlinear actuator is taken.
     """
     data = load_vehicle(craft)
-    body, actuators, loads = data.make_body(), data.make_actuators(), Loads()
+    body, actuators, wrench = data.make_plant(), data.make_actuators(), Wrench()
     throttle = data.parameters["CRUISE_THROTTLE"] / 100.0
-    actuators.apply({"N": 0.0, "X": throttle}, body, loads)
-    Y_0, N_0, loads.Y, loads.N = loads.Y, loads.N, 0.0, 0.0
+    actuators.apply({"N": 0.0, "X": throttle}, body.parameters, wrench)
+    Y_0, N_0, wrench.Y, wrench.N = wrench.Y, wrench.N, 0.0, 0.0
     for _ in range(6000):
-        body.step(loads, 0.02)
-    u = body.u
+        body.step(wrench, 0.02)
+    u = body.state.u
 
     def rates(v: float, r: float, part: float) -> np.ndarray:
-        actuators.apply({"N": part, "X": throttle}, body, loads)
-        loads.Y, loads.N = loads.Y - Y_0, loads.N - N_0
-        return np.array(body.acceleration(u, v, r, loads)[1:])
+        actuators.apply({"N": part, "X": throttle}, body.parameters, wrench)
+        wrench.Y, wrench.N = wrench.Y - Y_0, wrench.N - N_0
+        return np.array(body.acceleration(u, v, r, wrench)[1:])
 
     A = np.column_stack([rates(NUDGE, 0.0, 0.0), rates(0.0, NUDGE, 0.0)]) / NUDGE
     b = (rates(0.0, 0.0, share) - rates(0.0, 0.0, -share)) / (2.0 * share)
-    if not body.sways:
+    if "sway" not in body.dofs:
         return float(-b[1] / A[1, 1]), float(-1.0 / A[1, 1])
     if np.linalg.eigvals(A).real.max() >= 0.0:
         return math.nan, math.nan
@@ -112,13 +113,17 @@ def main() -> None:
             goal = max(ONE_DEGREE, 0.02 * true[name]) if "overshoot" in name else 0.02 * true[name]
             shares[name].append(abs(value - true[name]) / goal)
     how = f"{args.helm:g}/{args.helm:g}" if rudder else f"{args.helm:g} deg at {share:.0%}"
+    kept: list[Figure] = []
     print(f"{args.seeds} zig-zags {how} on {args.craft}: K {K:.4f} rad/s, T {T:.3f} s")
     for name, found in errors.items():
         if not found:
             continue
         rms, worst = math.sqrt(float(np.mean(np.square(found)))), max(map(abs, found))
+        goal_of = 3.0 if name in ("K", "T", "K of the sheet") else None
+        kept.append(Figure(f"{args.craft}, {name}, worst", 100.0 * worst, "%", most=goal_of))
         missed = sum(s > 1.0 for s in shares[name]) if name in shares else sum(not abs(e) <= 0.03 for e in found)
         print(f"{name:22s} rms {rms:7.2%}  worst {worst:7.2%}  beyond the goal {missed} of {args.seeds}")
+    headline("zig_zag_accuracy", "zig-zags flown over MAVLink against the hidden truth", kept)
 
 
 if __name__ == "__main__":

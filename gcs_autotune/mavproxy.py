@@ -18,8 +18,8 @@ from typing import Any
 
 from gcs_autotune.cli import find_config, make_parser, read_config, tune_settings
 from gcs_autotune.errors import AutotuneError, UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.link import Transport
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune.workflow import Connection, is_settled, restore_run, tune
 
 try:
@@ -246,7 +246,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _stop(self) -> None:
         if not self.is_busy:
             raise UsageError("nothing is running")
-        _print("still putting things back; please wait" if self._person.stop else "stopping: putting things back")
+        _print("Still restoring; please wait." if self._person.stop else "Stopping: restoring mode and parameters.")
         self._person.stop = True
 
     def _status(self) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import benchmarks.real_diagnosis as package
 from benchmarks.real_diagnosis.cases import CASES, DATA
 from benchmarks.real_diagnosis.published import lines_of, tables_of
+from benchmarks.results import Figure, headline
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
 
@@ -28,16 +29,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not DATA.is_dir():
         print(f"no measured runs at {DATA}", file=sys.stderr)
         return 2
+    figures = []
     for name in chosen.case:
         case = CASES[name]
         unseen_words = ", ".join(case.unseen) or "each in turn"
         print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
         runs, unseen = case.load()
         try:
-            lines = told(diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds))
+            diagnosis = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
+            lines = told(diagnosis)
+            if diagnosis.causes:
+                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in diagnosis.gains]
         except AutotuneError as error:
             lines = [f"refused: {error}"]
         print("\n".join(f"  {line}" for line in lines), flush=True)
+    headline("real_diagnosis", "what a plain simulation lacks of real craft, on held-out runs", figures)
     if not chosen.no_tables:
         published = json.loads((DATA / "published_tables.json").read_text(encoding="utf-8"))
         for table in tables_of(published):

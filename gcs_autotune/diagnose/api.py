@@ -20,6 +20,7 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import (
     CONTRADICTION,
     Doubt,
@@ -140,7 +141,9 @@ def _diagnosed(
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
     one_flight = len(together) == PAIR and all("manoeuvre" in run.meta for run in together)
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs, one_flight=one_flight)
+    question = Question(
+        base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one_flight
+    )
     strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:

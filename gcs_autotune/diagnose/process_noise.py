@@ -28,7 +28,7 @@ from gcs_autotune.diagnose.process_noise_starts import (
     momentary,
     plain_under_process_noise,
 )
-from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
+from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
     Fitted,
@@ -417,13 +417,14 @@ def _attested(
     gain = fit.total - present.total
     now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
     before = densities_of(left_out, left_out)
-    after = densities_of(_unseen(search, fit), left_out) if gain > 0.5 * needed else before
+    after = densities_of(_unseen(search, fit), left_out) if gain > min(0.5 * needed, WORTH) else before
     foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
     lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
     brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
     brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
-    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+    sure, uncertain = interval_of(before, after), may_be_none(now, fit.errors_of(now))
+    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, sure, brief, uncertain)
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
@@ -447,11 +448,15 @@ def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
 
 
 def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
-    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely, or are too
-    brief to be named: these runs do not tell them apart.
+    """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
+    brief to be named, and those that explain them better: these runs do not distinguish them.
     """
     enough = winner.gain - 0.5 * ALIKE
-    return [a for a in judged if a.gain > enough and a.foretold > WORTH]
+    return [
+        a
+        for a in judged
+        if a.gain > enough and (a.foretold > WORTH or a.gain - _price(a.fit, winner.fit) > winner.gain)
+    ]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:

@@ -11,9 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
     Attempt,
@@ -26,11 +28,11 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import Number, Numbers
+from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
 from gcs_autotune.diagnose.score import ALIKE, Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
-from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
+from gcs_autotune.executor import Executor, SerialExecutor
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
 from gcs_autotune.models import Form
 
@@ -87,7 +89,8 @@ class Question:
     """What is asked: runs to explain, runs kept apart, the model in question, effects to try.
 
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
-    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
+    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
+    ``executor``: does what can be done at the same time.
     ``weather``: whether a force that wanders may be blamed. ``one_flight``: the runs complete each other (a step and a
     relay of one tune), so that none of them predicts the other: blocks of all are left out in turn.
     """
@@ -100,7 +103,7 @@ class Question:
     given: ModelInQuestion | None = None
     horizon: float | None = None
     progress: Progress | None = None
-    jobs: int = 1
+    executor: Executor = field(default_factory=SerialExecutor)
     weather: bool = True
     one_flight: bool = False
 
@@ -137,7 +140,9 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``cut``: at what the search was stopped, and what was not begun, in words.
+    problem it was asked about. ``refused``: names of that search that were taken back in the end, and why;
+    ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
+    was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -161,6 +166,8 @@ class SearchState:
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
     beneath: tuple[Problem, WeatherSearch | None] | None = None
+    refused: tuple[tuple[Attested, Lack], ...] = ()
+    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     cut: tuple[str, ...] = ()
 
     @property
@@ -225,7 +232,7 @@ class SearchState:
 
         screened(0, len(choices))
         others = (now.alone or ()) if astray else ()
-        listed = screen(now.problem, begun, others, choices, screened, question.jobs)
+        listed = screen(now.problem, begun, others, choices, screened, question.executor)
         is_lost = astray and lost(present, now.problem.data_summary.spread)
         if is_lost and now.given is None:
             listed = merged(listed, permuted_channels(now.problem, present, choices))
@@ -248,13 +255,14 @@ class SearchState:
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
         raised = correlation_of(best)
 
-        def judged_one(i: int) -> Judged:
-            return self.judged(ends[i][0].effect, ends[i][1], present, tried, raised, quick=quick)
+        silent = replace(self, question=replace(self.question, progress=None))
+        judged_one = partial(_judged_by, silent, present, tried, raised, quick)
 
         def told(done: int, total: int) -> None:
             self.question.say(stage + ": runs left out", done, total)
 
-        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs, told))
+        executor = SerialExecutor() if quick else self.question.executor
+        judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
         return SearchStep(tuple(judged), None if quick else self.pick(judged, tried, present))
 
     def pick(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
@@ -307,7 +315,7 @@ class SearchState:
         def told(done: int, total: int) -> None:
             self.question.say(stage + ": fitting to the end", done, total)
 
-        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs, told)
+        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def _rough(self, listed: Sequence[EffectCandidate], stage: str) -> list[Attempt]:
@@ -315,7 +323,7 @@ class SearchState:
             self.question.say(stage + ": fitting", done, total)
 
         told(0, len(listed))
-        fits = in_parallel(lambda i: fitted_roughly(self.problem, listed[i]), len(listed), self.question.jobs, told)
+        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _with_others(self) -> SearchState:
@@ -374,3 +382,19 @@ def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate])
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
     """Whether an effect is already there in other words: the same slug at a place that overlaps."""
     return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)
+
+
+def _judged_by(
+    state: SearchState,
+    present: Fitted,
+    tried: int,
+    common: float,
+    quick: bool,
+    end: tuple[EffectInstance, Fitted],
+) -> Judged:
+    effect, fitted = end
+    return state.judged(effect, fitted, present, tried, common, quick=quick)
+
+
+def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
+    return fitted_to_the_end(problem, *attempt)

@@ -37,6 +37,7 @@ from gcs_autotune.diagnose.score import (
     SearchStep,
     bic_penalty,
     is_needed,
+    may_be_none,
     ordered,
     winner_of,
 )
@@ -71,9 +72,6 @@ FOLLOWED, FARTHEST = 3, 3
 
 RIVALS = 9
 """Candidates fitted roughly, where only those count that may beat a cause already found."""
-
-HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
@@ -296,12 +294,10 @@ def drop_insignificant(state: SearchState) -> SearchState | None:
 
 
 def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
-    entry, i = EFFECTS[effect.slug], fitted.effects.index(effect)
-    at = {n: len(fitted.free) + k for k, (j, n) in enumerate(fitted.free_effects) if j == i and n in entry.grows_with}
-    if not at or set(at) != set(entry.grows_with) & set(effect.values):
-        return False
+    i = fitted.effects.index(effect)
     std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
-    return all(abs(effect[n] - entry.neutral.get(n, 0.0)) <= HALF_WIDTH * std[k] for n, k in at.items())
+    own = {n: float(std[len(fitted.free) + k]) for k, (j, n) in enumerate(fitted.free_effects) if j == i}
+    return may_be_none(effect, own)
 
 
 # -- causes found in pieces where whole runs are lost
@@ -322,7 +318,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return state
     try:
         state.question.say("in pieces", 0, 1)
-        held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
+        held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.executor)
         ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state

@@ -101,6 +101,7 @@ class LinearDrag(Drag):
     power = 1
     polar = "Linear drag"
     meaning = "drag that goes with speed: slow motion dies out exponentially"
+    plain = "Water resists your {craft} in {motion}; it does not resist {simulation}."
     parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, most telling at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
@@ -114,6 +115,9 @@ class QuadraticDrag(Drag):
     power = 2
     polar = "Drag polar"
     meaning = "drag that goes with the square of speed: twice the force gives less than twice the speed"
+    plain = (
+        "The resistance of your {craft} to {motion} grows with the square of the speed; that of {simulation} does not."
+    )
     parameters = (
         Quantity("coefficient", "force s^2/m^2 or s^2/rad^2", "drag per squared speed, positive when it damps"),
     )
@@ -143,6 +147,7 @@ class CoriolisCoupling(Effect):
     is_structural = True
     family = "hydrodynamics"
     meaning = "momentum carried through a turn: the craft slides outwards, loses way and yaws with it"
+    plain = "Your {craft} slides outwards and loses speed in a turn; {simulation} does not."
     parameters = (
         Quantity("X_vr", "force s^2/(m rad)", "surge force per sway and yaw rate; the mass in sway"),
         Quantity("Y_ur", "force s^2/(m rad)", "sway force per surge and yaw rate; minus the mass in surge"),
@@ -202,6 +207,7 @@ class SwayYawCoupling(Effect):
     is_structural = True
     family = "hydrodynamics"
     meaning = "turning pushes sideways, sliding turns: centre of gravity or of drag away from midships"
+    plain = "Sliding sideways turns your {craft}, and turning pushes it sideways; in {simulation} neither happens."
     parameters = (
         Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
         Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
@@ -269,6 +275,7 @@ class MassChange(Effect):
     slug = "mass-change"
     family = "hydrodynamics"
     meaning = "inertia changes within the run: a payload taken aboard or dropped, a hull taking water"
+    plain = "Your {craft} gets heavier or lighter during a run; {simulation} does not."
     parameters = (
         Quantity("ratio", "1", "inertia after over inertia before"),
         Quantity("time", "s", "when, after the start of the run"),
@@ -351,6 +358,7 @@ class NetBuoyancy(Effect):
     slug = "net-buoyancy"
     family = "hydrodynamics"
     meaning = "weight and buoyancy do not cancel: left alone the craft sinks (positive) or rises"
+    plain = "Left alone, your {craft} sinks or rises; {simulation} does not."
     parameters = (Quantity("force", "force", "weight less buoyancy, down positive"),)
     shown_by = "mean of the heave residual; without command it goes on sinking or rising"
     mistaken_for = ("asymmetric-thrust", "tether-pull", "gyro-bias", "dead-zone")
@@ -389,6 +397,7 @@ class GroundEffect(Effect):
     slug = "ground-effect"
     family = "hydrodynamics"
     meaning = "drag grows close to the bottom or a wall, where water has to be squeezed out of the way"
+    plain = "Close to the bottom or a wall, water resists your {craft} more; it does not in {simulation}."
     parameters = (
         Quantity("strength", "1", "drag at the deepest point over drag far above it, less one"),
         Quantity("length", "m", "height above the deepest point at which 37 % of that are left"),

@@ -41,6 +41,7 @@ class SpeedDependentSteering(ActuatorEffect):
     slug = "speed-dependent-steering"
     is_structural = True
     meaning = "the rudder turns the craft the harder, the faster water flows past it"
+    plain = "Your {craft} steers harder the faster it goes; {simulation} steers the same at any speed."
     parameters = (
         Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
     )
@@ -269,6 +270,7 @@ class AdvanceSpeedLoss(ActuatorEffect):
     slug = "advance-speed-loss"
     is_structural = True
     meaning = "a propeller loses thrust with the speed of the water it works in: strong from rest, weak at speed"
+    plain = "The thrust of your {craft} falls as it gathers speed; in {simulation} it does not."
     parameters = (Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),)
     grows_with = ("loss",)
     shown_by = "residual against speed, under power: grows with the speed; none while drifting to a stop"

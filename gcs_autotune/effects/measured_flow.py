@@ -96,6 +96,7 @@ class SwayMoment(MeasuredFlow):
     needs = ("v",)
     grows_with = ("N_v",)
     meaning = "sliding sideways turns the craft: its lateral resistance lies away from midships"
+    plain = "Sliding sideways turns your {craft}; it does not turn {simulation}."
     parameters = (Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),)
     shown_by = "yaw residual against the measured sway, longest after a turn has ended"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "actuator-lag")
@@ -110,6 +111,7 @@ class SpeedDamping(MeasuredFlow):
     turning = True
     grows_with = ("N_ur",)
     meaning = "turning gets harder (negative) or easier with speed ahead: yaw damping grows with the flow"
+    plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
     parameters = (Quantity("N_ur", "moment s^2/(m rad)", "yaw moment per surge velocity and turn rate"),)
     shown_by = "yaw residual against u times r: turns fade sooner with way on than at rest"
     mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment")
@@ -124,6 +126,7 @@ class MunkMoment(MeasuredFlow):
     needs = ("u", "v")
     grows_with = ("N_uv",)
     meaning = "at an angle to its way the craft turns further by itself, the more the faster"
+    plain = "Moving at an angle to its bow turns your {craft} further; it does not turn {simulation}."
     parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway velocity"),)
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")

@@ -48,6 +48,7 @@ class PaperCraft:
     ----------
     yaw : its turning. others : its motion along a force (``X``, ``Y``, ``Z``); without, it does not answer to ``Y``
         and ``Z``, and any thrust ahead brings it to ``speed`` [m/s].
+    speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, beside what the speed takes.
     source : of these numbers in words. assumed : they are guesses, good enough for room but not to refuse by.
     """
 
@@ -56,6 +57,7 @@ class PaperCraft:
     source: str
     assumed: bool = False
     others: Mapping[str, SingleDof] = field(default_factory=dict)
+    speed_gain: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,7 @@ def preview(
     outcome, refusal = None, ""
     command = next(commands)
     while t - start < LONGEST:
-        asked = _steered(command, craft, psi, r)
+        asked = _steered(command, craft, psi, r, along["X"])
         rows.append((t, psi, r, x, y, z, along["X"], asked.N, asked.X, asked.Y, asked.Z))
         outcome = manoeuvre.outcome
         if outcome is not None:
@@ -206,7 +208,7 @@ def _pushed(t: float) -> float:
     return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
-def _steered(command: Command, craft: PaperCraft, psi: float, r: float) -> Actuate:
+def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float) -> Actuate:
     """Return what a command comes to; a heading is held as by a well tuned autopilot, at the speed asked for."""
     if isinstance(command, Actuate):
         return command
@@ -215,8 +217,11 @@ def _steered(command: Command, craft: PaperCraft, psi: float, r: float) -> Actua
     yaw, wanted = craft.yaw, LOOP_RATE * (command.psi - psi)
     N = 2.0 * LOOP_RATE * yaw.alpha * (wanted - r) + (yaw.beta + yaw.beta_quadratic * abs(wanted)) * wanted
     ahead = craft.others.get("X")
-    drag = 0.0 if ahead is None else (ahead.beta + ahead.beta_quadratic * command.speed) * command.speed
-    return Actuate(X=drag if ahead is not None else float(command.speed > 0.0), N=max(-1.0, min(1.0, N)))
+    thrust = float(command.speed > 0.0)
+    if ahead is not None:
+        drag = (ahead.beta + ahead.beta_quadratic * command.speed) * command.speed
+        thrust = max(-1.0, min(1.0, drag + craft.speed_gain * (command.speed - u)))
+    return Actuate(X=thrust, N=max(-1.0, min(1.0, N)))
 
 
 def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) -> float | None:

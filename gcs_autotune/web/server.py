@@ -101,9 +101,7 @@ class _Server(uvicorn.Server):
         if not self._control.is_running:
             self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
-        self._say(
-            "still putting things back; please wait" if self._wanted else "stopping: putting things back as found"
-        )
+        self._say("Still restoring; please wait." if self._wanted else "Stopping: restoring mode and parameters.")
         self._wanted = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

@@ -97,7 +97,8 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
         angle, depth = _stepped(context)
         seconds = itineraries[0].seconds
         whole = Excursion(seconds, ROV_ROOM, depth_max=deepest, heading_excursion=angle, depth_excursion=depth)
-    why = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM).beyond(envelope, _what(context))
+    rest = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM, usual=None)  # distance: see above
+    why = rest.beyond(envelope, _what(context))
     if why:
         raise PreconditionFailed(why)
     return whole
@@ -115,12 +116,12 @@ def _what(context: TuneContext) -> str:
 
 
 def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return what the stages of a boat take inside *envelope*."""
+    """Return what the stages of a boat take inside *envelope*: at most, and as the first of *itineraries* goes."""
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
-    for kin in kin_of(under_way=True, skid=craft.skid):
-        paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
-        for itinerary in itineraries:
+    for itinerary in itineraries:
+        for kin in kin_of(under_way=True, skid=craft.skid):
+            paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
             check = sign_check_for(
                 axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
             )
@@ -128,7 +129,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
             visit = PaperVisit(paper, limits, PaperState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
-    return worst_of(seen)
+    return replace(worst_of(seen), usual=worst_of(seen[: len(seen) // len(itineraries)]))
 
 
 def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
@@ -167,14 +168,16 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
     """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
     if speed:
         envelope = replace(settings.envelope, cruise=speed)
-        turns = f"it turns around once it is {FAR_OUT * envelope.distance_limit:.0f} m away, "
-        turns = "it turns around before each stage, " if settings.stop_rule == SETTLED else turns
-        metres = whole.metres(envelope)
+        metres, usual = whole.metres(envelope), (whole.usual or whole).needs
         if settings.stop_rule != SETTLED and not excitation_of(dof).by_throttle:
             # short of turning around a boat may still fly an oscillation and a step, whatever its stages take on paper
             limit = envelope.distance_limit
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
-        return f"need up to {metres:.0f} m from where it lies: {turns}sooner with a smaller --max-distance"
+        usually = f", usually about {usual:.0f} m" if usual < metres else ""
+        turns = FAR_OUT * envelope.distance_limit
+        between = f". Between stages it turns around where it is more than {turns:.0f} m away" if turns < metres else ""
+        between = ". It turns around before each stage" if settings.stop_rule == SETTLED else between
+        return f"need up to {metres:.0f} m from where it lies{usually}{between}. A smaller --max-distance takes less"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {_deepest(dof, settings, now):.0f} m of depth"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
-from sitl.hull import Loads
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
+from sitl.plants import Parameters, State, Wrench
 
 __all__ = [
     "SimulatedCoriolisCoupling",
@@ -30,17 +30,17 @@ class SimulatedCoriolisCoupling(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
-        there = [dof for dof in _HORIZONTAL if dof in setting.axes]
+        there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
             raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
-        self._motion: HullMotion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
-        at = self._motion
-        loads.X += self["X_vr"] * at.v * at.r
-        loads.Y += self["Y_ur"] * at.u * at.r
-        loads.N += self["N_uv"] * at.u * at.v
+        at = self._state
+        wrench.X += self["X_vr"] * at.v * at.r
+        wrench.Y += self["Y_ur"] * at.u * at.r
+        wrench.N += self["N_uv"] * at.u * at.v
 
 
 class SimulatedSwayYawCoupling(HiddenEffect):
@@ -57,20 +57,20 @@ class SimulatedSwayYawCoupling(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
-        if not {"sway", "yaw"} <= setting.axes.keys():
+        if not {"sway", "yaw"} <= set(setting.dofs):
             raise BadEffect("sway-yaw-coupling needs a hull that sways and turns; this one does not")
-        if self["Y_rdot"] ** 2 >= setting.axes["sway"].alpha * setting.axes["yaw"].alpha:
+        if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
-        loads.Y += self["Y_r"] * self._motion.r
-        loads.N += self["N_v"] * self._motion.v
+        wrench.Y += self["Y_r"] * self._state.r
+        wrench.N += self["N_v"] * self._state.v
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Couple the masses."""
-        body.Y_rdot = self["Y_rdot"]
+        parameters["Y_rdot"] = self["Y_rdot"]
 
 
 class MomentOfFlow(HiddenEffect):
@@ -80,17 +80,17 @@ class MomentOfFlow(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull has these degrees of freedom."""
-        if not self.needs <= setting.axes.keys():
+        if not self.needs <= set(setting.dofs):
             does = {"sway": "sways", "surge": "moves ahead", "yaw": "turns"}
             wanted = " and ".join(word for dof, word in does.items() if dof in self.needs)
             raise BadEffect(f"{self.slug} needs a hull that {wanted}; this one does not")
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Turn."""
-        loads.N += self.moment(self._motion)
+        wrench.N += self.moment(self._state)
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """Return the moment [N m]."""
         raise NotImplementedError
 
@@ -104,7 +104,7 @@ class SimulatedSwayMoment(MomentOfFlow):
     parameters = (EffectParameter("N_v", "N s", default=0.0),)
     needs = frozenset({"sway", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_v"] * at.v
 
@@ -118,7 +118,7 @@ class SimulatedSpeedDamping(MomentOfFlow):
     parameters = (EffectParameter("N_ur", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_ur"] * at.u * at.r
 
@@ -132,6 +132,6 @@ class SimulatedMunkMoment(MomentOfFlow):
     parameters = (EffectParameter("N_uv", "kg", default=0.0),)
     needs = frozenset({"surge", "sway", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_uv"] * at.u * at.v

@@ -344,7 +344,7 @@ def test_identify_lists_its_methods_and_needs_a_run(capsys):
     assert "output-error" in out
     code, _, err = run(capsys, "identify")
     assert code == 2
-    assert "name at least one run" in err
+    assert "no run given" in err
 
 
 def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path):

@@ -80,10 +80,10 @@ def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, wo
     [
         ("[limits]\nmax-distance = 0.001\n", "max-distance: 0.001 is out of range"),
         ("[limits]\nmax-distance = true\n", "a number is needed, not True"),
-        ("[limits]\nmax-distance = '40'\n", "a number is needed, not '40'"),
+        ("[limits]\nmax-distance = '40'\n", "must be a number, not '40'"),
         ("[link]\nsystem-id = 1.5\n", "no whole number"),
-        ("[link]\nconnect = 14550\n", "a text in quotation marks"),
-        ("limits = 3\n", "is a table"),
+        ("[link]\nconnect = 14550\n", "must be text in quotation marks"),
+        ("limits = 3\n", "must be a table"),
     ],
 )
 def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words):
@@ -92,7 +92,7 @@ def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words
 
 
 def test_a_damaged_file_is_refused_with_the_way_round_it(tmp_path):
-    with pytest.raises(BadFile, match="GCS_AUTOTUNE_CONFIG=none goes without"):
+    with pytest.raises(BadFile, match="Set GCS_AUTOTUNE_CONFIG=none to run without"):
         read_config(written(tmp_path, "[limits\n"))
 
 

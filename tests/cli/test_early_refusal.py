@@ -16,6 +16,7 @@ from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import CannotOpenLink, UsageError
 from gcs_autotune.identify import METHODS
 from gcs_autotune.link import Transport
+from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.models import FORMS
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import SilentWatcher
@@ -81,9 +82,8 @@ def test_the_motions_that_identify_refuses_by_are_those_of_the_tables():
     assert set(identify_cmd.MOTIONS) == {*DOFS, *FORMS}
 
 
-def test_the_methods_that_identify_refuses_by_are_the_rows_of_the_table(monkeypatch):
-    monkeypatch.delitem(sys.modules, "gcs_autotune.identify.methods")
-    assert identify_cmd.method_names() == tuple(METHODS)
+def test_every_method_that_the_command_line_knows_is_where_the_table_says():
+    assert [METHODS[name].name for name in METHOD_PLACES] == list(METHODS)
 
 
 @pytest.mark.parametrize(

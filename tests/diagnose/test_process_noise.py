@@ -362,7 +362,8 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
     fits = [
-        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t) for n, t in ((5, 0), (6, 20))
+        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t, errors_of=lambda _: {})
+        for n, t in ((5, 0), (6, 20))
     ]
     before = [on_unseen(0.0), on_unseen(0.0)]
     judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
@@ -401,7 +402,7 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
-    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_: None)
+    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_, **__: None)
     runs = weathered(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]

@@ -13,6 +13,7 @@ from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
 from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, _pushed, _steered
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.excursion import Ahead
 
 FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
 YAW = SingleDof("yaw", "1", 1.25, 1.0, delay=0.5)
@@ -99,12 +100,22 @@ def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(kno
     ahead = SingleDof("surge", "1", 3.0, 0.2, 0.1)
     craft = PaperCraft(YAW, 1.0, "a test", others={"X": ahead} if known else {})
     for psi, side in ((0.3, -1.0), (0.5, 0.0), (0.7, 1.0)):
-        command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0)
+        command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0, 0.0)
         assert command.X == pytest.approx((0.2 + 0.1 * 1.5) * 1.5 if known else 1.0)
         assert np.sign(round(command.N, 9)) == side
-    assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0) == Actuate()
-    assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0) == Actuate(Y=0.3)
-    assert _steered(DepthTarget(2.0), craft, 0.5, 0.0) == Actuate()
+    assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0, 0.0) == Actuate()
+    assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0, 0.0) == Actuate(Y=0.3)
+    assert _steered(DepthTarget(2.0), craft, 0.5, 0.0, 0.0) == Actuate()
+
+
+def test_the_gain_of_its_own_speed_loop_brings_a_craft_to_the_speed_asked_for_sooner() -> None:
+    surge = {"X": SingleDof("surge", "1", 1.0, 0.2, 0.1)}
+    plain = PaperCraft(YAW, 1.5, "a test", others=surge)
+    first = [
+        int(np.argmax(preview(Ahead(1.0, 30.0), craft, FREE).trial["u"].values > 0.95))
+        for craft in (plain, replace(plain, speed_gain=0.5))
+    ]
+    assert 0 < first[1] < 0.7 * first[0]
 
 
 def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to_rest() -> None:

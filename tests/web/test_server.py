@@ -59,7 +59,7 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
     serving = Serving(tmp_path)
     serving.process.send_signal(signal.SIGINT)
     output = serving.ended()
-    assert "stopping: putting things back as found" in output
+    assert "Stopping: restoring mode and parameters." in output
     assert output.rstrip().endswith("page closed")
     assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
     assert serving.process.returncode == 0

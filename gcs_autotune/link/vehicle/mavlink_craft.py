@@ -247,7 +247,7 @@ class MavlinkCraft:
         try:
             self._order_mode(mode)
         except (ModeRefused, NoReply):
-            self._interference.check_state()  # another station ordered a third one just now
+            self._interference.check_state()  # another station ordered one just now
             raise
 
     def _order_mode(self, mode: str) -> None:
@@ -260,7 +260,11 @@ class MavlinkCraft:
             if self.commands.accepted_mode != number:  # when it shows later, that it was ours is not certain
                 self._interference.doubt_mode(number, before)
             raise
-        self._interference.confirm_mode()
+        except ModeRefused:
+            if self.commands.accepted_mode == number:  # it was in force, and another one has been ordered since
+                self._interference.confirm_mode(number)
+            raise
+        self._interference.confirm_mode(number)
         self.on_order("ordered", {"mode": mode})
 
     def _note_order(self, **what: Any) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Ranked
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.report.diagnosis.wording import base_words, effect_words, named, place_words
+from gcs_autotune.report.diagnosis.wording import base_words, effect_words, gain_sentence, named, place_words
 from gcs_autotune.report.toolkit.wording import format_share, listed, sentence
 
 __all__ = ["cannot_tell", "cause_remarks", "cause_title", "evidence_remarks"]
@@ -16,6 +16,8 @@ __all__ = ["cannot_tell", "cause_remarks", "cause_title", "evidence_remarks"]
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
     """Return the heading over a cause: a hypothesis is called one."""
     text = f"{base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
+    if cause.is_slight:
+        text = f"slight: {text}"
     return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]
 
 
@@ -26,6 +28,9 @@ STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "posit
 def evidence_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
     """Return (label, sentence): how much a cause explains, how strong the evidence for it is, its best rival."""
     said = []
+    if cause.gain is not None and cause.is_slight:
+        text = "Its effect is slight: what it adds to the model hardly changes the prediction. "
+        said.append(("What a user notices", text + gain_sentence(cause.gain)))
     if math.isfinite(cause.share):
         share = format_share(cause.share)
         if diagnosis.missing is None:

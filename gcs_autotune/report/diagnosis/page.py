@@ -24,6 +24,7 @@ from gcs_autotune.report.diagnosis.figures import (
     telling_view,
     views_of,
 )
+from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.tables import cause_table, gains_table, numbers_table, ranking_table, steps_of
 from gcs_autotune.report.diagnosis.wording import (
     base_error,
@@ -99,6 +100,8 @@ def render_diagnosis(
     """
     flown = {run.name: run for run in runs}
     headline = verdict_headline(diagnosis)
+    before, after = tuple(_before(diagnosis, flown)), tuple(_after(diagnosis, flown))
+    first = (next((p for p in after if p.kind == "after"), None) or next(iter(before), None),)
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
     return render_page(
         "diagnosis/page.html",
@@ -110,7 +113,9 @@ def render_diagnosis(
             "tiles": _tiles(diagnosis),
             "doubts": tuple(doubt_sentence(d) for d in diagnosis.doubts),
             "base": diagnosis.base_model.base.form.title,
-            "before": tuple(_before(diagnosis, flown)),
+            "lead": lead_sentence(diagnosis),
+            "lead_picture": tuple(p for p in first if p is not None),
+            "before": tuple(p for p in before if p not in first),
             "track": next(_picture("track", "Track over ground, north up.", lambda: draw_track(flown)), None),
             "numbers_title": "" if diagnosis.numbers is None else numbers_title(diagnosis.numbers),
             "numbers": _numbers(diagnosis.numbers),
@@ -118,7 +123,8 @@ def render_diagnosis(
             "signs": diagnosis.gave_away.findings if diagnosis.verdict != "no-effect" else (),
             "views": tuple(_views(diagnosis)),
             "causes": tuple(_causes(diagnosis)),
-            "after": tuple(_after(diagnosis, flown)),
+            "after": tuple(p for p in after if p not in first),
+            "hints": tuple(hint_stories(diagnosis)),
             "gains": gains_table(diagnosis.gains) if diagnosis.gains and diagnosis.causes else None,
             "held_out": gain.held_out if (gain := first_gain(diagnosis)) is not None else "",
             "left": diagnosis.left.findings,

@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_title, evidence_remarks
+from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.wording import (
     effect_words,
     found_words,
@@ -143,10 +144,11 @@ FAMILIES: Mapping[Family, str] = {
 
 
 def diagnosis_summary(diagnosis: Diagnosis) -> Group:
-    """Return verdict, causes, gains, ranking, what these runs cannot tell, what remains, what to fly next, doubts."""
+    """Return what it comes to in plain words, then verdict, causes, gains, hints, ranking, what remains, doubts."""
     headline = verdict_headline(diagnosis)
     parts = contradictions_shown(contradictions_in(diagnosis.doubts))
-    parts.append(title(headline.text, STYLES[headline.tone]))
+    parts.append(title(lead_sentence(diagnosis), STYLES[headline.tone]))
+    parts.append(title(headline.text))
     parts.extend(paragraph(s) for s in headline.sentences)
     if diagnosis.numbers is not None and diagnosis.numbers.rows:
         parts.append(title(numbers_title(diagnosis.numbers)))
@@ -162,6 +164,9 @@ def diagnosis_summary(diagnosis: Diagnosis) -> Group:
             parts.append(grid(cause_table(cause)))
     if diagnosis.causes and diagnosis.gains:
         parts += [title("On data it has not seen"), grid(gains_table(diagnosis.gains))]
+    for story in hint_stories(diagnosis):
+        parts.append(title(f"Hint: {story.title}"))
+        parts.extend(paragraph(f"{label}: {said}") for label, said in story.remarks)
     for heading, ranked in steps_of(diagnosis):
         parts += [title(heading), grid(ranking_table(ranked[:MOST_RANKED], brief=True))]
     if diagnosis.indistinguishable:

@@ -370,10 +370,14 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     if any(d.slug == "no-model" for d in diagnosis.doubts):
         return "Something is missing, and no name is given: no model of the craft was found to name one beside."
     said = "Something is missing, and it is none of the effects known here"
+    if diagnosis.hints:
+        said = "Something is missing, and the evidence is too weak to identify it"
     if math.isfinite(error):
         said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
     if not diagnosis.tried:
         return f"{said}; no candidate was tried to the end."
+    if diagnosis.hints:
+        return f"{said}; of {diagnosis.tried} candidates tried {len(diagnosis.hints)} can be given as hints."
     return f"{said}; none of the {diagnosis.tried} candidates tried pays on unseen data."
 
 

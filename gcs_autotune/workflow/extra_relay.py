@@ -1,0 +1,132 @@
+"""A third size of self-oscillation, when two cannot tell a dead band from a thrust curve.
+
+A square wave of one size tells one point of the actuator's characteristic. Two points fit a dead band and a curve
+alike, whatever the noise; a third parts them. It is flown only where the first two call for either, at the size at
+which the two explanations differ most for the time it takes on the water.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import EFFECTS, Characteristic, ExtendedModel
+from gcs_autotune.errors import NotAchieved
+from gcs_autotune.identify import (
+    DEAD_ZONE,
+    QUADRATIC,
+    AxisFit,
+    Fit,
+    effect_number,
+    fit_with_actuator,
+    pays,
+    unexplained,
+)
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import Watcher
+from gcs_autotune.workflow.experiments import relay_for
+from gcs_autotune.workflow.runner import ManoeuvreRunner
+from gcs_autotune.workflow.settings import TuneSettings
+
+__all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
+
+Array = NDArray[np.float64]
+
+_ALIKE = 0.9
+"""Chosen: explanations that leave so much alike (ratio of what is left) have not been told apart."""
+_WEAKEST = 0.5
+"""Chosen: a smaller relay must leave so much of the force of the smallest flown, or it takes too long, and a constant
+force outweighs it."""
+_APART = 1.25
+"""Chosen: a third size differs at least so much (ratio) from those flown."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThirdRelay:
+    """What to fly: relay ``output`` [fraction of full], and ``why`` in words."""
+
+    output: float
+    why: str
+
+
+def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
+    """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
+
+    plain : the model of the *runs* without either. room : largest relay output there is.
+    """
+    dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
+    if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
+        return None
+    few, many = sorted((unexplained(dead), unexplained(bent)))
+    if few < _ALIKE * many:
+        return None
+    output = _telling(_force_of(dead), _force_of(bent), [float(run.meta["C"]) for run in runs], room)
+    if output is None:
+        return None
+    below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
+    return ThirdRelay(
+        output,
+        f"the oscillations so far fit an actuator that does nothing below {below:.0%} of full as "
+        f"well as one that is bent ({square:.0%} of its force with the square of the command); a "
+        f"third, of {output:.2f} of full, tells them apart",
+    )
+
+
+def fly_extra(
+    third: ThirdRelay,
+    settings: TuneSettings,
+    dof: str,
+    craft: MavlinkCraft,
+    throttle: float,
+    runner: ManoeuvreRunner,
+    watcher: Watcher,
+) -> list[Trial]:
+    """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
+    watcher.say(third.why)
+    least = craft.least_period
+    relay = relay_for(
+        settings,
+        dof,
+        throttle,
+        third.output,
+        "relay-3",
+        keep_still=not craft.firmware.needs_way,
+        least_period=least,
+    )
+    try:
+        return [runner.fly(relay, "third self-oscillation").trial]
+    except NotAchieved as error:
+        watcher.say(f"{error}; going on with the two that were flown")
+        return []
+
+
+def _force_of(found: Fit) -> ExtendedModel:
+    assert isinstance(found.model, ExtendedModel)
+    return found.model
+
+
+def _force(model: ExtendedModel, u: Array) -> Array:
+    """Return what commands *u* (n,) come to, each of its own effect and inertia: an acceleration."""
+    own = model.effects[0]
+    inertia = abs(float(model.base.inertia[0, 0]))
+    actuator = EFFECTS[own.slug]
+    assert isinstance(actuator, Characteristic)
+    force: Array = actuator.acting(own, u) / inertia
+    return force
+
+
+def _telling(dead: ExtendedModel, bent: ExtendedModel, flown: Sequence[float], room: float) -> float | None:
+    """Return the relay output that separates the two accelerations most per second of its oscillation."""
+    u = np.arange(0.05, room + 1e-9, 0.01)
+    one, other = _force(dead, u), _force(bent, u)
+    mean = 0.5 * (one + other)
+    apart = np.abs(one - other) / np.maximum(mean, 1e-12)
+    strong = one > _WEAKEST * _force(dead, np.array([min(flown)]))[0]
+    new = np.all([np.maximum(u / c, c / u) >= _APART for c in flown], axis=0)
+    worth = np.where(strong & new, apart**2 * mean, 0.0)
+    best = int(np.argmax(worth))
+    return float(round(u[best], 2)) if worth[best] > 0.0 else None

@@ -1,0 +1,194 @@
+"""A craft without its autopilot: a plant, its actuators and hidden effects, in steps of any length.
+
+The plant may follow a model from a file; autopilot, mixer and sensors stay the vehicle's own. Effects see a setting
+whose inputs are normalised (-1 to 1) and whose signals are what the sensors measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from sitl.actuators import Actuators
+from sitl.catalogue import VehicleData
+from sitl.effects import HiddenEffect, Setting
+from sitl.modelfile import BadModel, FlownModel
+from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench
+from sitl.sensors import SensorReading
+
+__all__ = ["Craft"]
+
+_DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
+_CHANNEL = {"delta": "N"}
+"""A model's channel -> the vehicle's, where the names differ."""
+_SIDEWAYS = "Y"
+"""What most vehicles do not command: a model's input of that name then stays 0."""
+_CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z", "sway": "Y"}
+_NAMES = {
+    "N": ("steering", "rudder", "yaw", "delta"),
+    "X": ("throttle", "surge"),
+    "Z": ("vertical", "heave"),
+    "Y": ("lateral", "sway"),
+}
+
+
+class Craft:
+    """The plant of a vehicle in its water, moved by servo pulses.
+
+    Parameters
+    ----------
+    data : its data file.
+    effects : hidden effects, in order.
+    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
+    plant : the body to push instead of the vehicle's own hull; not together with *model*, which is a hull's.
+    """
+
+    def __init__(
+        self,
+        data: VehicleData,
+        *,
+        effects: Sequence[HiddenEffect] = (),
+        model: FlownModel | None = None,
+        plant: Plant | None = None,
+    ) -> None:
+        self.data = data
+        self.effects = (*(model.effects if model else ()), *effects)
+        self.actuators = data.make_actuators()
+        if plant is not None and model is not None:
+            raise BadModel("a model replaces the vehicle's own hull; leave out one of plant and model")
+        hull = data.make_plant()
+        self.plant: Plant = plant or hull
+        if model is not None:
+            self.actuators = _fit_model(model, hull, self.actuators)
+        self._wrench = Wrench()
+        self._plain = dict(self.plant.parameters)
+
+    def begin(self, seed: str) -> None:
+        """Let the effects begin; *seed* is that of their chances. ``BadEffect`` when there is no place for one."""
+        for effect in self.effects:
+            effect.begin(_describe(self, seed))
+
+    def move(self, t: float, dt: float, pwm: Sequence[int]) -> None:
+        """Let *dt* [s] pass, up to time *t* [s], under servo pulses *pwm* [us]."""
+        if self.effects:
+            self._drive_altered(t, dt, pwm)
+        else:
+            self.actuators.drive(pwm, self.plant.parameters, self._wrench)
+        for effect in self.effects:
+            effect.alter_force(t, self._wrench)
+            effect.alter_parameters(t, self.plant.parameters)
+        self.plant.step(self._wrench, dt)
+
+    def alter(self, t: float, reading: SensorReading) -> None:
+        """Let the effects at what the sensors tell."""
+        for effect in self.effects:
+            effect.alter_measurement(t, reading)
+
+    def _drive_altered(self, t: float, dt: float, pwm: Sequence[int]) -> None:
+        """Drive with what the effects make of *pwm*, on the plant's own parameters."""
+        pulses = list(pwm)
+        for effect in self.effects:
+            effect.alter_command(t, pulses)
+        shares = self.actuators.read(pulses)
+        for effect in self.effects:
+            effect.alter_input(t, dt, shares)
+        self.plant.parameters.update(self._plain)
+        self.actuators.apply(shares, self.plant.parameters, self._wrench)
+
+
+class _ModelActuators(Actuators):
+    """The vehicle's own actuators, with forces and dynamics of the modelled degrees of freedom from the model."""
+
+    def __init__(self, own: Actuators, model: FlownModel) -> None:
+        self._own = own
+        self._axes = {dof: values for dof, values in model.axes.items() if dof != "sway"}
+        self._constant = dict(model.forces)
+        self._gains = {
+            _CHANNEL.get(channel, channel): dict(gains)
+            for channel, gains in model.gains.items()
+            if channel != _SIDEWAYS or "sway" in own.full
+        }
+        self._full = dict(own.full)
+        for channel, gains in self._gains.items():
+            if _DOF_OF[channel] in self._axes:
+                self._full[_DOF_OF[channel]] = gains.get(channel, 0.0)
+
+    @property
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force at a share of 1."""
+        return self._full
+
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return the shares of full asked for."""
+        return self._own.read(pwm)
+
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return the pulses that ask for *shares*."""
+        return self._own.write(pwm, shares)
+
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench*; modelled degrees of freedom get the model's forces, inertia and drag."""
+        self._own.apply(shares, parameters, wrench)
+        for dof, values in self._axes.items():
+            for name, value in zip(("alpha", "beta", "beta2"), values, strict=True):
+                parameters[f"{dof}.{name}"] = value
+        for force, constant in self._constant.items():
+            pushed = (gains[force] * shares[channel] for channel, gains in self._gains.items() if force in gains)
+            setattr(wrench, force, constant + sum(pushed))
+
+
+def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Actuators:
+    """Make *plant* move as *model* says in its degrees of freedom, else as before; return the actuators that fit.
+
+    Raises
+    ------
+    BadModel
+        The model moves in what this vehicle cannot, or is driven by what it does not have.
+    """
+    lacking = [dof for dof in model.axes if dof not in (*actuators.full, "sway")]
+    if lacking:
+        raise BadModel(f"the model moves in {', '.join(lacking)}, which this vehicle does not")
+    known = actuators.read([0] * 16)
+    driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS or channel in known]
+    strange = [channel for channel in driven if channel not in known]
+    if strange or len(set(driven)) < len(driven):
+        raise BadModel(f"the model is driven by {', '.join(model.gains)}; this vehicle has {', '.join(known)}")
+    for dof, values in model.axes.items():
+        if dof != "sway":
+            plant.set_axis(dof, AxisDynamics(*values))
+    if model.coupling is not None:
+        plant.couple(AxisDynamics(*model.axes["sway"]), model.coupling)
+    return _ModelActuators(actuators, model)
+
+
+def _describe(craft: Craft, seed: str) -> Setting:
+    """Return what effects may know of *craft* at power-up."""
+    plant, full = craft.plant, craft.actuators.full
+    sways = "sway" in plant.dofs
+    inputs = {_CHANNELS[dof]: dof for dof in full}
+    signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][:sways], "x", "y")
+    return Setting(
+        state=plant.state,
+        water=plant.water,
+        parameters=plant.parameters,
+        dofs=tuple(dict.fromkeys((*full, *["sway"][:sways]))),
+        inputs=inputs,
+        swing=dict.fromkeys(inputs, 1.0),
+        gain=full,
+        signals=signals if craft.data.is_boat else (*signals, "z", "w"),
+        seed=seed,
+        cruise=_full_speed(craft),
+        on_vehicle=True,
+        axis_names={name: channel for channel in inputs for name in _NAMES[channel]},
+    )
+
+
+def _full_speed(craft: Craft) -> float:
+    """Return the speed ahead [m/s] that full throttle holds."""
+    beta, beta2 = (craft.plant.parameters[f"surge.{name}"] for name in ("beta", "beta2"))
+    force = craft.actuators.full["surge"]
+    if beta2 <= 0.0 >= beta:
+        return 0.0
+    if beta2 > 0.0:
+        return (math.sqrt(beta**2 + 4.0 * beta2 * force) - beta) / (2.0 * beta2)
+    return force / beta

@@ -1,0 +1,144 @@
+"""Nothing that others wrote is obeyed by a terminal or a page: every route a forged line could take."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from report_stories import kept
+from rich.console import Console
+
+from gcs_autotune.cli import main
+from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.mavlink import TextLog
+from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
+from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.page import Table
+from gcs_autotune.report.toolkit.terminal import bullet, grid, paragraph, render_text, title
+from gcs_autotune.report.tune.page import render_report
+from gcs_autotune.untrusted_text import quoted, visible
+from gcs_autotune.watch import Progress
+
+FORGED = "ok\x1b]0;owned\x07\x1b[2J\r\n\x9b31mkept, all is well\u202e\u2028\x7f\u200b"
+ACTING = "\x1b\x07\r\x9b\u202e\u2028\x7f\u200b"
+
+
+def is_tame(text: str) -> bool:
+    return not any(c in text for c in ACTING)
+
+
+def test_every_character_that_acts_is_shown_as_its_escape_and_nothing_else_changes():
+    assert visible(FORGED) == (r"ok\x1b]0;owned\x07\x1b[2J\r\n\x9b31mkept, all is well\u202e\u2028\x7f\u200b")
+    assert visible("Überfahrt 3°, µ ± 1 m²") == "Überfahrt 3°, µ ± 1 m²"
+    assert visible("a\nb\tc\x1b", keep="\n") == "a\nb\\tc\\x1b"
+
+
+def test_a_vehicles_words_are_in_its_quotation_marks_few_and_short():
+    assert quoted(["PreArm: a", "PreArm: a", 'say "kept"\n']) == '"PreArm: a"; "say \'kept\'\\n"'
+    many = quoted([f"text {k}" for k in range(500)])
+    assert many == '"text 497"; "text 498"; "text 499" and 497 more before'
+    assert len(quoted(["x" * 5000])) < 250
+    assert quoted([]) == ""
+
+
+def test_a_text_in_pieces_does_not_grow_without_end():
+    log = TextLog()
+    for k in range(255):
+        log.take(mavlink.MAVLink_statustext_message(6, b"y" * 50, id=7, chunk_seq=k), 0.0)
+    done = log.take(mavlink.MAVLink_statustext_message(6, b"end", id=7, chunk_seq=255), 0.0)
+    assert done is not None
+    assert len(done.text) <= 1050
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_a_tune_says_and_shows_live_is_tame(terminal):
+    stream = io.StringIO()
+    with TerminalWatcher(Console(file=stream, force_terminal=terminal, width=200, color_system=None)) as watcher:
+        watcher.say(FORGED)
+        watcher.update(Progress(FORGED, FORGED, 1.0, signal=FORGED, guard=FORGED))
+    shown = stream.getvalue().replace("\x1b[2K", "")  # the line is erased by us
+    assert is_tame(shown.replace("\r", ""))
+    assert "\nkept, all is well" not in shown
+    assert r"\x1b" in shown
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        title(FORGED),
+        paragraph(FORGED),
+        bullet(FORGED),
+        grid(Table((FORGED, "b"), "lr", ((FORGED, FORGED),))),
+    ],
+    ids=["title", "paragraph", "bullet", "table"],
+)
+def test_what_is_printed_at_the_end_is_tame(thing):
+    shown = render_text(thing, width=300)
+    assert is_tame(shown)
+    assert not any(line.strip().startswith("kept") for line in shown.splitlines())
+    assert r"\x1b" in shown
+
+
+def test_a_bar_shows_a_stage_as_text_without_markup():
+    stream = io.StringIO()
+    with StageBar(Console(file=stream, force_terminal=True, width=200, color_system=None)) as bar:
+        bar("[red]" + FORGED, 1, 2)
+    assert "[red]ok" in stream.getvalue()
+    assert "\x1b]0" not in stream.getvalue()
+
+
+@pytest.mark.slow
+def test_the_page_has_forged_words_as_text():
+    story = kept()
+    hostile = FORGED + "<script>alert(1)</script>"
+    fit = replace(story.fit, used=(hostile,))
+    page = render_report(
+        replace(story, reason=hostile, fit=fit, vehicle={"name": hostile}, events=((1.0, hostile),), doubts=(hostile,))
+    )
+    assert is_tame(page)
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert" in page
+
+
+def test_a_picture_takes_dollar_signs_backslashes_and_angle_brackets_as_text():
+    name = r"$\frac{1}{2}$ \x1b \1 <b> & $"
+    with pens("p"):
+        figure, (axes,) = new_axes((1.0,))
+        axes.set_title(name)
+        drawn = to_svg(figure, "p", name)
+    assert r"$\frac{1}{2}$ \x1b \1 &lt;b&gt; &amp; $" in drawn
+    assert "<b>" not in drawn
+
+
+def test_an_error_is_one_tame_line(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", f"no{FORGED}such.csv"]) == 6
+    err = capsys.readouterr().err
+    assert is_tame(err)
+    assert err.count("\n") == 1
+
+
+def test_a_question_is_one_tame_line(capsys, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr("sys.stdin", Terminal("n\n"))
+    assert not ConsoleOperator(yes=False).ask(f"write {FORGED}?", lambda: None)
+    assert is_tame(capsys.readouterr().err)
+
+
+def test_a_files_column_names_are_tame_in_every_output(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{0.1 * k:.1f},{0.01 * (k % 40)},{1 if k % 40 < 20 else -1},0\n" for k in range(200))
+    (tmp_path / "run.csv").write_text(f't[s],psi[rad],N[N m],"\x1b[2Jq\x9bz"\n{rows}', newline="")
+    main(["identify", "run.csv", "--structure", "linear", "--no-check", "--use", "\x1b[2Jpsi"])
+    out, err = capsys.readouterr()
+    assert is_tame(out + err)
+    assert main(["identify", "run.csv", "--structure", "linear", "--no-check", "--json"]) in (0, 6)
+    out, err = capsys.readouterr()
+    assert is_tame(out + err)
+    assert not out or json.loads(out)
