@@ -240,6 +240,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "make sure it is the record that is wrong, not SERVOn_REVERSED: with the wrong one the craft spins",
     ),
     "channel-swap": (_FILE[0], "make sure it is the record that is wrong, not the wiring"),
+    "propeller-wash": ("the gains hold at the thrust of the runs only", ""),
     "command-coupling": ("left out: the other axis' command is a disturbance to this loop", ""),
     "advance-speed-loss": ("left out: it only damps, the margins are on the safe side", ""),
     "ground-effect": ("left out: near the bottom there is more drag, the margins are on the safe side", ""),
