@@ -65,7 +65,7 @@ class Ear(SilentWatcher):
         """Take what is said once all that comes before arming is over."""
         if text.startswith("will "):
             self.announced += f"{text} "
-        if text.startswith("found: mode"):
+        if text.startswith("State before the run: mode"):
             self.armed = True
             self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
