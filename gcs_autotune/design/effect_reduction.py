@@ -240,6 +240,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "check that the record is wrong and not SERVOn_REVERSED; with a wrong one the craft spins",
     ),
     "channel-swap": (_FILE[0], "check that the record is wrong and not the wiring"),
+    "propeller-wash": ("the gains hold at the thrust of the runs only", ""),
     "command-coupling": ("omitted: the other axis' command is a disturbance of this loop", ""),
     "advance-speed-loss": ("omitted: it only adds damping, so the margins are conservative", ""),
     "ground-effect": ("omitted: drag is higher near the bottom, so the margins are conservative", ""),

@@ -15,6 +15,7 @@ __all__ = [
     "SimulatedCommandCoupling",
     "SimulatedDeadZone",
     "SimulatedGainDrift",
+    "SimulatedPropellerWash",
     "SimulatedQuadraticActuator",
     "SimulatedRudderStall",
     "SimulatedSaturation",
@@ -118,13 +119,10 @@ class SimulatedAsymmetricThrust(OnInput):
         return u * self["ratio"] if u < 0.0 else u
 
 
-class SimulatedCommandCoupling(HiddenEffect):
-    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+class TwoInputs(HiddenEffect):
+    """An effect of another input on one: placed as ``N+X``."""
 
-    slug = "command-coupling"
-    meaning = "another axis' command acts here too (off-centre thrust, unequal thrusters)"
     on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
-    parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def begin(self, setting: Setting) -> None:
         """Find both inputs."""
@@ -132,10 +130,17 @@ class SimulatedCommandCoupling(HiddenEffect):
         usual = [setting.steering, *(name for name in there if name != setting.steering)][:2]
         names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
         if len(set(names)) != 2 or not set(names) <= set(there):
-            raise BadEffect(
-                f"command-coupling needs two inputs as its place, e.g. N+X; this craft has {', '.join(there) or 'none'}"
-            )
+            known = ", ".join(there) or "none"
+            raise BadEffect(f"{self.slug} needs two inputs as its place, e.g. N+X; this craft has {known}")
         self._here, self._other = names
+
+
+class SimulatedCommandCoupling(TwoInputs):
+    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+
+    slug = "command-coupling"
+    meaning = "another axis' command acts here too (off-centre thrust, unequal thrusters)"
+    parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
         """Add."""
@@ -181,6 +186,22 @@ class SimulatedSpeedDependentSteering(OnInput):
         """Scale with the square of the speed."""
         share = self["share"]
         return u * (1.0 - share + share * (self._state.u / self._speed) ** 2)
+
+
+class SimulatedPropellerWash(TwoInputs):
+    """A rudder in a propeller's race: its force goes, in part, with the square of the thrust commanded."""
+
+    slug = "propeller-wash"
+    meaning = "the rudder's force goes with the square of the propeller's command"
+    parameters = (
+        EffectParameter("share", "1", "0: none of it goes with thrust, 1: all"),
+        EffectParameter("X_ref", "input unit", "command at which it does as told; 0: full", 0.0),
+    )
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Scale with the square of the other command, the other way astern."""
+        share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
+        inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
 class SimulatedAdvanceSpeedLoss(OnInput):

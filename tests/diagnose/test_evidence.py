@@ -113,6 +113,13 @@ def test_a_weak_cause_is_a_hint_and_no_name() -> None:
     assert 0.0 < first.chance < 0.05
 
 
+def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
+    """A sensor's filter looks the same, so that it is never named; what fits worse does not take its place."""
+    told = in_mild_weather(33, "actuator-lag", ["actuator-lag", "tether-pull"])
+    assert not told.causes
+    assert (told.hints[0].cause, told.hints[0].lacks) == ("actuator-lag", "brief")
+
+
 def test_no_hint_on_a_clean_craft() -> None:
     told = in_mild_weather(108, "clean")
     assert told.verdict == "unexplained" and not told.hints

@@ -402,7 +402,7 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
-    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_: None)
+    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_, **__: None)
     runs = weathered(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]

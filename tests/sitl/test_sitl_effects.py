@@ -30,6 +30,7 @@ SLUGS = [
     "command-coupling",
     "gain-drift",
     "speed-dependent-steering",
+    "propeller-wash",
     "advance-speed-loss",
     "linear-drag",
     "quadratic-drag",
