@@ -54,9 +54,9 @@ class RunDirectory:
         try:
             (self.path / "trials").mkdir(parents=True)
         except FileExistsError:
-            raise UsageError(f"{self.path} already holds a run; give another --out") from None
+            raise UsageError(f"{self.path} already contains a run. Use another --out") from None
         except OSError as error:
-            raise UsageError(f"cannot make the run directory {self.path}: {error}; give another --out") from error
+            raise UsageError(f"cannot create the run directory {self.path}: {error}. Use another --out") from error
         self.is_made = True
 
     def discard(self) -> None:
@@ -150,6 +150,6 @@ class RunDirectory:
 
     def _unwritable(self, error: OSError) -> BadFile:
         return BadFile(
-            f"the run directory {self.path} cannot be written ({error.strerror or error}): free some disk space or "
-            "give another --out"
+            f"the run directory {self.path} cannot be written ({error.strerror or error}). Free some disk space or "
+            "use another --out"
         )

@@ -260,7 +260,7 @@ def test_the_mode_that_a_restart_ends_in_is_nobodys_order(path: Path) -> None:
 def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
     vehicle = moored()
     journal = Journal(path, mode="HOLD", armed=False)
-    with pytest.raises(PreconditionFailed, match="still going on"):
+    with pytest.raises(PreconditionFailed, match="still in progress"):
         restore(vehicle, path)
     journal.leave()
     assert vehicle.server.now == pytest.approx(4.1)
@@ -346,7 +346,7 @@ def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
         ({"N": 0.031, "X": 0.0}, "N +0.03 of full output"),
         ({"N": 0.0, "X": -0.5}, "X -0.50 of full output"),
         ({"N": math.nan}, "N +nan of full output"),
-        ({}, "outputs are not heard"),
+        ({}, "outputs are not reported"),
     ],
 )
 def test_outputs_that_are_not_neutral_or_not_heard_are_said(
@@ -402,7 +402,7 @@ def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_
     (tmp_path / "else").mkdir()
     silent = journal_in(tmp_path / "silent", link="")
     for nowhere in (tmp_path / "else", tmp_path / "else" / "a.param", silent):
-        with pytest.raises(UsageError, match="no journal tells"):
+        with pytest.raises(UsageError, match="no journal with the vehicle's link"):
             link_of(nowhere)
 
 

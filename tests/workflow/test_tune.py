@@ -41,7 +41,7 @@ def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned)
     assert stages == [f"{what} with {gains} gains" for gains, what in PROOFS]
     before, after = story.beside
     assert after.itae < before.itae
-    assert any(reason.startswith("turn rates: error over time") for reason in story.verdict_reasons)
+    assert any(reason.startswith("turn rates: tracking error") for reason in story.verdict_reasons)
     assert any("These gains were proved in both modes" in text for text in harness.said)
     summary = json.loads((harness.directory / "summary.json").read_text(encoding="utf-8"))
     assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
@@ -208,7 +208,7 @@ def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_writ
 
 def test_no_to_the_first_question_arms_nothing(tmp_path):
     harness = SitlHarness(tmp_path, QUICK)
-    with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
+    with pytest.raises(OperatorStopped, match="Nothing was armed, moved or written"):
         harness.tune(Answers(False), simulated=False)
     harness.assert_as_found()
     assert not any(harness.directory.glob("trials/*.csv"))
@@ -252,7 +252,7 @@ def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
 def test_a_run_directory_is_never_overwritten(tmp_path):
     harness = SitlHarness(tmp_path, QUICK)
     (harness.directory / "trials").mkdir(parents=True)
-    with pytest.raises(UsageError, match="already holds a run"):
+    with pytest.raises(UsageError, match="already contains a run"):
         harness.tune()
 
 
