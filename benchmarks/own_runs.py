@@ -134,7 +134,7 @@ def _authority(file: Mapping[str, Any], dof: str) -> float:
         return float(file["yaw"]["full_rudder"])
     if file["actuators"] == "twin-thruster":
         each = file["thruster"]
-        return each["full_thrust"] * (each["arm"] * (1.0 + each["astern"]) if dof == "yaw" else 2.0)
+        return float(each["full_thrust"] * (each["arm"] * (1.0 + each["astern"]) if dof == "yaw" else 2.0))
     return float(file.get(dof, {}).get("authority", 1.0))
 
 
@@ -187,8 +187,10 @@ def flown(case: Case, folder: Path) -> Path:
     link.is_simulated = True
     verb, _, axis = case.kind.rpartition(" ")
     common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), place)
-    if verb:
-        {"tune": tune, "experiment": experiment}[verb](common, Unattended(), SilentWatcher(), "")
+    if verb == "tune":
+        tune(common, Unattended(), SilentWatcher(), "")
+    elif verb:
+        experiment(common, Unattended(), SilentWatcher(), "")
     else:
         fly(FlySettings(case.kind, common, force=case.force), Unattended(), SilentWatcher(), "")
     (place / "flown").touch()
