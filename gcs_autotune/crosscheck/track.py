@@ -177,8 +177,8 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
 def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
     """Return that the columns of the positions are exchanged."""
     cause = (
-        f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that fit "
-        "its headings with x and y exchanged only"
+        f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that "
+        "fit its headings with x and y exchanged only"
     )
     cure = "see that x is north and y is east"
     return Contradiction("psi against track", "exchanged", math.nan, math.nan, "x", ("x", "y", "psi"), cause, cure)
