@@ -1,9 +1,9 @@
-"""Are sensors that contradict each other named, and clean records left alone?
+"""Sensors that contradict each other: how many are identified, and how many clean records raise nothing.
 
-Run: ``python3 -m benchmarks.contradictory_sensors [--seeds 4] [--first 1]``. Every seed makes ten clean records and one
-spoilt record of every kind, by hulls of :mod:`sitl` in open loop, with currents, leeway and sensors of this file's own.
-Printed: how many spoilt records are named by their pair and kind (goal 95 %), how many clean ones raise nothing (goal
-all), and every miss.
+Run: ``python3 -m benchmarks.contradictory_sensors [--seeds 4] [--first 1]``. Each seed makes one spoilt record of every
+kind and the clean ones, from hulls of :mod:`sitl` in open loop with currents, leeway and sensors of this file.
+It prints the share of spoilt records identified by pair and kind (goal 95 %), the clean records that raise nothing
+(goal all), and every miss.
 """
 
 from __future__ import annotations

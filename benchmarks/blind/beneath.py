@@ -1,13 +1,13 @@
-"""The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
+"""The search with process noise alone: seconds per case instead of tens for a whole diagnosis.
 
 ``python3 -m benchmarks.blind.beneath [--kind weather|mild|rough] [--seeds 101 102] [--only SLUG,..] [--whole]
-[--oracle] [--save F]`` draws from every seed the first case of each effect and three clean ones, of kind ``rough``
-three pairs besides. Told are: the right name first (in its group), of all effects, of those worth ten in
-log-likelihood, of those in weather of up to 40 % of full command; wrong names; names on clean craft; the first hint,
-where nothing is named and the effect is worth three to ten; hints on clean craft beside the number that chance implies;
-pairs; and the same by circumstances. Where the heading lags, names of :data:`.rough.EXCUSED` are left out of what is
-judged, and counted by themselves. What an effect is worth is what the search found for it; with ``--oracle`` besides
-what it is worth to who knows the weather (:mod:`.oracle`).
+[--oracle] [--save F]`` draws from every seed the first case of each effect and three clean ones; ``rough`` adds three
+pairs. It prints how often the true cause is first (in its group): of all effects, of those worth ten in log-likelihood,
+and of those in noise up to 40 % of full command. It also prints wrong causes and causes on clean craft; the first hint,
+if no cause is reported and the effect is worth three to ten; hints on clean craft beside the number that chance
+implies; pairs; and the same by circumstances. If the heading lags, the causes of :data:`.rough.EXCUSED` are counted
+apart. The worth of an effect is that found by the search; ``--oracle`` adds its worth with the disturbance known
+(:mod:`.oracle`).
 """
 
 from __future__ import annotations
@@ -256,7 +256,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 MEASURES = {
     "weather": "the search with process noise alone",
     "mild": "hints: a drifting moment of 25 to 35 % of full command",
-    "rough": "the same with waves, a lagging heading, a helm, runs that differ",
+    "rough": "the search with process noise alone, in rough water",
 }
 
 

@@ -1,13 +1,13 @@
-"""The only room that formats for people: pages, terminal tables, live lines, wording.
+"""The only package that formats for people: pages, terminal tables, live lines, wording.
 
 =========  ======================================================================
-toolkit    what all are made of
+toolkit    the parts of every report
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
-summaries  what commands without a page print
+summaries  terminal output of the commands without a page
 =========  ======================================================================
 """
 
