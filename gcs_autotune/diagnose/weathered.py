@@ -121,9 +121,8 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
     """Return the search without the names that help on no data left out, these, and what each other one gains there.
 
     A name is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
-    data left out is no smaller with it than without it; ten nats there that every part contributes to are enough where
-    the error is not surely larger. The weakest goes first: beside it another may seem to help. None stands beside a
-    drifting force above the commands.
+    data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
+    None stands beside a drifting force above the commands.
     """
     refused: list[tuple[Attested, Lack]] = []
     while True:
@@ -139,8 +138,7 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
             gain = gain_over(search, without)
             if gain is not None:
                 own[who] = gain
-            ratio = 0.0 if gain is None or (name.ample and gain.ci95[0] < 1.0) else gain.ratio
-            ratio = math.inf if _is_none(name, search.fit) else ratio
+            ratio = math.inf if _is_none(name, search.fit) else 0.0 if gain is None else gain.ratio
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
                 weakest = ratio, name, without
         if weakest is None and search.named and above_the_command(search) > 1.0:
