@@ -251,6 +251,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "prove the gains at the speed they are for",
     ),
     "munk-moment": ("left out: hold the speed of the runs when the gains are proved", ""),
+    "velocity-product": ("left out: hold the speed of the runs when the gains are proved", ""),
     "steady-current": ("left out: headings and depths do not feel it", ""),
     "wind-moment": ("left out: it is a disturbance to this loop, worked off by the integral gain", ""),
     "wave-disturbance": (

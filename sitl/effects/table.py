@@ -30,6 +30,7 @@ from sitl.effects.coupling import (
     SimulatedSpeedDamping,
     SimulatedSwayMoment,
     SimulatedSwayYawCoupling,
+    SimulatedVelocityProduct,
 )
 from sitl.effects.effect import BadEffect, HiddenEffect
 from sitl.effects.environment import (
@@ -84,6 +85,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedSwayMoment,
     SimulatedSpeedDamping,
     SimulatedMunkMoment,
+    SimulatedVelocityProduct,
     SimulatedMassChange,
     SimulatedNetBuoyancy,
     SimulatedGroundEffect,
