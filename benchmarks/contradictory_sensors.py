@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck import Contradiction, contradictions
 from gcs_autotune.trial import Channel, Trial
-from sitl.hull import Hull
-from sitl.open_loop import open_loop
+from sitl.open_loop import Hull, open_loop
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
 from coupled_plants import BOAT, horizontal, levels, sail
 
+from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import fit
 from gcs_autotune.models.coupled import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
@@ -156,8 +156,7 @@ def assess(name: str, seeds: int, workers: int) -> bool:
     s = settings()[name]
     clean = clean_runs(s, s.truth, [np.zeros(len(s.states))] * len(s.taus))
     least, begin = bound(s), time.perf_counter()
-    with ProcessPoolExecutor(workers) as pool:
-        results = list(pool.map(partial(once, name, clean), range(seeds), chunksize=4))
+    results = list(executor_for(workers).map(partial(once, name, clean), range(seeds)))
     seconds = time.perf_counter() - begin
     slugs = [slug for _, doubts in results for slug in doubts]
     told = ", ".join(f"{slug} {slugs.count(slug)}x" for slug in sorted(set(slugs))) or "none"

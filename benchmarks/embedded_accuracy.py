@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from gcs_autotune.executor import executor_for
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Structure, cramer_rao, fit_axis
 from gcs_autotune.link import MemoryLink, Session, open_craft
@@ -229,11 +229,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one vehicle")
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.workers) as pool:
-        for vehicle, axis in CASES:
-            if args.only in (None, vehicle):
-                cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
-                report(f"{vehicle} {axis}", list(pool.map(one, cases, chunksize=4)))
+    executor = executor_for(args.workers)
+    for vehicle, axis in CASES:
+        if args.only in (None, vehicle):
+            cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
+            report(f"{vehicle} {axis}", list(executor.map(one, cases)))
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ class Ear(SilentWatcher):
             self.announced += f"{text} "
         if text.startswith("found: mode"):
             self.armed = True
-            self._began, self._home = self._vehicle.seconds, (self._vehicle.body.x, self._vehicle.body.y)
+            self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
     def update(self, progress: Progress) -> None:
         """Look where it is."""
@@ -76,13 +76,13 @@ class Ear(SilentWatcher):
 
     @property
     def _away(self) -> float:
-        return math.hypot(self._vehicle.body.x - self._home[0], self._vehicle.body.y - self._home[1])
+        return math.hypot(self._vehicle.state.x - self._home[0], self._vehicle.state.y - self._home[1])
 
     def used(self) -> tuple[float, float]:
         """Return the time [s] by now, and the distance [m] once the hull has stopped."""
         seconds, vehicle = self._vehicle.seconds - self._began, self._vehicle
         until = vehicle.seconds + COASTS
-        while vehicle.seconds < until and abs(vehicle.body.u) > STOPPED:
+        while vehicle.seconds < until and abs(vehicle.state.u) > STOPPED:
             vehicle.move()
             vehicle.control()
             self.far = max(self.far, self._away)

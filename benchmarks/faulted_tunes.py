@@ -28,8 +28,7 @@ import os
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from itertools import islice
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from benchmarks.faults import KINDS, STATION_KINDS, Outcome, draw_case, draw_station_case, play  # noqa: E402
+from gcs_autotune.executor import executor_for  # noqa: E402
 
 
 def outcome_of(seed: int, index: int, kinds: Sequence[str] = (), *, station: bool = False) -> dict[str, Any]:
@@ -49,23 +49,12 @@ def outcome_of(seed: int, index: int, kinds: Sequence[str] = (), *, station: boo
 def outcomes(
     seed: int, todo: Sequence[int], kinds: Sequence[str], jobs: int, *, station: bool = False
 ) -> Iterator[dict[str, Any]]:
-    """Play *todo*, in the order in which they are done."""
-    if jobs == 1:
-        for index in todo:
-            yield outcome_of(seed, index, kinds, station=station)
-        return
-    with ProcessPoolExecutor(jobs, max_tasks_per_child=100) as pool:
-        waiting = iter(todo)
-        running: set[Future[dict[str, Any]]] = {
-            pool.submit(outcome_of, seed, index, kinds, station=station) for index in islice(waiting, 2 * jobs)
-        }
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {
-                pool.submit(outcome_of, seed, index, kinds, station=station) for index in islice(waiting, len(done))
-            }
-            for future in done:
-                yield future.result()
+    """Play *todo*, *jobs* at a time."""
+    return executor_for(jobs).map(partial(_outcome_of, seed, kinds, station), todo)
+
+
+def _outcome_of(seed: int, kinds: Sequence[str], station: bool, index: int) -> dict[str, Any]:
+    return outcome_of(seed, index, kinds, station=station)
 
 
 def report(found: Sequence[dict[str, Any]]) -> str:

@@ -52,7 +52,7 @@ from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
 from sitl.autopilot.rover_modes import GuidedTarget
-from sitl.hull import Loads
+from sitl.plants import Wrench
 from sitl.vehicle import Vehicle
 
 __all__ = ["CASES", "main"]
@@ -293,15 +293,15 @@ def true_craft(name: str, axis: Axis, step: float, spec: Spec) -> Truth:
             settings |= {SKID: 1.0, THROTTLE: shares["X"]}
 
     def force(u: float) -> float:
-        loads = Loads()
-        data.actuators.apply({**shares, dof: u}, data.body, loads)
-        return float(getattr(loads, dof))
+        wrench = Wrench()
+        data.actuators.apply({**shares, dof: u}, data.plant.parameters, wrench)
+        return float(getattr(wrench, dof))
 
     full = data.actuators.full[axis.dof]
     u = np.linspace(0.0, USED, 201)
     share = (np.array([force(v) for v in u]) - force(0.0)) / full
     # Only now is a rudder's hull that of its propeller's speed.
-    hull = {"yaw": data.body.yaw, "heave": data.body.heave}[axis.dof]
+    hull = data.plant.axis(axis.dof)
     dead = int(np.argmax(share > 0.0))
     slopes = np.gradient(share[dead:], u[dead:])[1:-1]
     period = law.loop_period(settings)

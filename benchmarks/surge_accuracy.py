@@ -33,7 +33,7 @@ def fly(boat: str, seed: int) -> dict[str, tuple[float, float, float]]:
     """Return what was found, its standard error and the truth: inertia, damping (per full thrust) and the share."""
     server = open_vehicle(boat, seed=seed)
     vehicle = server.vehicle
-    hull, full = vehicle.body.surge, vehicle.actuators.full["surge"]
+    hull, full = vehicle.plant.axis("surge"), vehicle.actuators.full["surge"]
     truth = {"alpha_u": hull.alpha / full, "beta_u": hull.beta / full, "beta_uu": hull.beta2 / full}
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings("surge", Aboard(server=server), Path(folder) / "run")

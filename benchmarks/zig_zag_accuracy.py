@@ -23,7 +23,7 @@ from gcs_autotune.link import MemoryLink
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSettings, Unattended, fly
 from sitl import load_vehicle, open_vehicle
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 FIGURES = ("first-overshoot", "second-overshoot", "initial-turning-time", "reach", "period")
 ONE_DEGREE = math.radians(1.0)
@@ -36,22 +36,22 @@ def truth(craft: str, share: float) -> tuple[float, float]:
     *share*: the steering flown, about which a nonlinear actuator is taken.
     """
     data = load_vehicle(craft)
-    body, actuators, loads = data.make_body(), data.make_actuators(), Loads()
+    body, actuators, wrench = data.make_plant(), data.make_actuators(), Wrench()
     throttle = data.parameters["CRUISE_THROTTLE"] / 100.0
-    actuators.apply({"N": 0.0, "X": throttle}, body, loads)
-    Y_0, N_0, loads.Y, loads.N = loads.Y, loads.N, 0.0, 0.0
+    actuators.apply({"N": 0.0, "X": throttle}, body.parameters, wrench)
+    Y_0, N_0, wrench.Y, wrench.N = wrench.Y, wrench.N, 0.0, 0.0
     for _ in range(6000):
-        body.step(loads, 0.02)
-    u = body.u
+        body.step(wrench, 0.02)
+    u = body.state.u
 
     def rates(v: float, r: float, part: float) -> np.ndarray:
-        actuators.apply({"N": part, "X": throttle}, body, loads)
-        loads.Y, loads.N = loads.Y - Y_0, loads.N - N_0
-        return np.array(body.acceleration(u, v, r, loads)[1:])
+        actuators.apply({"N": part, "X": throttle}, body.parameters, wrench)
+        wrench.Y, wrench.N = wrench.Y - Y_0, wrench.N - N_0
+        return np.array(body.acceleration(u, v, r, wrench)[1:])
 
     A = np.column_stack([rates(NUDGE, 0.0, 0.0), rates(0.0, NUDGE, 0.0)]) / NUDGE
     b = (rates(0.0, 0.0, share) - rates(0.0, 0.0, -share)) / (2.0 * share)
-    if not body.sways:
+    if "sway" not in body.dofs:
         return float(-b[1] / A[1, 1]), float(-1.0 / A[1, 1])
     if np.linalg.eigvals(A).real.max() >= 0.0:
         return math.nan, math.nan

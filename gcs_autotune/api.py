@@ -2,10 +2,10 @@
 
 ::
 
-    from gcs_autotune.api import load_runs, fit, diagnose, design
+    from gcs_autotune.api import load_runs, fit, diagnose, design, plot
 
     found = fit(load_runs("zigzag.csv"), dof="yaw")   # shown as a table
-    found.plot()                                      # or found.plot(ax)
+    plot(found)                                       # or plot(found, ax)
 
 SI units and radians throughout, but for columns whose heads name another unit (``psi[deg]``). Nothing here touches a
 vehicle.
@@ -28,12 +28,15 @@ from gcs_autotune.diagnose import diagnose as diagnose_runs
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Fit, ModelFile, extended_of, load_model, save_model
+from gcs_autotune.identify import AxisFit, Fit, ModelFile, Validation, extended_of, load_model, save_model, simulated
 from gcs_autotune.identify import fit as fit_runs
+from gcs_autotune.identify import validate as validate_model
 from gcs_autotune.logs import load_runs as load_files
 from gcs_autotune.mavlink import load_params
-from gcs_autotune.models import Form, SingleDof, simulate
+from gcs_autotune.models import Form, SingleDof
+from gcs_autotune.models import simulate as simulate_model
 from gcs_autotune.registry import lookup
+from gcs_autotune.report import plot
 from gcs_autotune.trial import Channel, Trial, save_trial, trial_of_columns
 
 __all__ = [
@@ -48,8 +51,11 @@ __all__ = [
     "fit",
     "load_model",
     "load_runs",
+    "plot",
     "save_model",
     "save_trial",
+    "simulate",
+    "validate",
 ]
 
 Runs = Trial | Sequence[Trial]
@@ -117,7 +123,7 @@ def fit(
 ) -> Fit:
     """Identify a model from runs: :func:`gcs_autotune.identify.fit`, whose parameters and errors these are.
 
-    The answer shows itself as a table; it can ``simulate(inputs)``, ``validate(runs)``, ``plot(ax)`` and
+    The answer shows itself as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It can
     ``to_pandas()``, and knows its ``doubts``.
 
     Examples
@@ -126,13 +132,65 @@ def fit(
     >>> p = found.parameters["beta_r"]
     >>> abs(p.value - 0.5) < 3 * p.std, p.unit
     (True, 's/rad')
-    >>> motion = found.simulate({"N": ([0.0, 30.0], [0.1, 0.0])})
+    >>> motion = simulate(found, {"N": ([0.0, 30.0], [0.1, 0.0])})
     >>> bool(abs(motion["r"].values[-1] - 0.1 / p.value) < 1e-3)
     True
     """
     return fit_runs(
         runs, structure, method, dof=dof, delay=delay, use=use, loss=loss, effects=effects, start=start, **options
     )
+
+
+def simulate(
+    found: Fit,
+    inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]],
+    *,
+    stamps: ArrayLike | None = None,
+    start: Mapping[str, float] | None = None,
+) -> Trial:
+    """Return the motion that the model of *found* predicts for *inputs*, with the inputs beside it.
+
+    Parameters
+    ----------
+    inputs : a run, of which the input channels are used; or input -> (stamps [s] (j,), values (j,)) in the units the
+        model was identified in, each held from its stamp to the next.
+    stamps : (n,) where the motion is required [s], ascending; ten a second from the first input to the last when None.
+    start : state -> value (SI, radians) at the first stamp; 0 for those not named, and of a run its first samples.
+
+    Raises
+    ------
+    UsageError
+        The model cannot be simulated, or the inputs do not suit it.
+    NotInformative
+        The simulation diverges.
+
+    Examples
+    --------
+    >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
+    >>> motion = simulate(found, {"N": ([0.0, 10.0], [0.1, 0.1])}, start={"psi": 0.5})
+    >>> sorted(motion.channels), motion["r"].unit, float(motion["psi"].values[0])
+    (['N', 'psi', 'r'], 'rad/s', 0.5)
+    """
+    return simulated(found, inputs, stamps=stamps, start=start)
+
+
+def validate(found: Fit, runs: Runs) -> Validation:
+    """Simulate *runs* that *found* was not fitted to; only their initial states are fitted.
+
+    Raises
+    ------
+    UsageError
+        The model cannot be simulated on a run.
+    NotInformative
+        The simulation diverges on a run's input.
+
+    Examples
+    --------
+    >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
+    >>> bool(validate(found, example_run(seed=2)).fit_percent > 95.0)
+    True
+    """
+    return validate_model(found.model, runs)
 
 
 def diagnose(
@@ -236,7 +294,7 @@ def example_run(seed: int = 1, duration: float = 60.0) -> Trial:
     t: NDArray[np.float64] = step * np.arange(round(duration / step), dtype=np.float64)
     switches = np.sign(np.sin(2.0 * math.pi * t / 7.0) + 1e-9)
     force = 0.1 * switches
-    truth = simulate(SingleDof("yaw", "1", 1.0, 0.5), t, force, t)
+    truth = simulate_model(SingleDof("yaw", "1", 1.0, 0.5), t, force, t)
     noise = np.random.default_rng(seed).normal(0.0, math.radians(0.1), (2, len(t)))
     channels = {
         "N": Channel("N", "1", t, force),

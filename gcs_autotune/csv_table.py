@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.sname import SIGNALS, parse_header, to_si
+from gcs_autotune.untrusted_text import visible
 
 __all__ = [
     "LAST",

@@ -20,7 +20,7 @@ import numpy as np
 from gcs_autotune.clock import uncounted
 from gcs_autotune.errors import BadFile
 
-__all__ = ["KeptResults", "fingerprint", "keeping", "recalled"]
+__all__ = ["KeptResults", "current_kept_results", "fingerprint", "keeping", "recalled"]
 
 Result = TypeVar("Result")
 
@@ -126,6 +126,11 @@ def keeping(results: KeptResults | None) -> Iterator[None]:
         yield
     finally:
         _kept.reset(token)
+
+
+def current_kept_results() -> KeptResults | None:
+    """Return where results are kept at present; None: nowhere."""
+    return _kept.get()
 
 
 def recalled(

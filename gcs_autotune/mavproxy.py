@@ -18,8 +18,8 @@ from typing import Any
 
 from gcs_autotune.cli import find_config, make_parser, read_config, tune_settings
 from gcs_autotune.errors import AutotuneError, UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.link import Transport
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune.workflow import Connection, is_settled, restore_run, tune
 
 try:

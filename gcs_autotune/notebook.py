@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["html_block", "html_table", "pandas_module"]
 

@@ -34,10 +34,10 @@ from gcs_autotune.csv_table import (
 )
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.notebook import pandas_module
 from gcs_autotune.plain_json import plain_data
 from gcs_autotune.sname import INPUTS, column_unit, parse_header
+from gcs_autotune.untrusted_text import visible
 
 __all__ = [
     "TIMES",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sitl.hull import Body, Loads
+from sitl.plants import Parameters, Wrench
 
 __all__ = [
     "FRAMES",
@@ -26,7 +26,7 @@ _LONGEST_PULSE = 65535
 
 
 class Actuators(ABC):
-    """Turns the pulses on the servo rail into loads on the hull, by way of the share of full asked of each axis."""
+    """Turns the pulses on the servo rail into a wrench on the hull, by way of the share of full asked of each axis."""
 
     __slots__ = ()
 
@@ -44,12 +44,12 @@ class Actuators(ABC):
         """Return the pulses that differ least from *pwm* and ask for *shares*; limits do not count."""
 
     @abstractmethod
-    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads* with what these shares do."""
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench* with what these shares do."""
 
-    def drive(self, pwm: Sequence[int], body: Body, loads: Loads) -> None:
-        """Fill *loads* from the pulses."""
-        self.apply(self.read(pwm), body, loads)
+    def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench* from the pulses."""
+        self.apply(self.read(pwm), parameters, wrench)
 
 
 def _fraction(pwm: int, span: float) -> float:
@@ -119,15 +119,15 @@ class RudderBoat(Actuators):
         pulses[self.throttle_channel - 1] = _pulse(shares["X"], _RUDDER_SPAN)
         return pulses
 
-    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads*, and set the hull's yaw inertia and drag for this propeller speed."""
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench*, and set the hull's yaw inertia and drag for this propeller speed."""
         rudder, throttle = shares["N"] * self.full_rudder, shares["X"]
         n = self.full_n * throttle
-        body.yaw.alpha, body.yaw.beta, share = self.schedule.at(n * n)
-        loads.X = self.full_thrust * throttle * abs(throttle)
-        loads.Y = -self.side_force * rudder * throttle * abs(throttle)
-        loads.Z = 0.0
-        loads.N = (rudder if throttle >= 0.0 else -rudder) * share + self.yaw_bias
+        parameters["yaw.alpha"], parameters["yaw.beta"], share = self.schedule.at(n * n)
+        wrench.X = self.full_thrust * throttle * abs(throttle)
+        wrench.Y = -self.side_force * rudder * throttle * abs(throttle)
+        wrench.Z = 0.0
+        wrench.N = (rudder if throttle >= 0.0 else -rudder) * share + self.yaw_bias
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +162,12 @@ class TwinThrusterBoat(Actuators):
         pulses[self.right_channel - 1] = _pulse(shares["X"] - shares["N"], _RUDDER_SPAN)
         return pulses
 
-    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads*."""
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench*."""
         left, right = self._force(shares["X"] + shares["N"]), self._force(shares["X"] - shares["N"])
-        loads.X = left + right
-        loads.Z = 0.0
-        loads.N = self.arm * (left - right) + self.yaw_bias
+        wrench.X = left + right
+        wrench.Z = 0.0
+        wrench.N = self.arm * (left - right) + self.yaw_bias
 
     def _force(self, command: float) -> float:
         return self.full_thrust * command * (1.0 if command >= 0.0 else self.astern)
@@ -257,16 +257,16 @@ class ThrusterFrame(Actuators):
         count = len(self.motors)
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
 
-    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads*, in proportion unless there is a curve."""
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench*, in proportion unless there is a curve."""
         N, X, Z, Y, M = (shares.get(name, 0.0) for name in Motor._fields)
         if self.curve is not None:
             N, X, Z, Y, M = (self.curve(share) for share in (N, X, Z, Y, M))
-        loads.N = self.full_N * N + self.bias_N
-        loads.X = self.full_X * X
-        loads.Y = self.full_Y * Y
-        loads.Z = self.full_Z * Z + self.bias_Z
-        loads.M = self.full_M * M
+        wrench.N = self.full_N * N + self.bias_N
+        wrench.X = self.full_X * X
+        wrench.Y = self.full_Y * Y
+        wrench.Z = self.full_Z * Z + self.bias_Z
+        wrench.M = self.full_M * M
 
 
 _PAIR = (Motor(N=-0.5, X=0.5), Motor(N=0.5, X=0.5))

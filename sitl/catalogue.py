@@ -27,7 +27,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.hull import AxisDynamics, Body, Coupling, World, coupling_of
+from sitl.plants import AxisDynamics, Coupling, PlanarHull, Water, coupling_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import see_vehicle_tables
 
@@ -94,20 +94,26 @@ class VehicleData:
         """Whether it stays at the surface."""
         return str(self.tables["actuators"]) in (_RUDDER, _TWIN)
 
-    def make_body(self) -> Body:
+    def make_plant(self) -> PlanarHull:
         """Return a new hull at its starting place, at rest."""
         start = _values(self.tables["start"])
-        world = World(bottom=start["bottom"], floats=self.is_boat)
+        water = Water(bottom=start["bottom"], floats=self.is_boat)
         by_propeller = self.tables["actuators"] == _RUDDER
         yaw = AxisDynamics(1.0, 0.0, 0.0) if by_propeller else _axis(self.tables["yaw"])
         heave = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["heave"])
-        body = Body(_axis(self.tables["surge"]), heave, yaw, world)
-        body.z, body.psi = start["depth"], start["heading"]
-        if "sway" in self.tables:
-            body.couple(_axis(self.tables["sway"]), self._coupling())
-        if "pitch" in self.tables:
-            body.pitches(_axis(self.tables["pitch"]), _values(self.tables["pitch"])["righting"])
-        return body
+        sways, pitches = "sway" in self.tables, "pitch" in self.tables
+        hull = PlanarHull(
+            _axis(self.tables["surge"]),
+            heave,
+            yaw,
+            water,
+            sway=_axis(self.tables["sway"]) if sways else None,
+            coupling=self._coupling() if sways else None,
+            pitch=_axis(self.tables["pitch"]) if pitches else None,
+            righting=_values(self.tables["pitch"])["righting"] if pitches else 0.0,
+        )
+        hull.state.z, hull.state.psi = start["depth"], start["heading"]
+        return hull
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
         """Return what looks at the wall ahead; None when it has none."""
@@ -170,7 +176,7 @@ def load_vehicle(name: str) -> VehicleData:
         raise UnknownVehicle(name)
     try:
         data = _read(Path(name).stem, Path(name))
-        data.make_body()
+        data.make_plant()
         data.make_actuators()
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error

@@ -21,7 +21,7 @@ from gcs_autotune_files.model import (
     model_data,
 )
 from sitl.effects import EFFECTS, BadEffect, HiddenEffect, make_effect
-from sitl.hull import Coupling, coupling_of
+from sitl.plants import Coupling, coupling_of
 
 __all__ = ["BadModel", "FlownModel", "read_model"]
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sitl.effects import HiddenEffect, Setting
-from sitl.hull import AxisDynamics, Body, Hull, Loads, World
+from sitl.plants import AxisDynamics, PlanarHull, Water, Wrench
 from sitl.sensors import SensorReading
 
 __all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "open_loop"]
@@ -37,6 +38,27 @@ _STEPS_PER_TIME_CONSTANT = 32
 _STEPS_PER_SAMPLE = 4
 _STEPS_PER_RADIAN = 16
 """Per radian of waves, or time constant of an effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hull:
+    """A plain hull: per degree of freedom inertia (> 0), linear and quadratic drag (0 where absent), SI.
+
+    ``gain`` [N m/rad]: moment per rudder angle ``delta``; ``bottom`` [m]: depth of the water.
+    """
+
+    dofs: tuple[str, ...]
+    inertia: Mapping[str, float]
+    linear: Mapping[str, float]
+    quadratic: Mapping[str, float] = field(default_factory=dict)
+    gain: float = 1.0
+    bottom: float = 10.0
+
+    def axis(self, dof: str) -> AxisDynamics:
+        """Return a degree of freedom's inertia and drag; infinitely heavy when the hull does not have it."""
+        if dof not in self.dofs:
+            return AxisDynamics(math.inf, 0.0, 0.0)
+        return AxisDynamics(self.inertia[dof], self.linear.get(dof, 0.0), self.quadratic.get(dof, 0.0))
 
 
 def open_loop(
@@ -77,7 +99,7 @@ def open_loop(
     stamps = _stamps(duration, interval, stamps_jitter, seed)
     held = {name: _held(command, stamps) for name, command in commands.items()}
     heun = _Heun(hull)
-    setting = _setting(hull, heun.body, held, measured, seed, initial or {})
+    setting = _setting(hull, heun.plant, held, measured, seed, initial or {})
     for effect in effects:
         effect.begin(setting)
     late = _lateness(effects, measured)
@@ -130,7 +152,7 @@ def _held(command: Command, stamps: Array) -> Array:
 
 def _setting(
     hull: Hull,
-    body: Body,
+    plant: PlanarHull,
     held: Mapping[str, Array],
     measured: tuple[str, ...],
     seed: int,
@@ -138,15 +160,16 @@ def _setting(
 ) -> Setting:
     swing = {name: float(np.max(np.abs(values))) for name, values in held.items()}
     return Setting(
-        motion=body,
-        axes={dof: getattr(body, dof) for dof in hull.dofs},
+        state=plant.state,
+        water=plant.water,
+        parameters=plant.parameters,
+        dofs=hull.dofs,
         inputs={name: INPUTS[name] for name in held},
         swing=swing,
         gain={"yaw": hull.gain if "delta" in held else 1.0},
         signals=measured,
         seed=str(seed),
         cruise=_cruise(hull, held, initial),
-        bottom=hull.bottom,
     )
 
 
@@ -210,7 +233,7 @@ def _integrate(
             if changes:
                 heun.restore()
                 for change in changes:
-                    change(t, heun.body)
+                    change(t, heun.plant.parameters)
             if drives:
                 inputs.update(told)
                 for drive in drives:
@@ -222,7 +245,7 @@ def _integrate(
     return np.array(times), np.array(states)
 
 
-def _ask(hull: Hull, asked: Loads, inputs: Mapping[str, float]) -> None:
+def _ask(hull: Hull, asked: Wrench, inputs: Mapping[str, float]) -> None:
     get = inputs.get
     asked.X, asked.Y, asked.Z = get("X", 0.0), get("Y", 0.0), get("Z", 0.0)
     asked.N = get("N", 0.0) + hull.gain * get("delta", 0.0)
@@ -233,15 +256,15 @@ class _Heun:
 
     def __init__(self, hull: Hull) -> None:
         surge, sway, heave, yaw = (hull.axis(dof) for dof in ("surge", "sway", "heave", "yaw"))
-        self.body = Body(surge, heave, yaw, World(bottom=hull.bottom), sway=sway)
-        self.asked = Loads()
-        self.pushes: list[Callable[[float, Loads], None]] = []
-        self._loads = Loads()
-        self._plain = self.body.axes()
+        self.plant = PlanarHull(surge, heave, yaw, Water(bottom=hull.bottom), sway=sway)
+        self.asked = Wrench()
+        self.pushes: list[Callable[[float, Wrench], None]] = []
+        self._wrench = Wrench()
+        self._plain = dict(self.plant.parameters)
 
     def restore(self) -> None:
         """Make inertia and drag the plain ones again."""
-        self.body.set_axes(self._plain)
+        self.plant.parameters.update(self._plain)
 
     def stepper(self, hull: Hull, state: Sequence[float]) -> _Step:
         """Return the rule that steps this hull on from *state*: the short one when it only turns or only dives."""
@@ -252,52 +275,55 @@ class _Heun:
         ):
             return self.step
         if hull.dofs == ("yaw",):
-            return self.step_alone(SIGNALS.index("psi"), "N", self.body.yaw)
+            return self.step_alone("yaw")
         if hull.dofs == ("heave",):
-            return self.step_alone(SIGNALS.index("z"), "Z", self.body.heave)
+            return self.step_alone("heave")
         return self.step
 
     def take(self, state: Sequence[float]) -> None:
         """Be in that state, in the order of :data:`SIGNALS`."""
-        body = self.body
-        body.x, body.y, body.z, body.psi, body.u, body.v, body.w, body.r = state
+        at = self.plant.state
+        at.x, at.y, at.z, at.psi, at.u, at.v, at.w, at.r = state
 
     def slope(self, t: float, state: Sequence[float]) -> tuple[float, ...]:
         """Return the time derivative of *state* (Fossen2011, equations 2.40 and 6.112)."""
         _, _, _, psi, u, v, w, r = state
-        loads = self._pushed(t, state) if self.pushes else self.asked
-        body, heave = self.body, self.body.heave
-        udot, vdot, rdot = body.acceleration(u, v, r, loads)
-        wdot = (loads.Z - (heave.beta + heave.beta2 * abs(w)) * w) / heave.alpha
+        wrench = self._pushed(t, state) if self.pushes else self.asked
+        p, water = self.plant.parameters, self.plant.water
+        udot, vdot, rdot = self.plant.acceleration(u, v, r, wrench)
+        wdot = (wrench.Z - (p["heave.beta"] + p["heave.beta2"] * abs(w)) * w) / p["heave.alpha"]
         c, s = math.cos(psi), math.sin(psi)
-        return c * u - s * v + body.V_x, s * u + c * v + body.V_y, w, r, udot, vdot, wdot, rdot
+        return c * u - s * v + water.V_x, s * u + c * v + water.V_y, w, r, udot, vdot, wdot, rdot
 
-    def step_alone(self, at: int, force: str, axis: AxisDynamics) -> _Step:
-        """Return Heun's rule for a hull of one degree of freedom: *axis*, its position at ``SIGNALS[at]``."""
+    def step_alone(self, dof: str) -> _Step:
+        """Return Heun's rule for a hull that only turns or only dives (*dof*)."""
+        at, force = (SIGNALS.index("psi"), "N") if dof == "yaw" else (SIGNALS.index("z"), "Z")
+        alpha, beta, beta2 = f"{dof}.alpha", f"{dof}.beta", f"{dof}.beta2"
+        p = self.plant.parameters
 
         def step(t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
             position, nu = state[at], state[at + 4]
             before = after = getattr(self.asked, force)
             first = (getattr(self._pushed(t, state), force) if self.pushes else before) - (
-                axis.beta + axis.beta2 * abs(nu)
+                p[beta] + p[beta2] * abs(nu)
             ) * nu
-            there = nu + dt * first / axis.alpha
+            there = nu + dt * first / p[alpha]
             if self.pushes:
                 after = getattr(self._pushed(t + dt, _with(state, at, position + dt * nu, there)), force)
-            second = after - (axis.beta + axis.beta2 * abs(there)) * there
+            second = after - (p[beta] + p[beta2] * abs(there)) * there
             half = 0.5 * dt
-            return _with(state, at, position + half * (nu + there), nu + half * (first + second) / axis.alpha)
+            return _with(state, at, position + half * (nu + there), nu + half * (first + second) / p[alpha])
 
         return step
 
-    def _pushed(self, t: float, state: Sequence[float]) -> Loads:
+    def _pushed(self, t: float, state: Sequence[float]) -> Wrench:
         """Return what actuators and effects do together in that *state*."""
         self.take(state)
-        asked, loads = self.asked, self._loads
-        loads.X, loads.Y, loads.Z, loads.N = asked.X, asked.Y, asked.Z, asked.N
+        asked, wrench = self.asked, self._wrench
+        wrench.X, wrench.Y, wrench.Z, wrench.N = asked.X, asked.Y, asked.Z, asked.N
         for push in self.pushes:
-            push(t, loads)
-        return loads
+            push(t, wrench)
+        return wrench
 
     def step(self, t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
         """Return the state after *dt* [s]: Heun's rule."""
@@ -333,10 +359,10 @@ def _measure(
     seed: int,
 ) -> dict[str, Array]:
     """Return what is reported at the file's *stamps* (n,) of the *truth* (k, 8) at *t* (k,): late, noisy, altered."""
-    body, psi = heun.body, truth[:, SIGNALS.index("psi")]
-    if body.over_ground:
-        truth[:, 4] += body.V_x * np.cos(psi) + body.V_y * np.sin(psi)
-        truth[:, 5] += body.V_y * np.cos(psi) - body.V_x * np.sin(psi)
+    water, psi = heun.plant.water, truth[:, SIGNALS.index("psi")]
+    if water.over_ground:
+        truth[:, 4] += water.V_x * np.cos(psi) + water.V_y * np.sin(psi)
+        truth[:, 5] += water.V_y * np.cos(psi) - water.V_x * np.sin(psi)
     reported = {}
     for name in measured:
         values = np.interp(stamps - late[name], t, truth[:, SIGNALS.index(name)])

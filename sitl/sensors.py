@@ -8,7 +8,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.hull import Body
+from sitl.plants import Plant, State, measured_speed
 
 __all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
@@ -62,18 +62,18 @@ class Rangefinder:
         self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
         self._next, self._held = 0.0, math.nan
 
-    def measure(self, t: float, body: Body) -> float:
+    def measure(self, t: float, state: State) -> float:
         """Return the distance [m] it tells at *t* [s]."""
         if t >= self._next:
             self._next = t + self._period
-            towards = math.cos(body.psi - self._heading)
-            gone = body.x * math.cos(self._heading) + body.y * math.sin(self._heading)
+            towards = math.cos(state.psi - self._heading)
+            gone = state.x * math.cos(self._heading) + state.y * math.sin(self._heading)
             self._held = (self._wall - gone) / towards + self._noise() if towards > 0.1 else math.nan
         return self._held
 
 
 class Sensors:
-    """Sample the body. Every sensor has a random stream of its own, so one cannot disturb another."""
+    """Samples of a plant. Every sensor has a random stream of its own, so one cannot disturb another."""
 
     def __init__(self, data: SensorData, seed: int, *, floats: bool) -> None:
         self._data = data
@@ -101,24 +101,26 @@ class Sensors:
         self._draws = afloat if floats else afloat + submerged
         self._noise: list[float] = []
 
-    def sample(self, body: Body, reading: SensorReading, *, new: bool = True) -> None:
+    def sample(self, plant: Plant, reading: SensorReading, *, new: bool = True) -> None:
         """Fill *reading* with the present measurement; under the noise of the last one unless *new* is drawn."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum
-        psi = body.psi + noise[0]
+        state = plant.state
+        ahead, aside = measured_speed(state, plant.water)
+        psi = state.psi + noise[0]
         if quantum > 0.0:
             psi = round(psi / quantum) * quantum
         reading.psi = math.remainder(psi, math.tau)
-        reading.r = body.r + noise[1]
-        reading.phi = body.phi + noise[2]
-        reading.theta = body.theta + noise[3]
-        reading.p, reading.q = body.p, body.q
-        reading.u = body.speed + noise[4]
-        reading.v = body.drift + noise[7]
-        reading.x = body.x + noise[5]
-        reading.y = body.y + noise[6]
+        reading.r = state.r + noise[1]
+        reading.phi = state.phi + noise[2]
+        reading.theta = state.theta + noise[3]
+        reading.p, reading.q = state.p, state.q
+        reading.u = ahead + noise[4]
+        reading.v = aside + noise[7]
+        reading.x = state.x + noise[5]
+        reading.y = state.y + noise[6]
         if not self._floats:
-            reading.z = body.z + noise[8]
-            reading.w = body.w + noise[9]
-            reading.az = body.wdot + noise[10]
+            reading.z = state.z + noise[8]
+            reading.w = state.w + noise[9]
+            reading.az = state.wdot + noise[10]

@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 from sitl.autopilot import FIRMWARE, SLOW_RATE, Autopilot, ParameterDialect, ParameterStore, loop_rate
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
+from sitl.craft import Craft
 from sitl.effects import HiddenEffect
 from sitl.modelfile import FlownModel
-from sitl.plant import SimulatedPlant
+from sitl.plants import State
 from sitl.sensors import SensorReading, Sensors
 
 __all__ = ["Vehicle"]
@@ -45,9 +46,9 @@ class Vehicle:
         model: FlownModel | None = None,
         names: str = "own",
     ) -> None:
-        self.plant = SimulatedPlant(data, effects=effects, model=model)
+        self.craft = Craft(data, effects=effects, model=model)
         self.data = data
-        self.effects, self.body, self.actuators = self.plant.effects, self.plant.body, self.plant.actuators
+        self.effects, self.plant, self.actuators = self.craft.effects, self.craft.plant, self.craft.actuators
         self._make_autopilot, definitions = FIRMWARE[data.firmware]
         self.parameters = ParameterStore(definitions)
         for name, value in data.parameters.items():
@@ -65,7 +66,12 @@ class Vehicle:
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.rangefinder = data.make_rangefinder(seed)
         self.autopilot = self._boot()
-        self.plant.begin(str(seed))
+        self.craft.begin(str(seed))
+
+    @property
+    def state(self) -> State:
+        """The true state of the plant."""
+        return self.plant.state
 
     @property
     def ms(self) -> int:
@@ -92,15 +98,15 @@ class Vehicle:
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
         t, dt = self.seconds, self._dt
-        self.plant.move(t, dt, pwm)
+        self.craft.move(t, dt, pwm)
         slowly = self._slowly
         new = self.tick % slowly == 0
         if new:
             self.battery.drain(pwm, slowly * dt)
-        self._sensors.sample(self.body, self._reading, new=new)
+        self._sensors.sample(self.plant, self._reading, new=new)
         if self.rangefinder is not None:
-            self._reading.d = self.rangefinder.measure(t, self.body)
-        self.plant.alter(t, self._reading)
+            self._reading.d = self.rangefinder.measure(t, self.state)
+        self.craft.alter(t, self._reading)
 
     def control(self) -> None:
         """Let the autopilot run its loop on that sample."""

@@ -1,4 +1,4 @@
-"""The picture of the rooms is that of the imports, and the page names what there is."""
+"""The figure of the packages matches the imports, and the page lists every package and step."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def test_the_picture_is_current():
     assert drawn == draw_architecture.picture(), "run: python3 docs/draw_architecture.py"
 
 
-def test_every_room_is_told():
-    told = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| room |") : PAGE.index("## From")]))
+def test_every_package_is_listed():
+    told = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| package |") : PAGE.index("## From")]))
     rooms = {p.name for p in (ROOT / "gcs_autotune").iterdir() if (p / "__init__.py").exists()}
     assert rooms - told == set()
 

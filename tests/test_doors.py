@@ -55,14 +55,3 @@ def test_an_import_past_a_door_is_seen(tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
     page = "gcs_autotune/report/page.py"
     assert imports_past_a_door(tmp_path) == {(page, "gcs_autotune.design.margins"), (page, "gcs_autotune.design.laws")}
-
-
-def test_no_public_class_name_means_two_things() -> None:
-    places: dict[str, list[str]] = {}
-    for package in ("gcs_autotune", "sitl"):
-        for path in sorted(ROOT.glob(f"{package}/**/*.py")):
-            for node in tree_of(path).body:
-                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                    places.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
-    assert len(places) > 300
-    assert {name: where for name, where in places.items() if len(where) > 1} == {}

@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
 from sitl import load_vehicle
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 TICK = 0.02
 
@@ -22,18 +22,18 @@ TICK = 0.02
 )
 def test_tuner_and_simulator_move_the_same_hull_alike(name, dof, load, state, rate):
     data = load_vehicle(name)
-    body, table = data.make_body(), data.tables[dof]
+    body, table = data.make_plant(), data.tables[dof]
     alpha, beta, quadratic = (table[k]["value"] for k in ("alpha", "beta", "beta2"))
-    body.psi, body.z = 0.0, 5.0
+    body.state.psi, body.state.z = 0.0, 5.0
     rng = np.random.default_rng(4)
     force = table["authority"]["value"] * 0.3 * rng.choice([-1.0, 1.0, 0.4], size=12).repeat(25)
-    start, positions, rates = getattr(body, state), [], []
+    start, positions, rates = getattr(body.state, state), [], []
     for tau in force:
-        positions.append(getattr(body, state) - start)
-        rates.append(getattr(body, rate))
-        loads = Loads()
-        setattr(loads, load, tau)
-        body.step(loads, TICK)
+        positions.append(getattr(body.state, state) - start)
+        rates.append(getattr(body.state, rate))
+        wrench = Wrench()
+        setattr(wrench, load, tau)
+        body.step(wrench, TICK)
     t = TICK * np.arange(len(force))
     model = SingleDof(dof, "N m" if dof == "yaw" else "N", alpha, beta, quadratic)
     found = simulate(model, t, force, t)

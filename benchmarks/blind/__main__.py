@@ -6,8 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from itertools import islice
+from functools import partial
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -19,6 +18,7 @@ from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
 from benchmarks.blind.weather import CALM, HIDDEN  # noqa: E402
+from gcs_autotune.executor import executor_for  # noqa: E402
 
 SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
 """Of all cases when every kind without a given model is played; ``numbers``: all with one."""
@@ -51,19 +51,12 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
 
 
 def outcomes(todo: Sequence[Task], jobs: int, longest: float = LONGEST) -> Iterator[Outcome]:
-    """Play *todo*, in the order in which they are done; no more under way than there are *jobs*, twice over."""
-    if jobs == 1:
-        for task in todo:
-            yield play(*task, longest)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        waiting = iter(todo)
-        running: set[Future[Outcome]] = {pool.submit(play, *task, longest) for task in islice(waiting, 2 * jobs)}
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {pool.submit(play, *task, longest) for task in islice(waiting, len(done))}
-            for future in done:
-                yield future.result()
+    """Play *todo*, *jobs* at a time."""
+    return executor_for(jobs).map(partial(_play, longest), todo)
+
+
+def _play(longest: float, task: Task) -> Outcome:
+    return play(*task, longest)
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:

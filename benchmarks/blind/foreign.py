@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 from sitl.effects import EffectParameter, HiddenEffect, Setting
-from sitl.hull import Loads
+from sitl.plants import Wrench
 from sitl.sensors import SensorReading
 
 __all__ = ["FOREIGN"]
@@ -32,9 +32,9 @@ class Foreign(HiddenEffect):
         """Find channel, degree of freedom and motion."""
         self.channel = self.place
         self.dof = setting.inputs[self.channel]
-        self.motion = setting.motion
+        self.state = setting.state
         self.full = setting.swing[self.channel]
-        self.alpha = setting.axes[self.dof].alpha
+        self.alpha = setting.parameters[f"{self.dof}.alpha"]
         self.draw = Random(f"{setting.seed}/{self.slug}")
         self.reset()
 
@@ -44,7 +44,7 @@ class Foreign(HiddenEffect):
     @property
     def speed(self) -> float:
         """Of the degree of freedom [m/s or rad/s]."""
-        return float(getattr(self.motion, _SPEED[self.dof]))
+        return float(getattr(self.state, _SPEED[self.dof]))
 
     @classmethod
     def differs(cls, told: NDArray[np.float64]) -> bool:
@@ -63,10 +63,10 @@ class CubicDrag(Foreign):
     slug = "cubic-drag"
     parameters = (EffectParameter("coefficient", "N s^3/m^3"),)
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Brake."""
         name = _FORCE[self.dof]
-        setattr(loads, name, getattr(loads, name) - self["coefficient"] * self.speed**3)
+        setattr(wrench, name, getattr(wrench, name) - self["coefficient"] * self.speed**3)
 
     @classmethod
     def drawn(cls, rng: Rng, craft: Craft) -> Mapping[str, float]:
@@ -80,10 +80,10 @@ class DryFriction(Foreign):
     slug = "dry-friction"
     parameters = (EffectParameter("force", "N"), EffectParameter("creep", "m/s"))
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Brake."""
         name = _FORCE[self.dof]
-        setattr(loads, name, getattr(loads, name) - self["force"] * math.tanh(self.speed / self["creep"]))
+        setattr(wrench, name, getattr(wrench, name) - self["force"] * math.tanh(self.speed / self["creep"]))
 
     @classmethod
     def drawn(cls, rng: Rng, craft: Craft) -> Mapping[str, float]:

@@ -32,7 +32,7 @@ from scipy.signal import lfilter
 from benchmarks.blind.astray import water_of, whitened
 from benchmarks.blind.voyage import Case, Flown, fly
 from sitl.effects import HiddenEffect, Setting
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 __all__ = ["visible", "worth"]
 
@@ -135,17 +135,17 @@ class Tangent(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Find the motion."""
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Brake."""
         about = float(np.interp(t, self._t, self._r))
-        loads.N += self._coefficient * abs(about) * (about - 2.0 * self._motion.r)
+        wrench.N += self._coefficient * abs(about) * (about - 2.0 * self._state.r)
 
     def quickness(self, setting: Setting) -> float:
         """Return the time constant at the fastest turn."""
         fastest = max(float(np.abs(self._r).max()), 1e-9)
-        return setting.axes["yaw"].alpha / (2.0 * self._coefficient * fastest)
+        return setting.parameters["yaw.alpha"] / (2.0 * self._coefficient * fastest)
 
 
 def _turned(push: Array, damping: float, interval: float, late: float) -> Array:

@@ -18,7 +18,7 @@ from benchmarks.blind.referee import form_of
 from benchmarks.blind.sizes import RECIPES
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.base_model import base_limits, plain_form, scene_of
+from gcs_autotune.identify.base_model import base_limits, data_summary_of, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Fitted, Problem
 from gcs_autotune.sname import DOFS
@@ -39,25 +39,25 @@ def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
     known = dict(zip(form.parameters, theta.tolist(), strict=True))
     if "Y_v" in form.free and "Y_vdot" in form.known:
         theta[form.parameters.index("Y_v")] /= case.craft.inertia["sway"]
-    scene = scene_of(form, segments, known)
-    problem = Problem(form, segments, scene, base_limits(form))
-    own = _applied(case, scene)
+    summary = data_summary_of(form, segments, known)
+    problem = Problem(form, segments, summary, base_limits(form))
+    own = _applied(case, summary)
     return problem.fit(theta, (own,), problem.first_states(segments), trials=60), own
 
 
-def _applied(case: Case, scene: DataSummary) -> EffectInstance:
+def _applied(case: Case, summary: DataSummary) -> EffectInstance:
     """Return the truth as the book writes it: its name for the place, its constants, all its parameters."""
     ((slug, (place, values)),) = case.truth.items()
     entry = EFFECTS[slug]
-    places = entry.places(scene)
-    everything = {"all": "+".join(scene.form.dofs if slug == "mass-change" else scene.signals)}
+    places = entry.places(summary)
+    everything = {"all": "+".join(summary.form.dofs if slug == "mass-change" else summary.signals)}
     wanted = everything.get(place, place)
     named = [p for p in places if p == wanted] or [p for p in places if set(p.split("+")) == set(wanted.split("+"))]
     if not named:
         raise AutotuneError(f"the book offers {slug} at {', '.join(places) or 'no place'} here, not at {wanted}")
-    start = dict(entry.starts(named[0], scene)[0])
+    start = dict(entry.starts(named[0], summary)[0])
     return EffectInstance(
-        slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], scene)
+        slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], summary)
     )
 
 

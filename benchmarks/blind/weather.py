@@ -186,9 +186,9 @@ class Helm(Foreign):
             self._next = t + self["every"]
             if t >= self._change:
                 self._change = t + self.draw.expovariate(1.0 / self["spell"])
-                self._keeping, self._goal = not self._keeping, self.motion.psi
-            off = self._goal - self.motion.psi
-            wanted = self["gain"] * off - self["rate"] * self.motion.r
+                self._keeping, self._goal = not self._keeping, self.state.psi
+            off = self._goal - self.state.psi
+            wanted = self["gain"] * off - self["rate"] * self.state.r
             self._now = min(max(wanted, -self["most"]), self["most"])
         if self._keeping:
             inputs[self.channel] = self._now

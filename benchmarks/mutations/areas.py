@@ -8,7 +8,7 @@ __all__ = ["AREAS", "EQUIVALENT", "files_by_area"]
 
 AREAS: dict[str, tuple[str, ...]] = {
     "kernels": ("**/*.py",),
-    "safety": ("manoeuvres/*.py", "workflow/restore.py", "workflow/accept_or_revert.py"),
+    "safety": ("manoeuvres/*.py", "workflow/restore.py", "workflow/tunable_loop.py", "workflow/autopilot_loop.py"),
     "journal": ("**/journal.py", "**/parameter_transaction.py", "**/params_file.py", "mavlink/tlog.py"),
     "stamps": (
         "**/stamp_correction.py",

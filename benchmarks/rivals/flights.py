@@ -58,9 +58,9 @@ def get_ready(sea: Sea, job: Job) -> None:
         sea.run(20.0)
         return
     sea.go(ALT_HOLD)
-    if sea.physics.plant.body.z < 1.0:
+    if sea.physics.craft.plant.state.z < 1.0:
         sea.repeated = lambda: _depth(_WORKING_DEPTH)
-        sea.run_while(lambda: sea.physics.plant.body.z < _WORKING_DEPTH - 0.5, within=120.0)
+        sea.run_while(lambda: sea.physics.craft.plant.state.z < _WORKING_DEPTH - 0.5, within=120.0)
 
 
 def fly_step(sea: Sea, job: Job, gains: Mapping[str, float], base: float, *, fresh: bool = False) -> StepMetrics:

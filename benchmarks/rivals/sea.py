@@ -175,7 +175,7 @@ class Sea:
         elif kind == "ATTITUDE":
             self.psi += math.remainder(message.yaw - self.psi, math.tau)
             shares = self.physics.shares
-            speed = self.physics.plant.body.u
+            speed = self.physics.craft.plant.state.u
             self.log.append((self.t, self.psi, self.z, speed, shares.get("N", 0.0), shares.get("Z", 0.0)))
         elif kind == "LOCAL_POSITION_NED":
             self.z = message.z

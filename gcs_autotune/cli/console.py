@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["BELL_VARIABLE", "ConsoleOperator"]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
 from gcs_autotune.cli.config_file import find_config
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.plain_json import json_text
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["DOCTOR", "PORTS"]
 

@@ -10,7 +10,7 @@ from gcs_autotune.cli.command import Command, see_files
 from gcs_autotune.cli.reading import full_scale
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["COMMAND"]
 

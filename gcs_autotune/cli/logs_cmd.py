@@ -23,8 +23,8 @@ from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.plain_json import json_text
+from gcs_autotune.untrusted_text import visible
 
 if TYPE_CHECKING:
     from gcs_autotune.logs import Cut, Recording

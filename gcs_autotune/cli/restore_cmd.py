@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_connection, add_loudness, connection_of, see_files, watching
 from gcs_autotune.cli.console import ConsoleOperator
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["COMMAND"]
 

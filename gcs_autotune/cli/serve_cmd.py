@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command
 from gcs_autotune.errors import UsageError
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune_files import Refused, shown, whole
 
 __all__ = ["COMMAND"]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.command import Command, add_loudness, add_number
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.plain_json import json_text
+from gcs_autotune.untrusted_text import visible
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import AxisFit

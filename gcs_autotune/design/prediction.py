@@ -19,7 +19,7 @@ from gcs_autotune.design.result import Prediction, Proposal, ReferenceModel, Rul
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import StepError, combine, step_error, step_metrics
 from gcs_autotune.models import SingleDof
-from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
+from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 
 __all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_error", "ruler_of", "told_over"]
 

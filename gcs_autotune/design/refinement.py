@@ -4,8 +4,7 @@ Matching follows reference models no faster than a share of the actuator, so tha
 A loop that does saturate may still be the better one. Here gains are judged as the step on the water will be:
 simulated with every limit in place, both ways, over the same window, blind to errors the sensor cannot show. Bounded
 Nelder-Mead (Nelder1965), because what saturates and what is counted as no error has kinks. It starts from points
-spread evenly over a cube: the start of Sobol's sequence, unscrambled, with direction numbers after Joe2008. They are
-those of ``scipy.stats.qmc.Sobol`` to the last bit, without a second of importing ``scipy.stats``.
+spread evenly over a cube: the start of Sobol's sequence, unscrambled.
 """
 
 from __future__ import annotations
@@ -35,8 +34,9 @@ from gcs_autotune.design.selection import (
 from gcs_autotune.design.step_metrics import StepError, noise_floor
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Gain
+from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["DIMENSIONS", "MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refine_for_both", "sobol"]
+__all__ = ["MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refine_for_both", "sobol"]
 
 Array = NDArray[np.float64]
 
@@ -351,51 +351,7 @@ def _descend(cost: Callable[[Array], float], start: Array) -> Array:
     return lowest
 
 
-_POLYNOMIALS: tuple[tuple[int, int, tuple[int, ...]], ...] = (
-    (1, 0, (1,)),
-    (2, 1, (1, 3)),
-    (3, 1, (1, 3, 1)),
-    (3, 2, (1, 1, 1)),
-    (4, 1, (1, 1, 3, 3)),
-    (4, 4, (1, 3, 5, 13)),
-    (5, 2, (1, 1, 5, 5, 17)),
-    (5, 4, (1, 1, 5, 5, 5)),
-    (5, 7, (1, 1, 7, 11, 19)),
-)
-"""Per dimension after the first: degree of the primitive polynomial, its inner coefficients as bits, first numbers."""
-
-DIMENSIONS = len(_POLYNOMIALS) + 1
-
-
 def sobol(dimensions: int, power: int) -> NDArray[np.float64]:
-    """Return the first ``2**power`` points, (2**power, dimensions), each in [0, 1).
-
-    Raises
-    ------
-    ValueError
-        More than :data:`DIMENSIONS`.
-    """
-    if dimensions > DIMENSIONS:
-        raise ValueError(f"{dimensions} dimensions, at most {DIMENSIONS} are tabled")
-    directions = np.array([_directions(d, power) for d in range(dimensions)], dtype=np.int64)
-    points, at = np.zeros((2**power, dimensions)), np.zeros(dimensions, dtype=np.int64)
-    for k in range(1, 2**power):
-        lowest_zero = ((k - 1) ^ k).bit_length() - 1  # of k - 1: the bit the Gray code changes
-        at ^= directions[:, lowest_zero]
-        points[k] = at / 2.0**power
+    """Return the first ``2**power`` points of Sobol's sequence, (2**power, dimensions), each in [0, 1)."""
+    points: NDArray[np.float64] = scipy_stats().qmc.Sobol(dimensions, scramble=False).random_base2(power)
     return points
-
-
-def _directions(dimension: int, power: int) -> list[int]:
-    """Return the direction numbers of one dimension (0 the first), scaled to integers of *power* bits."""
-    if dimension == 0:
-        return [1 << (power - 1 - i) for i in range(power)]
-    degree, inner, first = _POLYNOMIALS[dimension - 1]
-    m = list(first)
-    while len(m) < power:
-        i = len(m)
-        new = m[i - degree] ^ (m[i - degree] << degree)
-        for k in range(1, degree):
-            new ^= ((inner >> (degree - 1 - k)) & 1) * (m[i - k] << k)
-        m.append(new)
-    return [m[i] << (power - 1 - i) for i in range(power)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.rounding import format_number
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.effect_reduction import Remark
     from gcs_autotune.design.hunting import Hunting
@@ -189,30 +186,6 @@ class Proposal:
     def old(self) -> Mapping[str, float]:
         """Parameter -> old value."""
         return {c.parameter: c.old for c in self.changes}
-
-    @overload
-    def plot(self, ax: None = None) -> Figure: ...
-
-    @overload
-    def plot(self, ax: Axes) -> Axes: ...
-
-    def plot(self, ax: Axes | None = None) -> Figure | Axes:
-        """Draw the step as predicted with the old gains and with the new, in SI units, on *ax* (returned) or in a new
-        figure.
-
-        Examples
-        --------
-        >>> from matplotlib.figure import Figure
-        >>> from gcs_autotune.api import design, example_run, fit
-        >>> gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
-        >>> proposal = design(fit(example_run(), "linear", dof="yaw"), "heading", gains, speed=1.5)
-        >>> ax = Figure().subplots()
-        >>> proposal.plot(ax) is ax
-        True
-        """
-        from gcs_autotune.design.pictures import plot_step
-
-        return plot_step(self, ax)
 
     def to_pandas(self) -> Any:
         """Return the gains as a pandas DataFrame, a row per parameter: ``old``, ``new``, ``low``, ``high``, ``reason``.

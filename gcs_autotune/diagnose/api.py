@@ -20,6 +20,7 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import (
     CONTRADICTION,
     Doubt,
@@ -135,7 +136,7 @@ def _diagnosed(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    question = Question(base, segments, slugs, held, whole, given, horizon, progress, jobs)
+    question = Question(base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs))
     strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:

@@ -57,6 +57,8 @@ class Attested:
     brief: bool = False
     """Its time, or the craft's own beside it, is so short that it may as well be a smoother of the recorded signal, or
     the craft's inertia; or shorter than the interval judged where commands answer the heading: never named."""
+    unsound: str = ""
+    """Why it is not named although it pays: no model of the craft stands with it, or predictions are no better."""
 
     @property
     def foretold(self) -> float:
@@ -83,12 +85,12 @@ class Attested:
         those left out, where the plain model itself may be lost.
         """
         enough = self.gain > self.needed or self.foretold > FAR_MORE * self.needed
-        return enough and self.holds and not self.brief
+        return enough and self.holds and not self.brief and not self.unsound
 
     @property
     def falls_short(self) -> bool:
-        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
-        return self.gain > self.needed and not self.holds
+        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen, or is unsound."""
+        return self.gain > self.needed and (not self.holds or bool(self.unsound))
 
 
 def densities_of(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:

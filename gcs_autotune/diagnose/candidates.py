@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.score import bic_penalty
 from gcs_autotune.diagnose.undo_data_errors import turned
-from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, EffectResidual, ExtendedSimulator, Observed, in_order
+from gcs_autotune.executor import Executor, SerialExecutor
 from gcs_autotune.identify import Fitted, Problem, judged_by
 from gcs_autotune.kept_results import recalled
 
@@ -83,7 +84,7 @@ def screen(
     others: Sequence[Fitted],
     choices: Sequence[Sequence[EffectInstance]],
     progress: Callable[[int, int], None] | None = None,
-    jobs: int = 1,
+    executor: Executor | None = None,
 ) -> list[EffectCandidate]:
     """Return the most promising start of each choice, the best promise first.
 
@@ -92,29 +93,38 @@ def screen(
     grounds = [_TangentSpace(problem, fitted) for fitted in (*fits, *others)]
     known = [problem, *((f.theta, f.effects, f.initial, f.shift) for f in (*fits, *others))]
 
-    def best_of(i: int) -> list[Promise]:
-        return recalled(
-            lambda: ("promise", *known, len(fits), [e.to_dict() for e in choices[i]]),
-            lambda: promises_of(i),
-            lambda found: [(k, own.to_dict(), promised, adapted.tolist()) for k, own, promised, adapted in found],
-            lambda kept: [(int(k), EffectInstance(**own), float(p), np.array(a, float)) for k, own, p, a in kept],
-        )
-
-    def promises_of(i: int) -> list[Promise]:
-        entry = EFFECTS[choices[i][0].slug]
-        found = []
-        for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[: len(fits)]):
-            promises = (ground.promise(entry, own) for own in choices[i])
-            found += [(k, p.effect, p.promised, p.adapted) for p in promises if p is not None]
-        return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
-
+    best_of = partial(_best_of, grounds, known, len(fits))
     listed = []
-    for best in in_parallel(best_of, len(choices), jobs, progress):
+    for best in (executor or SerialExecutor()).map(best_of, choices, progress):
         if best:
             k, own, promised, adapted = best[0]
             begin = _begun(problem, grounds[k].fitted, own)
             listed.append(EffectCandidate(own, begin, promised, adapted, tuple(other[1] for other in best[1:])))
     return sorted(listed, key=lambda c: c.promised)
+
+
+def _best_of(
+    grounds: Sequence[_TangentSpace], known: Sequence[object], begun: int, choice: Sequence[EffectInstance]
+) -> list[Promise]:
+    """Return the best promises of one *choice*: from the first *begun* of the *grounds*, errors of the data from all.
+
+    known : what the grounds were made of, by which a kept result is found again.
+    """
+    entry = EFFECTS[choice[0].slug]
+
+    def calculated() -> list[Promise]:
+        found = []
+        for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[:begun]):
+            promises = (ground.promise(entry, own) for own in choice)
+            found += [(k, p.effect, p.promised, p.adapted) for p in promises if p is not None]
+        return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
+
+    return recalled(
+        lambda: ("promise", *known, begun, [e.to_dict() for e in choice]),
+        calculated,
+        lambda found: [(k, own.to_dict(), promised, adapted.tolist()) for k, own, promised, adapted in found],
+        lambda kept: [(int(k), EffectInstance(**own), float(p), np.array(a, float)) for k, own, p, a in kept],
+    )
 
 
 class _TangentSpace:

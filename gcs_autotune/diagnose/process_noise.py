@@ -25,9 +25,11 @@ from gcs_autotune.diagnose.process_noise_starts import (
     ROUGH,
     WAVES,
     Say,
+    at_the_right_interval,
     momentary,
     plain_under_process_noise,
 )
+from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, rms_ahead, stands
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import (
@@ -107,6 +109,8 @@ class WeatherSearch:
     folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
     still: float = math.inf
     cut: str = ""
+    interval: str = ""
+    """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
 
     @property
     def momentary(self) -> bool:
@@ -156,14 +160,17 @@ def search_under_process_noise(
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
+    words = ""
+    if asked is not None and begun is not None and not momentary(*begun):
+        begun, words = at_the_right_interval(problem, *asked, begun, slugs, say)
     if asked is None or begun is None:
         return None
     (form, signal), (wandering, plain) = asked, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_none(wandering, plain)
-    folds, words = _folds(wandering.segments, held)
-    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
+    folds, parts = _folds(wandering.segments, held)
+    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, parts, folds, still=calm, interval=words)
     if calm < PRESENT or search.momentary:
         return search
     try:
@@ -173,6 +180,10 @@ def search_under_process_noise(
                 break
             search = replace(_without_idle(search), still=math.inf)
             search = replace(search, still=_over_none(wandering, search.fit))
+        if search.named:
+            wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
+            changes = changes_at(wandering, search.fit, wider)
+            search = replace(search, interval="; ".join(filter(None, (words, *changes))))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
@@ -309,7 +320,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     judged = []
     for k, (effect, fit) in enumerate(ends):
         say(f"{stage}: runs left out", k, len(ends))
-        judged.append(_attested(search, effect, fit, present, before))
+        judged.append(_sound(problem, _attested(search, effect, fit, present, before), present))
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
     search = replace(search, judged=(*search.judged, *judged), fit=present)
     if not search.named:
@@ -352,6 +363,21 @@ def _attested(
     brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
     brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
     return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+
+
+def _sound(problem: WanderingProblem, found: Attested, present: WanderingFit) -> Attested:
+    """Return *found* with why it is not to be named although it pays, if so: see :attr:`.Attested.unsound`."""
+    if not found.paid:
+        return found
+    if not stands(problem, found.fit):
+        return replace(found, unsound="no model of the craft stands with it")
+    seconds = foresight(problem, found.fit)
+    if seconds is None:
+        return found
+    before, after = (rms_ahead(problem, fit, seconds) for fit in (present, found.fit))
+    if after < before:
+        return found
+    return replace(found, unsound=f"predicts no better {seconds:g} s ahead ({after / max(before, 1e-300):.2f} times)")
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:

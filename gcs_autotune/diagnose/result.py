@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from gcs_autotune.diagnose.missing_force import MissingForce
 
 __all__ = [
@@ -297,33 +294,6 @@ class Diagnosis:
             }
         )
         return plain
-
-    @overload
-    def plot(self, ax: None = None, *, run: str = "", signal: str = "") -> Figure: ...
-
-    @overload
-    def plot(self, ax: Axes, *, run: str = "", signal: str = "") -> Axes: ...
-
-    def plot(self, ax: Axes | None = None, *, run: str = "", signal: str = "") -> Figure | Axes:
-        """Draw what the simulation leaves of a run, before and with the causes found, in SI units, on *ax* (returned)
-        or in a new figure: of the first run and signal, or of those named.
-
-        Raises
-        ------
-        UsageError
-            There is no such trace.
-
-        Examples
-        --------
-        >>> from matplotlib.figure import Figure
-        >>> from gcs_autotune.api import diagnose, example_run
-        >>> ax = Figure().subplots()
-        >>> diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]).plot(ax, signal="r") is ax
-        True
-        """
-        from gcs_autotune.diagnose.pictures import plot_residuals
-
-        return plot_residuals(self, ax, run, signal)
 
     def to_pandas(self) -> Any:
         """Return the ranking as a pandas DataFrame, one row per candidate tried to the end.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify import WanderingFit, WanderingProblem
 
-__all__ = ["Look", "changes_at", "foresight", "judged_at", "rms_ahead", "stands"]
+__all__ = ["Look", "Plain", "changes_at", "foresight", "judged_at", "rms_ahead", "stands"]
 
 Array = NDArray[np.float64]
 
@@ -253,7 +253,7 @@ def _look(
 
 
 def changes_at(problem: WanderingProblem, fit: WanderingFit, other: WanderingProblem) -> list[str]:
-    """Return in words the numbers of causes in *fit* that come out otherwise where the runs are judged as in *other*."""
+    """Return in words the numbers of causes in *fit* that come out otherwise where runs are judged as in *other*."""
     again = other.fit(fit.theta, fit.effects, fit.water)
     if again is None:
         return []

@@ -20,6 +20,7 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.two_records import compared
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.errors import UsageError
+from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
@@ -74,7 +75,10 @@ def surrogate_of(
     problem, found = stand_in(base, segments, told)
     if any(share > PLAIN_ENOUGH for share in _missed(problem, found).values()):
         slugs = [s for s in effects if EFFECTS[s].family != "data errors"]
-        state = follow(begin_with(Question(base, segments, slugs, progress=told, jobs=jobs), problem, found), SEARCH)
+        state = follow(
+            begin_with(Question(base, segments, slugs, progress=told, executor=executor_for(jobs)), problem, found),
+            SEARCH,
+        )
         problem, found = state.problem, state.fitted
     for name, share in _missed(problem, found).items():
         if share > FAITHFUL:

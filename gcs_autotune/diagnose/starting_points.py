@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +31,9 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
-from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.executor import Executor
 from gcs_autotune.identify import (
     Fitted,
     Limits,
@@ -180,7 +181,7 @@ TOLD = 3.0
 
 
 def segment_starts(
-    problem: Problem, present: Fitted, slugs: Sequence[str], jobs: int = 1
+    problem: Problem, present: Fitted, slugs: Sequence[str], executor: Executor
 ) -> list[tuple[EffectCandidate, Fitted]]:
     """Return rough fits over whole runs begun at the likeliest causes of pieces, each with its candidate.
 
@@ -194,15 +195,17 @@ def segment_starts(
     except AutotuneError:
         return []
     choices = candidates(short, (), [s for s in slugs if _moves_the_craft(s)])
-    listed = screen(short, [base], [], choices, jobs=jobs)[:SHORT_LIST]
-    fits = in_parallel(lambda i: fitted_roughly(short, listed[i]), len(listed), jobs)
+    listed = screen(short, [base], [], choices, executor=executor)[:SHORT_LIST]
+    fits = executor.map(partial(fitted_roughly, short), listed)
     rough = [(c, f) for c, f in zip(listed, fits, strict=True) if f is not None and f.cost < base.cost]
     rough = sorted(rough, key=lambda r: r[1].cost)[:KEPT]
+    whole = executor.map(partial(_whole, problem, short, present), rough)
+    return [(_candidate(present, f), f) for f in whole if f is not None]
 
-    def whole(i: int) -> Fitted | None:
-        return _over_whole_runs(problem, fitted_to_the_end(short, *rough[i]), present)
 
-    return [(_candidate(present, f), f) for f in in_parallel(whole, len(rough), jobs) if f is not None]
+def _whole(problem: Problem, short: Problem, present: Fitted, rough: tuple[EffectCandidate, Fitted]) -> Fitted | None:
+    """Return a rough fit of pieces fitted to its end there, and carried over to whole runs."""
+    return _over_whole_runs(problem, fitted_to_the_end(short, *rough), present)
 
 
 def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted | None:

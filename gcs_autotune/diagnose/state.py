@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
@@ -29,8 +30,8 @@ from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
-from gcs_autotune.diagnose.workers import in_parallel
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
+from gcs_autotune.executor import Executor, SerialExecutor
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
 from gcs_autotune.models import Form
 
@@ -84,7 +85,8 @@ class Question:
     """What is asked: runs to explain, runs kept apart, the model in question, effects to try.
 
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
-    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is.
+    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
+    ``executor``: does what can be done at the same time.
     ``weather``: whether a force that wanders may be blamed.
     """
 
@@ -96,7 +98,7 @@ class Question:
     given: ModelInQuestion | None = None
     horizon: float | None = None
     progress: Progress | None = None
-    jobs: int = 1
+    executor: Executor = field(default_factory=SerialExecutor)
     weather: bool = True
 
     def say(self, stage: str, done: int, total: int) -> None:
@@ -220,7 +222,7 @@ class SearchState:
 
         screened(0, len(choices))
         others = (now.alone or ()) if astray else ()
-        listed = screen(now.problem, begun, others, choices, screened, question.jobs)
+        listed = screen(now.problem, begun, others, choices, screened, question.executor)
         is_lost = astray and lost(present, now.problem.data_summary.spread)
         if is_lost and now.given is None:
             listed = merged(listed, permuted_channels(now.problem, present, choices))
@@ -243,13 +245,14 @@ class SearchState:
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
         raised = correlation_of(best)
 
-        def judged_one(i: int) -> Judged:
-            return self.judged(ends[i][0].effect, ends[i][1], present, tried, raised, quick=quick)
+        silent = replace(self, question=replace(self.question, progress=None))
+        judged_one = partial(_judged_by, silent, present, tried, raised, quick)
 
         def told(done: int, total: int) -> None:
             self.question.say(stage + ": runs left out", done, total)
 
-        judged = ordered(in_parallel(judged_one, len(ends), 1 if quick else self.question.jobs, told))
+        executor = SerialExecutor() if quick else self.question.executor
+        judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
         return SearchStep(tuple(judged), None if quick else winner_of(judged, tried, present))
 
     def judged(
@@ -282,7 +285,7 @@ class SearchState:
         def told(done: int, total: int) -> None:
             self.question.say(stage + ": fitting to the end", done, total)
 
-        fits = in_parallel(lambda i: fitted_to_the_end(self.problem, *rough[i]), len(rough), self.question.jobs, told)
+        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def _rough(self, listed: Sequence[EffectCandidate], stage: str) -> list[Attempt]:
@@ -290,7 +293,7 @@ class SearchState:
             self.question.say(stage + ": fitting", done, total)
 
         told(0, len(listed))
-        fits = in_parallel(lambda i: fitted_roughly(self.problem, listed[i]), len(listed), self.question.jobs, told)
+        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def _with_others(self) -> SearchState:
@@ -349,3 +352,19 @@ def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate])
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
     """Whether an effect is already there in other words: the same slug at a place that overlaps."""
     return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)
+
+
+def _judged_by(
+    state: SearchState,
+    present: Fitted,
+    tried: int,
+    common: float,
+    quick: bool,
+    end: tuple[EffectInstance, Fitted],
+) -> Judged:
+    effect, fitted = end
+    return state.judged(effect, fitted, present, tried, common, quick=quick)
+
+
+def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
+    return fitted_to_the_end(problem, *attempt)

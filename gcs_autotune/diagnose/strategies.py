@@ -311,7 +311,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return state
     try:
         state.question.say("in pieces", 0, 1)
-        held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.jobs)
+        held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.executor)
         ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state

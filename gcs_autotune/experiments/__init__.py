@@ -21,32 +21,31 @@ from __future__ import annotations
 from gcs_autotune.experiments.comparison import DofComparison, compare_dof, compare_models
 from gcs_autotune.experiments.drag_choice import weigh_drags
 from gcs_autotune.experiments.form_choice import FormChoice, choose_form, eliminate
-from gcs_autotune.experiments.identifiability import identifiability
+from gcs_autotune.experiments.identifiability import Identifiability, identifiability
 from gcs_autotune.experiments.next_manoeuvre import (
     RankedManoeuvre,
+    Ranking,
     plan_next,
     rank_by_precision,
     relative_errors,
     shortfall,
 )
-from gcs_autotune.experiments.pictures import correlation_picture, profile_picture, proposal_picture
 from gcs_autotune.experiments.profile_likelihood import Profile, profile
 
 __all__ = [
     "DofComparison",
     "FormChoice",
+    "Identifiability",
     "Profile",
     "RankedManoeuvre",
+    "Ranking",
     "choose_form",
     "compare_dof",
     "compare_models",
-    "correlation_picture",
     "eliminate",
     "identifiability",
     "plan_next",
     "profile",
-    "profile_picture",
-    "proposal_picture",
     "rank_by_precision",
     "relative_errors",
     "shortfall",

@@ -44,8 +44,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
 from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
-from gcs_autotune.identify.frequency import FrequencyResponse, harmonic_response
-from gcs_autotune.identify.frequency.pictures import frequency_picture
+from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse, harmonic_response
 from gcs_autotune.identify.information import (
     BLIND,
     FittedModel,
@@ -89,7 +88,6 @@ from gcs_autotune.identify.open_loop.readings import (
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes, ship_log, steered
 from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
-from gcs_autotune.identify.pictures import as_people_read, draw_trace
 from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_plan
 from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
@@ -122,7 +120,7 @@ from gcs_autotune.identify.result import (
 )
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
-from gcs_autotune.identify.simulation import extended_of
+from gcs_autotune.identify.simulation import extended_of, simulated
 from gcs_autotune.identify.solution_doubts import reversed_input
 from gcs_autotune.identify.surge import CURVE, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.identify.thrust_curve import (
@@ -139,6 +137,7 @@ from gcs_autotune.identify.whiteness import Remainder, autocorrelation, correlat
 
 __all__ = [
     "BLIND",
+    "COHERENT",
     "CONTRADICTION",
     "CURVE",
     "DEAD_ZONE",
@@ -203,7 +202,6 @@ __all__ = [
     "WanderingProblem",
     "Water",
     "alternate",
-    "as_people_read",
     "autocorrelation",
     "base_limits",
     "check_axes",
@@ -216,7 +214,6 @@ __all__ = [
     "decide",
     "derivative_names",
     "descend",
-    "draw_trace",
     "drives_of",
     "effect_number",
     "experiments_needed",
@@ -233,7 +230,6 @@ __all__ = [
     "fitted_model_of",
     "form_of",
     "free_run",
-    "frequency_picture",
     "from_delay",
     "from_integrators",
     "gaussian_noise",
@@ -285,6 +281,7 @@ __all__ = [
     "ship_log",
     "signals_of",
     "simplify",
+    "simulated",
     "solve_zigzag",
     "spread_between",
     "square_of",

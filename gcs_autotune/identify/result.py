@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.whiteness import Remainder, remainder_of
@@ -16,13 +16,6 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_value
-from gcs_autotune.trial import Trial
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from gcs_autotune.identify.free_run import Validation
 
 __all__ = [
     "AxisFit",
@@ -215,69 +208,6 @@ class Fit:
         signals = dict.fromkeys(t.signal for t in self.traces)
         residuals = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
         return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
-
-    def validate(self, runs: Trial | Sequence[Trial]) -> Validation:
-        """Simulate runs the model has not seen, only their initial states fitted; see :mod:`.validate`.
-
-        Examples
-        --------
-        >>> from gcs_autotune.api import example_run, fit
-        >>> told = fit(example_run(), "linear", dof="yaw", delay=0.0).validate(example_run(seed=2))
-        >>> bool(told.fit_percent > 95.0)
-        True
-        """
-        from gcs_autotune.identify.free_run import validate
-
-        return validate(self.model, runs)
-
-    def simulate(
-        self,
-        inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]],
-        *,
-        stamps: ArrayLike | None = None,
-        start: Mapping[str, float] | None = None,
-    ) -> Trial:
-        """Return what the model makes of *inputs*; see :func:`gcs_autotune.identify.simulation.simulated`.
-
-        Examples
-        --------
-        >>> from gcs_autotune.api import example_run, fit
-        >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
-        >>> motion = found.simulate({"N": ([0.0, 10.0], [0.1, 0.1])}, start={"psi": 0.5})
-        >>> sorted(motion.channels), motion["r"].unit, float(motion["psi"].values[0])
-        (['N', 'psi', 'r'], 'rad/s', 0.5)
-        """
-        from gcs_autotune.identify.simulation import simulated
-
-        return simulated(self, inputs, stamps=stamps, start=start)
-
-    @overload
-    def plot(self, ax: None = None, *, run: str = "", signal: str = "") -> Figure: ...
-
-    @overload
-    def plot(self, ax: Axes, *, run: str = "", signal: str = "") -> Axes: ...
-
-    def plot(self, ax: Axes | None = None, *, run: str = "", signal: str = "") -> Figure | Axes:
-        """Return a figure: fit against measurement and what is left, per run and signal.
-
-        With *ax*, one trace is drawn there (the first, or that of *run* and *signal*) and *ax* returned.
-
-        Raises
-        ------
-        UsageError
-            The fit has no such trace.
-
-        Examples
-        --------
-        >>> from matplotlib.figure import Figure
-        >>> from gcs_autotune.api import example_run, fit
-        >>> ax = Figure().subplots()
-        >>> fit(example_run(), "linear", dof="yaw", delay=0.0).plot(ax, signal="psi") is ax
-        True
-        """
-        from gcs_autotune.identify.pictures import fit_picture, plot_trace
-
-        return fit_picture(self) if ax is None else plot_trace(ax, self.traces, run, signal)
 
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame, one row per parameter: ``value``, ``std``, ``low`` and ``high`` of the 95 %

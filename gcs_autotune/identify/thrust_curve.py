@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.free_run import validate
 from gcs_autotune.identify.result import AxisFit, Fit, Parameter
 from gcs_autotune.trial import Trial
 
@@ -160,7 +161,7 @@ class _Band:
     def foretold(self, model: Fit, run: Trial) -> float:
         """Return how much of *run* a *model* explains [percent] when this band stands before its actuator."""
         try:
-            return model.validate([self.on(run)]).fit_percent
+            return validate(model.model, [self.on(run)]).fit_percent
         except AutotuneError:  # it runs away: with this band the model is none of this craft
             return -math.inf
 

@@ -10,13 +10,13 @@ import numpy as np
 from msgspec import Struct
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.logs.formats import LOG_SUFFIXES, format_of
 from gcs_autotune.logs.renaming import renamed
 from gcs_autotune.logs.sample_store import Recording
 from gcs_autotune.logs.segmentation import runs_of
 from gcs_autotune.sname import DOFS, INPUTS, Dof
 from gcs_autotune.trial import Purpose, Trial, load_trial
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune_files import Refused, conform, read
 
 __all__ = ["TRIALS_FOLDER", "load_runs", "record"]

@@ -15,13 +15,13 @@ from pathlib import Path
 from gcs_autotune import mavlink  # whose names bring pymavlink, so only when one is used
 from gcs_autotune.csv_table import wide_encoding
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.logs import matlab, rosbag, ulog
 from gcs_autotune.logs.dataflash import FMT_LINE, record_dataflash
 from gcs_autotune.logs.format import Format, Head
 from gcs_autotune.logs.mavlink_csv import is_mavlogdump, is_mission_planner, record_mavlogdump, record_mission_planner
 from gcs_autotune.logs.qgc_csv import is_qgc, record_qgc
 from gcs_autotune.logs.tlog import record_tlog
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["FORMATS", "LOG_SUFFIXES", "format_of"]
 

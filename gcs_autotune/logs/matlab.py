@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.logs.format import Format, Head
 from gcs_autotune.trial import TIMES, Trial, trial_of_columns
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["FORMAT", "read_mat"]
 

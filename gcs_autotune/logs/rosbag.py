@@ -16,10 +16,10 @@ import numpy as np
 
 from gcs_autotune.csv_table import LAST, is_believable
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.logs.format import Format, Head, absent
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Note, Trial
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["FORMAT", "read_bag"]
 

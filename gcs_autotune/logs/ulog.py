@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.logs.format import Format, Head, absent
 from gcs_autotune.logs.sample_store import Census, Note, Recording, SampleStore
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["FORMAT", "SIGNALS", "record_ulog"]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gcs_autotune.axes import SIGNAL_FORCES
 from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
-from gcs_autotune.rest import LOOK, TRIFLE, is_at_rest
+from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 

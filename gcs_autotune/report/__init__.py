@@ -2,6 +2,7 @@
 
 =========  ======================================================================
 toolkit    what all are made of
+plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
@@ -16,6 +17,7 @@ from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
 from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
 from gcs_autotune.report.flight.page import FlightModel, TrialTold, render_flight, render_preview
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_summary, render_recheck
+from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.page import render_study
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study, study_to_dict
 from gcs_autotune.report.study.tables import method_list, model_summary, study_summary
@@ -49,15 +51,20 @@ __all__ = [
     "TrialTold",
     "TuneStory",
     "beside_telemetry",
+    "correlation_plot",
     "diagnosis_summary",
     "effects_list",
     "effects_to_dict",
     "fit_summary",
     "format_factor",
+    "frequency_plot",
     "log_summary",
     "method_list",
     "model_summary",
+    "plan_plot",
     "plan_summary",
+    "plot",
+    "profile_plot",
     "proof_command",
     "propeller_summary",
     "recheck_summary",

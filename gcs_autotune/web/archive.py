@@ -14,7 +14,7 @@ from typing import Any
 from msgspec import Struct
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune.web.job import page_of, read_json
 from gcs_autotune_files import Refused, conform, read
 

@@ -14,8 +14,8 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.registry import lookup
+from gcs_autotune.untrusted_text import visible
 from gcs_autotune.web.archive import KINDS, Archive
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live

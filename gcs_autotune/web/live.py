@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import AsyncIterator
 from typing import Any
 
-from gcs_autotune.foreign_text import visible
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["Live"]
 

@@ -2,8 +2,9 @@
 
 * ``tune``, its first half ``experiment``, and ``fly`` share a ``context``: ``connection``, ``preflight``, the
   ``runner`` of manoeuvres, the ``record`` directory, a ``worker`` that computes in the ``background``.
-  ``announcement`` and ``itinerary`` say beforehand what ``identification``, ``proof``, ``designing`` and
-  ``accept_or_revert`` do then. What ``fly`` takes is seen before by ``foresight``, in the ``flight_area``.
+  ``announcement`` and ``itinerary`` say beforehand what is done. ``tunable_loop`` is the order of every tune; the
+  autopilot's loops in ``autopilot_loop`` use ``identification``, ``proof`` and ``designing``. What ``fly`` takes is
+  seen before by ``foresight``, in the ``flight_area``.
 * ``restore``: putting a vehicle back. ``study`` (in ``study_sections``), ``diagnosis``: work on records, without one.
 """
 

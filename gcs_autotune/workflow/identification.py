@@ -24,9 +24,9 @@ from gcs_autotune.identify import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
+from gcs_autotune.workflow.extra_relay import extra_relay, fly_extra
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
-from gcs_autotune.workflow.third_relay import fly_third, third_relay
 
 __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
@@ -93,11 +93,11 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
-        third = context.run_in_background(third_relay, trials, plain)
+        third = context.run_in_background(extra_relay, trials, plain)
         if third is not None:
             context.come_about("relay-3", SWING_AHEAD)
             context.come_down()
-            trials += fly_third(third, s, dof, craft, throttle, context.runner, log)
+            trials += fly_extra(third, s, dof, craft, throttle, context.runner, log)
             plain = _plain(context, trials)
     log.fit = plain
     return _with_curve(context, plain, trials, step)

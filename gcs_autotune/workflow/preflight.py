@@ -14,7 +14,6 @@ from gcs_autotune.clock import Deadline
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
-from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     HELD_MEANWHILE,
@@ -29,6 +28,7 @@ from gcs_autotune.manoeuvres import (
     ThrustCheckSettings,
 )
 from gcs_autotune.mavlink import message_number
+from gcs_autotune.untrusted_text import quoted
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 

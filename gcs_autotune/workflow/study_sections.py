@@ -14,13 +14,10 @@ from gcs_autotune.experiments import (
     DofComparison,
     FormChoice,
     compare_models,
-    correlation_picture,
     eliminate,
     identifiability,
     plan_next,
     profile,
-    profile_picture,
-    proposal_picture,
     weigh_drags,
 )
 from gcs_autotune.identify import (
@@ -29,11 +26,11 @@ from gcs_autotune.identify import (
     Fit,
     FrequencyResponse,
     ModelFile,
-    frequency_picture,
     model_file_of,
     scaled_form,
 )
 from gcs_autotune.models import Form, Nomoto1
+from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
 from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
@@ -120,8 +117,8 @@ def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals
     """
     found = [profile(fit, runs, name) for name in names]
     pictures = (
-        ("Rise of the deviance with each parameter; the line is where the 95 % interval ends.", profile_picture(found)),
-        ("Correlation of the estimates: dark squares move together.", correlation_picture(identifiability(fit, runs))),
+        ("Rise of the deviance with each parameter; the line is where the 95 % interval ends.", profile_plot(found)),
+        ("Correlation of the estimates: dark squares move together.", correlation_plot(identifiability(fit, runs))),
     )
     return Intervals(tuple(f"{f.words}." for f in found), pictures)
 
@@ -199,7 +196,7 @@ def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed
     if not rows:
         return Proposed((), verdict)
     caption = "Expected standard errors, now and with the best manoeuvre added."
-    return Proposed(tuple(rows), verdict, ((caption, proposal_picture(proposal)),))
+    return Proposed(tuple(rows), verdict, ((caption, plan_plot(proposal)),))
 
 
 def _times(factor: float) -> str:
@@ -213,4 +210,4 @@ def response_pictures(fits: Sequence[Fit]) -> tuple[tuple[str, Any], ...]:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])
     caption = "Frequency response from input to rate, with coherence; the line is Nomoto's first order."
-    return ((caption, frequency_picture(response, {"Nomoto 1": Nomoto1.from_single_dof(found.model)})),)
+    return ((caption, frequency_plot(response, {"Nomoto 1": Nomoto1.from_single_dof(found.model)})),)

@@ -1,35 +1,30 @@
 """``tune``: from the link to proved gains, and back to where it started on every other ending.
 
-Order: connect, say what will happen (``announcement``), read and save the present parameters (``axis_parameters``),
-fly the step as it is, swing the relay twice and identify (``identification``, unless a model is given), design
-(``designing``), ask, write, read back, fly the same step, keep or give back (``decision``), report. The legs share a
+Order: connect, say what will happen (``announcement``), read and save the present parameters, then what every tune does
+(``tunable_loop``) with a loop of the autopilot (``autopilot_loop``): fly the step with the present gains, identify,
+design, ask, write, read back, fly the same step, keep or restore. Last the report. The legs share a
 :class:`TuneContext`.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.design import LAWS
 from gcs_autotune.errors import AutotuneError, BadFile, ParameterMissing, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
-from gcs_autotune.link import Journal, MavlinkCraft
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
-from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.accept_or_revert import accept_or_revert, accept_or_revert_supplied
 from gcs_autotune.workflow.announcement import announce
+from gcs_autotune.workflow.autopilot_loop import autopilot_loop
 from gcs_autotune.workflow.background import asked_now
 from gcs_autotune.workflow.connection import axis_of, connect_craft
 from gcs_autotune.workflow.context import TuneContext, armed, recorder
-from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
-from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, speed_for, steering_throttle
-from gcs_autotune.workflow.identification import Identified, again_with_step, identify
+from gcs_autotune.workflow.experiments import speed_for
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
-from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
@@ -37,14 +32,13 @@ from gcs_autotune.workflow.preflight import (
     see_depth_is_told,
     see_throttle_is_free,
 )
-from gcs_autotune.workflow.proof import Proof, known_of, proof_about_rest, proof_of_velocity
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
-from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
-from gcs_autotune.workflow.supplied_gains import SuppliedGains, changes_of, step_of
-from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
+from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.supplied_gains import changes_of
+from gcs_autotune.workflow.supplied_model import supplied_for
+from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.worker import Worker
 
@@ -77,7 +71,8 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
                 announce(context)
                 try:
                     with armed(craft, log, record, settings.connection) as journal:
-                        _on_the_water(context, journal)
+                        loop = autopilot_loop(context)
+                        tune_loop(loop, log, context.agrees, journal, dry_run=settings.dry_run)
                 finally:
                     read_again(craft, log, record)
         onboard.identify([log.fit] if log.fit is not None else [], when)
@@ -145,94 +140,6 @@ def _set_out(
         if not log.given_changes:
             raise UsageError(f"the vehicle has the gains of {settings.gains.file} already: there is nothing to prove")
     return context
-
-
-def _on_the_water(context: TuneContext, journal: Journal) -> None:
-    settings, log, axis, given = context.settings, context.log, context.axis, context.given
-    context = context.begin()
-    if settings.gains is not None:
-        _prove_given(context, settings.gains, journal)
-        return
-    found: Identified | None = None
-    if context.law.controls_velocity:
-        if given is None:
-            found = identify(context, early=settings.stop_rule != SETTLED)
-            if not found.short:  # else it has just come about
-                context.come_about("step-before", STEP_AHEAD)
-        proof = _proof_of_velocity(context, found or given)
-    else:
-        proof = proof_about_rest(settings, axis, context.speed)
-    before = _step_with_present_gains(context, proof)
-    if axis.steers_by_way and found is None:
-        context = replace(context, throttle=steering_throttle(before, context.present, context.throttle))
-    proof, grain = proof.after(before), resolution(before)
-    log.metrics_before = context.run_in_background(measure, before, resolution=grain)
-    if given is None:
-        moving = context.law.controls_velocity
-        if found is None:
-            found = identify(context, before, _rule(context, proof, before, grain))
-        else:
-            found = again_with_step(context, found, before)
-            proof = replace(proof, measured=_proof_of_velocity(context, found).measured)
-        noise = noise_behind(before, found.fit, moving, grain)
-        criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
-        proposal = design_from_fit(context, found, criteria, before)
-        if found.short and proposal.spread > SPREAD:
-            log.say(f"the error over time is uncertain by {proposal.spread:.0%}: flying experiments in full")
-            found = identify(context, before)
-            proposal = design_from_fit(context, found, criteria, before)
-    else:
-        criteria = StepCriteria(proof, given.noise_std or noise_in(before, str(before.meta["signal"])), grain)
-        proposal = design_from_file(context, given, before, criteria)
-    log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
-    source = found or given
-    known = None if source is None else known_of(source, axis)
-    accept_or_revert(context, proposal, before, criteria, journal, known)
-
-
-def _step_with_present_gains(context: TuneContext, proof: Proof) -> Trial:
-    """Return the step before; a boat comes about first where it would leave its room."""
-    if not context.law.controls_velocity and context.settings.stop_rule != SETTLED:
-        context.come_about("step-before", STEP_AHEAD, last=True)
-    return context.fly(proof.step("step-before"), "step with present gains").trial
-
-
-def _proof_of_velocity(context: TuneContext, source: Identified | SuppliedModel | None) -> Proof:
-    assert source is not None
-    known = known_of(source, context.axis)
-    return proof_of_velocity(
-        context.axis.dof, context.settings, context.throttle, context.speed, known, context.present
-    )
-
-
-def _rule(context: TuneContext, proof: Proof, before: Trial, grain: float) -> KnownDesign | None:
-    """Return what ends the oscillations once the gains are known, by what the step *before* has told; None: nothing."""
-    noise = noise_while_held(before, grain)
-    if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
-        return None
-    criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
-    return KnownDesign(context.craft, context.worker, question_of(context, criteria, before), context.log)
-
-
-def _prove_given(context: TuneContext, gains: SuppliedGains, journal: Journal) -> None:
-    """Fly the step of a proof with the present gains, then with those of a file; the better ones stay."""
-    asked = proof_about_rest(context.settings, context.axis, context.speed)
-    proof = replace(asked, settings=step_of(gains, asked.settings))
-    before = _step_with_present_gains(context, proof)
-    grain = resolution(before)
-    noise = _noise_in_proof(before, gains, context.law.controls_velocity, grain)
-    criteria = StepCriteria(proof.after(before), noise, grain)
-    context.log.metrics_before = context.run_in_background(criteria.read, before)
-    accept_or_revert_supplied(context, before, criteria, journal)
-
-
-def _noise_in_proof(before: Trial, gains: SuppliedGains, moving: bool, grain: float) -> float:
-    """Return the noise a proof of given gains is measured through, as :func:`noise_behind` where there is a fit."""
-    signal = str(before.meta["signal"])
-    if moving:
-        return gains.noise.get(signal, noise_in(before, signal))
-    found = min(gains.noise.get(signal, math.inf), noise_while_held(before, grain))
-    return found if math.isfinite(found) else noise_in(before, signal)
 
 
 def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axis, dict[str, float]]:

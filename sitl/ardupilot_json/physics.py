@@ -14,15 +14,14 @@ from collections.abc import Sequence
 from sitl.ardupilot_json.wire import State
 from sitl.battery import Battery
 from sitl.catalogue import VehicleData
+from sitl.craft import Craft
 from sitl.effects import BadEffect, HiddenEffect
 from sitl.modelfile import FlownModel
-from sitl.plant import SimulatedPlant
+from sitl.plants import GRAVITY, measured_speed
 from sitl.sensors import SensorReading
 
 __all__ = ["Physics"]
 
-_GRAVITY = 9.80665
-"""ArduPilot's GRAVITY_MSS."""
 _LONGEST_STEP = 0.02
 """Chosen: of the hull's Runge-Kutta [s], as in our own simulator; a longer frame is cut."""
 _FULL_BATTERY = 12.6
@@ -61,72 +60,66 @@ class Physics:
 
     def restart(self) -> None:
         """Put a new hull at home, as a restart of ArduPilot does with its own models."""
-        plant = SimulatedPlant(self._data, effects=self._effects, model=self._model)
-        plant.body.z = 0.0
-        for effect in plant.effects:
+        craft = Craft(self._data, effects=self._effects, model=self._model)
+        craft.plant.state.z = 0.0
+        for effect in craft.effects:
             _refuse(effect)
-        plant.begin(str(self._seed))
-        if not plant.body.over_ground:
+        craft.begin(str(self._seed))
+        if not craft.plant.water.over_ground:
             raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground; leave the place away")
-        self.plant = plant
-        self._tells_true = not any(effect.overrides("alter_measurement") for effect in plant.effects)
+        self.craft = craft
+        self._tells_true = not any(effect.overrides("alter_measurement") for effect in craft.effects)
         self._reading = SensorReading()
         self._battery = Battery()
         self.seconds = 0.0
         self._pwm: Sequence[int] = [0] * 16
         self.state = State()
-        self._tell((0.0, 0.0, 0.0))
+        self._tell((0.0, 0.0, -GRAVITY))
 
     def step(self, dt: float, pwm: Sequence[int]) -> State:
         """Let *dt* [s] pass under servo pulses *pwm* [us] and return what it looks like then."""
-        body, before = self.plant.body, self._velocity()
         self._pwm = pwm
-        psi_before = body.psi
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
+        force = [0.0, 0.0, 0.0]
         for _ in range(count):
             self.seconds += dt / count
-            self.plant.move(self.seconds, dt / count, pwm)
+            self.craft.move(self.seconds, dt / count, pwm)
+            force = [total + part / count for total, part in zip(force, self.craft.plant.specific_force(), strict=True)]
         self._battery.drain(pwm, dt)
-        after = self._velocity()
-        north, east, down = ((b - a) / dt for a, b in zip(before, after, strict=True))
-        psi = 0.5 * (psi_before + body.psi)
-        c, s = math.cos(psi), math.sin(psi)
-        self._tell((c * north + s * east, c * east - s * north, down))
+        self._tell((force[0], force[1], force[2]))
         return self.state
 
     @property
     def shares(self) -> dict[str, float]:
         """What the last pulses ask of each axis, as shares of full, before any effect."""
-        return self.plant.actuators.read(self._pwm)
+        return self.craft.actuators.read(self._pwm)
 
     def _velocity(self) -> tuple[float, float, float]:
         """Return the true velocity over ground (3,) [m/s]: north, east, down."""
-        body = self.plant.body
-        u, v, c, s = body.speed, body.drift, math.cos(body.psi), math.sin(body.psi)
-        return c * u - s * v, s * u + c * v, body.w
+        plant = self.craft.plant
+        (u, v), psi = measured_speed(plant.state, plant.water), plant.state.psi
+        c, s = math.cos(psi), math.sin(psi)
+        return c * u - s * v, s * u + c * v, plant.state.w
 
-    def _tell(self, acceleration: tuple[float, float, float]) -> None:
+    def _tell(self, force: tuple[float, float, float]) -> None:
         """Fill the state from the truth, or from what the sensor effects make of it."""
-        body, state, reading = self.plant.body, self.state, self._reading
+        plant, state, reading = self.craft.plant, self.state, self._reading
+        true = plant.state
         state.t = self.seconds
         state.voltage, state.current = self._battery.voltage(_FULL_BATTERY), self._battery.current
-        state.force = (acceleration[0], acceleration[1], acceleration[2] - _GRAVITY)
+        state.force = force
         if self._tells_true:
-            state.gyro = (0.0, 0.0, body.r)
-            state.attitude = (0.0, 0.0, math.remainder(body.psi, math.tau))
-            state.position = (body.x, body.y, body.z)
+            state.gyro = (0.0, 0.0, true.r)
+            state.attitude = (0.0, 0.0, math.remainder(true.psi, math.tau))
+            state.position = (true.x, true.y, true.z)
             state.velocity = self._velocity()
             return
-        reading.psi, reading.r, reading.u, reading.v = (
-            math.remainder(body.psi, math.tau),
-            body.r,
-            body.speed,
-            body.drift,
-        )
-        reading.x, reading.y, reading.z, reading.w = body.x, body.y, body.z, body.w
+        reading.psi, reading.r = math.remainder(true.psi, math.tau), true.r
+        reading.u, reading.v = measured_speed(true, plant.water)
+        reading.x, reading.y, reading.z, reading.w = true.x, true.y, true.z, true.w
         reading.p = reading.q = 0.0
-        self.plant.alter(self.seconds, reading)
-        c, s = math.cos(body.psi), math.sin(body.psi)
+        self.craft.alter(self.seconds, reading)
+        c, s = math.cos(true.psi), math.sin(true.psi)
         state.gyro = (reading.p, reading.q, reading.r)
         state.attitude = (0.0, 0.0, math.remainder(reading.psi, math.tau))
         state.position = (reading.x, reading.y, reading.z)

@@ -7,7 +7,7 @@ from collections.abc import MutableMapping
 
 from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_input
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 __all__ = [
     "SimulatedAdvanceSpeedLoss",
@@ -176,13 +176,13 @@ class SimulatedSpeedDependentSteering(OnInput):
     def begin(self, setting: Setting) -> None:
         """Find the speed it goes by."""
         super().begin(setting)
-        self._motion = setting.motion
+        self._state = setting.state
         self._speed = self["U_ref"] or setting.cruise or 1.0
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Scale with the square of the speed."""
         share = self["share"]
-        return u * (1.0 - share + share * (self._motion.u / self._speed) ** 2)
+        return u * (1.0 - share + share * (self._state.u / self._speed) ** 2)
 
 
 class SimulatedAdvanceSpeedLoss(OnInput):
@@ -196,7 +196,7 @@ class SimulatedAdvanceSpeedLoss(OnInput):
         """Find the speed along the thruster."""
         super().begin(setting)
         dof = setting.inputs[self.channel]
-        self._motion, self._speed, self._name = setting.motion, _SPEED_OF[dof], FORCE_OF[dof]
+        self._state, self._speed, self._name = setting.state, _SPEED_OF[dof], FORCE_OF[dof]
         self._loss = self["loss"] * setting.gain.get(dof, 1.0)
         self._working = 0.0
 
@@ -205,7 +205,7 @@ class SimulatedAdvanceSpeedLoss(OnInput):
         self._working = abs(u)
         return u
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Take the loss off."""
-        nu: float = getattr(self._motion, self._speed)
-        setattr(loads, self._name, getattr(loads, self._name) - self._loss * self._working * nu)
+        nu: float = getattr(self._state, self._speed)
+        setattr(wrench, self._name, getattr(wrench, self._name) - self._loss * self._working * nu)

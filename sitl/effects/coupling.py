@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
-from sitl.hull import Loads
+from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
+from sitl.plants import Parameters, State, Wrench
 
 __all__ = [
     "SimulatedCoriolisCoupling",
@@ -33,17 +33,17 @@ class SimulatedCoriolisCoupling(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
-        there = [dof for dof in _HORIZONTAL if dof in setting.axes]
+        there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
             raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
-        self._motion: HullMotion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
-        at = self._motion
-        loads.X += self["X_vr"] * at.v * at.r
-        loads.Y += self["Y_ur"] * at.u * at.r
-        loads.N += self["N_uv"] * at.u * at.v
+        at = self._state
+        wrench.X += self["X_vr"] * at.v * at.r
+        wrench.Y += self["Y_ur"] * at.u * at.r
+        wrench.N += self["N_uv"] * at.u * at.v
 
 
 class SimulatedSwayYawCoupling(HiddenEffect):
@@ -60,20 +60,20 @@ class SimulatedSwayYawCoupling(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
-        if not {"sway", "yaw"} <= setting.axes.keys():
+        if not {"sway", "yaw"} <= set(setting.dofs):
             raise BadEffect("sway-yaw-coupling needs a hull that sways and turns; this one does not")
-        if self["Y_rdot"] ** 2 >= setting.axes["sway"].alpha * setting.axes["yaw"].alpha:
+        if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
-        loads.Y += self["Y_r"] * self._motion.r
-        loads.N += self["N_v"] * self._motion.v
+        wrench.Y += self["Y_r"] * self._state.r
+        wrench.N += self["N_v"] * self._state.v
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Couple the masses."""
-        body.Y_rdot = self["Y_rdot"]
+        parameters["Y_rdot"] = self["Y_rdot"]
 
 
 class MomentOfFlow(HiddenEffect):
@@ -83,17 +83,17 @@ class MomentOfFlow(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull has these degrees of freedom."""
-        if not self.needs <= setting.axes.keys():
+        if not self.needs <= set(setting.dofs):
             does = {"sway": "sways", "surge": "moves ahead", "yaw": "turns"}
             wanted = " and ".join(word for dof, word in does.items() if dof in self.needs)
             raise BadEffect(f"{self.slug} needs a hull that {wanted}; this one does not")
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Turn."""
-        loads.N += self.moment(self._motion)
+        wrench.N += self.moment(self._state)
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """Return the moment [N m]."""
         raise NotImplementedError
 
@@ -107,7 +107,7 @@ class SimulatedSwayMoment(MomentOfFlow):
     parameters = (EffectParameter("N_v", "N s", default=0.0),)
     needs = frozenset({"sway", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_v"] * at.v
 
@@ -121,7 +121,7 @@ class SimulatedSpeedDamping(MomentOfFlow):
     parameters = (EffectParameter("N_|u|r", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_|u|r"] * abs(at.u) * at.r
 
@@ -135,7 +135,7 @@ class SimulatedMunkMoment(MomentOfFlow):
     parameters = (EffectParameter("N_uv", "kg", default=0.0),)
     needs = frozenset({"surge", "sway", "yaw"})
 
-    def moment(self, at: HullMotion) -> float:
+    def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_uv"] * at.u * at.v
 
@@ -167,15 +167,15 @@ class SimulatedVelocityProduct(HiddenEffect):
             self._factors[0] = (self._factors[0][0], True)
         needed = {_AXIS_OF[letter] for letter, _ in self._factors}
         needed |= {dof for dof, force in FORCE_OF.items() if force == self._force}
-        missing = needed - setting.axes.keys()
+        missing = needed - set(setting.dofs)
         if missing:
             raise BadEffect(f"velocity-product@{name} needs {', '.join(sorted(missing))}; this hull has none")
-        self._motion = setting.motion
+        self._state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
         push = self["coefficient"]
         for letter, by_size in self._factors:
-            velocity = float(getattr(self._motion, letter))
+            velocity = float(getattr(self._state, letter))
             push *= abs(velocity) if by_size else velocity
-        setattr(loads, self._force, getattr(loads, self._force) + push)
+        setattr(wrench, self._force, getattr(wrench, self._force) + push)

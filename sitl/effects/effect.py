@@ -11,15 +11,15 @@ import difflib
 import math
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.hull import AxisDynamics, Loads
+from sitl.plants import Parameters, State, Water, Wrench
 from sitl.sensors import SensorReading
 
-__all__ = ["FORCE_OF", "BadEffect", "EffectParameter", "HiddenEffect", "HullMotion", "Setting"]
+__all__ = ["FORCE_OF", "BadEffect", "EffectParameter", "HiddenEffect", "Setting"]
 
 FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 """Degree of freedom -> name of its force (SNAME)."""
@@ -27,33 +27,6 @@ FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "
 
 class BadEffect(ValueError):
     """An effect cannot be had like this: unknown, a wrong parameter, or a place this craft has not."""
-
-
-class HullMotion(Protocol):
-    """Where the craft is and how it moves: SI, NED; ``u v`` through the water, ``V_x V_y`` the water's own velocity.
-
-    ``over_ground``: what a log of the speed shows; ``Y_rdot``: off the diagonal of the mass matrix (negative: SNAME).
-    """
-
-    x: float
-    y: float
-    z: float
-    psi: float
-    u: float
-    v: float
-    w: float
-    phi: float
-    theta: float
-    p: float
-    q: float
-    r: float
-    V_x: float
-    V_y: float
-    over_ground: bool
-    Y_rdot: float
-    surge: AxisDynamics
-    heave: AxisDynamics
-    yaw: AxisDynamics
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +56,16 @@ class EffectParameter:
 class Setting:
     """What an effect may know of the craft it is hidden in.
 
-    ``axes``: drag and inertia of each degree of freedom there is, live; ``inputs``: channel -> degree of freedom it
-    drives; ``swing``: largest command of each; ``gain``: force per unit of input of each degree of freedom;
-    ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge speed; ``bottom`` [m]: depth of the water;
+    ``state``, ``water`` and ``parameters`` are the plant's own, live. ``dofs``: the degrees of freedom in which effects
+    may act; ``inputs``: channel -> degree of freedom it drives; ``swing``: largest command of each; ``gain``: force per
+    unit of input of each degree of freedom; ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge speed;
     ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in open loop.
     """
 
-    motion: HullMotion
-    axes: Mapping[str, AxisDynamics]
+    state: State
+    water: Water
+    parameters: Parameters
+    dofs: tuple[str, ...]
     inputs: Mapping[str, str]
     swing: Mapping[str, float]
     gain: Mapping[str, float]
@@ -98,7 +73,6 @@ class Setting:
     start: float = 0.0
     seed: str = "0"
     cruise: float = 0.0
-    bottom: float = 10.0
     on_vehicle: bool = False
     axis_names: Mapping[str, str] = field(default_factory=dict)
 
@@ -167,11 +141,11 @@ class HiddenEffect:
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
         """Change what is asked of the actuators, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Change what acts on the hull; called as often as the integrator asks."""
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
-        """Set inertia, drag or state of the hull; called every step, on the plain inertia and drag each time."""
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
+        """Change the parameters of the plant; called every step, on the plant's own values each time."""
 
     # -- from the hull to the record
 

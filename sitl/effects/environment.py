@@ -7,7 +7,7 @@ from random import Random
 
 from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_dof
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 __all__ = [
     "SimulatedInputBias",
@@ -31,9 +31,9 @@ class SimulatedInputBias(HiddenEffect):
         dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push."""
-        setattr(loads, self._name, getattr(loads, self._name) + self._force)
+        setattr(wrench, self._name, getattr(wrench, self._name) + self._force)
 
 
 class SimulatedSteadyCurrent(HiddenEffect):
@@ -55,10 +55,10 @@ class SimulatedSteadyCurrent(HiddenEffect):
         """Set the water moving."""
         if self.place not in ("", "over ground", "through water"):
             raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
-        if not {"surge", "sway"} & setting.axes.keys():
+        if not {"surge", "sway"} & set(setting.dofs):
             raise BadEffect("steady-current needs a hull that moves ahead or sways")
-        setting.motion.V_x, setting.motion.V_y = self["V_x"], self["V_y"]
-        setting.motion.over_ground = self.place != "through water"
+        setting.water.V_x, setting.water.V_y = self["V_x"], self["V_y"]
+        setting.water.over_ground = self.place != "through water"
 
 
 class SimulatedWindMoment(HiddenEffect):
@@ -75,15 +75,15 @@ class SimulatedWindMoment(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Make sure that it can turn."""
         dof = find_dof(self, setting, among=("yaw",))
-        self._motion, self._moment = setting.motion, self["strength"] * setting.gain.get(dof, 1.0)
+        self._state, self._moment = setting.state, self["strength"] * setting.gain.get(dof, 1.0)
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Turn."""
-        loads.N += self._moment * math.sin(self["direction"] - self._motion.psi)
+        wrench.N += self._moment * math.sin(self["direction"] - self._state.psi)
 
     def quickness(self, setting: Setting) -> float:
         """Return one radian of the swing about ``direction``."""
-        return math.sqrt(setting.axes["yaw"].alpha / max(abs(self._moment), 1e-12))
+        return math.sqrt(setting.parameters["yaw.alpha"] / max(abs(self._moment), 1e-12))
 
 
 class SimulatedWaveDisturbance(HiddenEffect):
@@ -112,13 +112,13 @@ class SimulatedWaveDisturbance(HiddenEffect):
         self._level, self._rise = draw.gauss(0.0, 1.0), draw.gauss(0.0, 1.0)
         self._t, self._dt = -math.inf, math.nan
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Push and pull."""
         if self["bandwidth"] == 0.0:
             now = math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
         else:
             now = self._advance(t)
-        setattr(loads, self._name, getattr(loads, self._name) + self._rms * now)
+        setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
         """Return one radian."""
@@ -180,35 +180,33 @@ class SimulatedTetherPull(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Find what is held, and by where."""
-        self._motion = setting.motion
+        self._state = setting.state
         self._on_plane = self.place == "surge+sway"
         if self._on_plane:
-            if "surge" not in setting.axes or not (setting.on_vehicle or "sway" in setting.axes):
+            if "surge" not in setting.dofs or not (setting.on_vehicle or "sway" in setting.dofs):
                 raise BadEffect("tether-pull@surge+sway needs a hull that moves ahead and sways")
             return
         self._dof = find_dof(self, setting, among=("yaw", "heave", "surge"))
-        if self._dof == "surge" and ("yaw" in setting.axes or "sway" in setting.axes):
+        if self._dof == "surge" and ("yaw" in setting.dofs or "sway" in setting.dofs):
             raise BadEffect("tether-pull: a craft that turns is held on the plane: place it on 'surge+sway'")
-        self._axis = setting.axes[self._dof]
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Pull back."""
-        at, stiffness = self._motion, self["stiffness"]
+        at, stiffness = self._state, self["stiffness"]
         if self._on_plane:
             north, east = stiffness * (self["x"] - at.x), stiffness * (self["y"] - at.y)
             c, s = math.cos(at.psi), math.sin(at.psi)
-            loads.X += c * north + s * east
-            loads.Y += -s * north + c * east
+            wrench.X += c * north + s * east
+            wrench.Y += -s * north + c * east
         elif self._dof == "yaw":
-            loads.N -= stiffness * (at.psi - self["anchor"])
+            wrench.N -= stiffness * (at.psi - self["anchor"])
         elif self._dof == "heave":
-            loads.Z -= stiffness * (at.z - self["anchor"])
+            wrench.Z -= stiffness * (at.z - self["anchor"])
         else:
-            loads.X -= stiffness * (at.x - self["anchor"])
+            wrench.X -= stiffness * (at.x - self["anchor"])
 
     def quickness(self, setting: Setting) -> float:
         """Return one radian of the swing on the spring."""
-        held = (
-            [setting.axes[dof] for dof in ("surge", "sway") if dof in setting.axes] if self._on_plane else [self._axis]
-        )
-        return math.sqrt(min(axis.alpha for axis in held) / max(abs(self["stiffness"]), 1e-12))
+        held = [dof for dof in ("surge", "sway") if dof in setting.dofs] if self._on_plane else [self._dof]
+        inertia = min(setting.parameters[f"{dof}.alpha"] for dof in held)
+        return math.sqrt(inertia / max(abs(self["stiffness"]), 1e-12))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, HullMotion, Setting
+from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_dof
-from sitl.hull import Loads
+from sitl.plants import Parameters, Wrench
 
 __all__ = [
     "SimulatedGroundEffect",
@@ -24,7 +24,7 @@ class OnAxis(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom."""
-        self._axis = setting.axes[find_dof(self, setting)]
+        self._dof = find_dof(self, setting)
 
 
 class SimulatedLinearDrag(OnAxis):
@@ -34,13 +34,14 @@ class SimulatedLinearDrag(OnAxis):
     meaning = "drag that goes with speed"
     parameters = (EffectParameter("coefficient", "N s/m or N m s/rad"),)
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Add it."""
-        self._axis.beta += self["coefficient"]
+        parameters[f"{self._dof}.beta"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
         """Return the time constant it leaves."""
-        return self._axis.alpha / max(self._axis.beta + self["coefficient"], 1e-9)
+        p, dof = setting.parameters, self._dof
+        return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] + self["coefficient"], 1e-9)
 
 
 class SimulatedQuadraticDrag(OnAxis):
@@ -52,18 +53,19 @@ class SimulatedQuadraticDrag(OnAxis):
 
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom and the force on it."""
-        dof = find_dof(self, setting)
-        self._axis = setting.axes[dof]
+        dof = self._dof = find_dof(self, setting)
         driving = [setting.swing[name] for name, driven in setting.inputs.items() if driven == dof]
         self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Add it."""
-        self._axis.beta2 += self["coefficient"]
+        parameters[f"{self._dof}.beta2"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
         """Return the time constant at the speed the largest command holds: alpha/(beta + 2 beta2 nu)."""
-        return self._axis.alpha / max(2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9)
+        return setting.parameters[f"{self._dof}.alpha"] / max(
+            2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9
+        )
 
 
 class SimulatedMassChange(HiddenEffect):
@@ -80,18 +82,20 @@ class SimulatedMassChange(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Find the degrees of freedom: all there are unless the place says otherwise."""
         everything = self.place in ("", "all")
-        self._axes = tuple(setting.axes.values()) if everything else (setting.axes[find_dof(self, setting)],)
+        self._dofs = setting.dofs if everything else (find_dof(self, setting),)
         self._when = setting.start + self["time"]
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Scale the inertia once the time has come."""
         if t >= self._when - 1e-9:
-            for axis in self._axes:
-                axis.alpha *= self["ratio"]
+            for dof in self._dofs:
+                parameters[f"{dof}.alpha"] *= self["ratio"]
 
     def quickness(self, setting: Setting) -> float:
         """Return the time constant a smaller inertia leaves."""
-        return min(a.alpha * self["ratio"] / a.beta if a.beta > 0.0 else math.inf for a in self._axes)
+        p = setting.parameters
+        inertia_and_drag = ((p[f"{dof}.alpha"], p[f"{dof}.beta"]) for dof in self._dofs)
+        return min(alpha * self["ratio"] / beta if beta > 0.0 else math.inf for alpha, beta in inertia_and_drag)
 
 
 class SimulatedNetBuoyancy(HiddenEffect):
@@ -106,9 +110,9 @@ class SimulatedNetBuoyancy(HiddenEffect):
         """Make sure that it can sink."""
         find_dof(self, setting, among=("heave",))
 
-    def alter_force(self, t: float, loads: Loads) -> None:
+    def alter_force(self, t: float, wrench: Wrench) -> None:
         """Sink."""
-        loads.Z += self["force"]
+        wrench.Z += self["force"]
 
 
 class SimulatedGroundEffect(HiddenEffect):
@@ -125,19 +129,20 @@ class SimulatedGroundEffect(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom and the bottom."""
-        if "heave" not in setting.axes:
+        if "heave" not in setting.dofs:
             raise BadEffect("ground-effect needs a craft that dives")
-        self._motion = setting.motion
-        self._axis = setting.axes[find_dof(self, setting) if self.place else "heave"]
-        self._bottom = self["bottom"] or setting.bottom
+        self._state = setting.state
+        self._dof = find_dof(self, setting) if self.place else "heave"
+        self._bottom = self["bottom"] or setting.water.bottom
 
-    def alter_parameters(self, t: float, body: HullMotion) -> None:
+    def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Scale the drag with the height above the bottom."""
-        height = max(self._bottom - self._motion.z, 0.0)
+        height = max(self._bottom - self._state.z, 0.0)
         factor = 1.0 + self["strength"] * math.exp(-height / self["length"])
-        self._axis.beta *= factor
-        self._axis.beta2 *= factor
+        parameters[f"{self._dof}.beta"] *= factor
+        parameters[f"{self._dof}.beta2"] *= factor
 
     def quickness(self, setting: Setting) -> float:
         """Return the time constant at the bottom."""
-        return self._axis.alpha / max(self._axis.beta * (1.0 + self["strength"]), 1e-9)
+        p, dof = setting.parameters, self._dof
+        return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] * (1.0 + self["strength"]), 1e-9)

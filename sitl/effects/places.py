@@ -21,7 +21,7 @@ def find_input(effect: HiddenEffect, setting: Setting) -> str:
 
 def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
     """Return the degree of freedom *effect* sits on; yaw (or the first there is) unless its place says otherwise."""
-    there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.axes and dof in among]
+    there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.dofs and dof in among]
     if not there:
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
     place = effect.place or there[0]

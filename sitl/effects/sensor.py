@@ -45,11 +45,11 @@ class SimulatedSensorPosition(HiddenEffect):
         strange = [name for name in self._names if name not in (*usual, "z", "w")]
         if strange:
             raise BadEffect(f"sensor-position: {strange[0]} is the same everywhere aboard; u, v, x, y, z, w are not")
-        self._motion = setting.motion
+        self._state = setting.state
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Add the motion of that point about the middle."""
-        at, ahead, aside = self._motion, self["x_P"], self["y_P"]
+        at, ahead, aside = self._state, self["x_P"], self["y_P"]
         c, s = math.cos(at.psi), math.sin(at.psi)
         apart = {
             "u": -aside * at.r,

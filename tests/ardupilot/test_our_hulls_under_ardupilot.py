@@ -48,8 +48,8 @@ def test_the_autopilot_sees_the_hulls_heading_and_depth(name: str, binary: str, 
             firmware.kill()
             firmware.wait()
             server.close()
-    assert math.remainder(yaw - physics.plant.body.psi, math.tau) == pytest.approx(0.0, abs=math.radians(5.0))
-    assert altitude == pytest.approx(-physics.plant.body.z, abs=0.3)
+    assert math.remainder(yaw - physics.craft.plant.state.psi, math.tau) == pytest.approx(0.0, abs=math.radians(5.0))
+    assert altitude == pytest.approx(-physics.craft.plant.state.z, abs=0.3)
 
 
 def _listen(server: JsonServer, physics: Physics, ear: socket.socket) -> tuple[float, float]:

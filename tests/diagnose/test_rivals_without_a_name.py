@@ -15,7 +15,7 @@ from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from sitl.effects import EffectParameter, HiddenEffect, Setting
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 pytestmark = pytest.mark.slow
 
@@ -28,10 +28,10 @@ class CubicDrag(HiddenEffect):
     parameters = (EffectParameter("coefficient", "N m s^3"),)
 
     def begin(self, setting: Setting) -> None:
-        self.motion = setting.motion
+        self.state = setting.state
 
-    def alter_force(self, t: float, loads: Loads) -> None:
-        loads.N -= self["coefficient"] * self.motion.r**3
+    def alter_force(self, t: float, wrench: Wrench) -> None:
+        wrench.N -= self["coefficient"] * self.state.r**3
 
 
 class Ringing(HiddenEffect):

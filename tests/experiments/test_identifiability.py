@@ -10,10 +10,10 @@ from experiment_plants import BOAT, Steps, Zigzag, circle, recorded
 
 from gcs_autotune.errors import UnknownName
 from gcs_autotune.experiments.identifiability import identifiability
-from gcs_autotune.experiments.pictures import correlation_picture, profile_picture
 from gcs_autotune.experiments.profile_likelihood import profile
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.models.coupled import FORMS, Form
+from gcs_autotune.report.plots import correlation_plot, profile_plot
 from gcs_autotune.trial import Channel, Trial
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")
@@ -142,8 +142,8 @@ def test_a_profile_along_an_exact_ambiguity_stays_open() -> None:
 
 def test_figures_show_every_parameter(round_and_round: tuple[list[Trial], Fit]) -> None:
     runs, made = round_and_round
-    figure = correlation_picture(identifiability(made, runs))
+    figure = correlation_plot(identifiability(made, runs))
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == list(FORM.free)
     run = recorded(Steps(1), 20.0, 1)
-    curves = profile_picture([profile(fit(run, SURGE.fixing({"X_udot": -25.0}), delay=0.0), run, "X_uu")])
+    curves = profile_plot([profile(fit(run, SURGE.fixing({"X_udot": -25.0}), delay=0.0), run, "X_uu")])
     assert curves.axes[0].get_xlabel().startswith("X_uu")

@@ -13,12 +13,12 @@ from experiment_plants import BOAT, Steps, circle, recorded, sail
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.experiments import next_manoeuvre
 from gcs_autotune.experiments.next_manoeuvre import PRESETS, RankedManoeuvre, plan_next, rank_by_precision
-from gcs_autotune.experiments.pictures import proposal_picture
 from gcs_autotune.experiments.preview import CONTROL_STEP, Flight, allocation_of, fly
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.identify.information import fitted_model_of
 from gcs_autotune.manoeuvres import Manoeuvre, Preset
 from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
+from gcs_autotune.report.plots import plan_plot
 from gcs_autotune.trial import Trial
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")
@@ -155,7 +155,7 @@ def test_unknown_manoeuvres_and_senseless_lengths_are_refused(
 
 def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     _, _, proposal = circled
-    axes = proposal_picture(proposal).axes[0]
+    axes = plan_plot(proposal).axes[0]
     assert len(axes.patches) == 2 * len(proposal.names)
 
 

@@ -167,17 +167,17 @@ def test_the_vehicle_file_moves_under_our_physics_as_the_model_does(tmp_path, fi
     written = export_model(file, "ardupilot-json")
     (tmp_path / "craft.toml").write_text(written.text)
     physics = Physics(load_vehicle(str(tmp_path / "craft.toml")))
-    body, actuators = physics.plant.body, physics.plant.actuators
+    state, actuators = physics.craft.plant.state, physics.craft.actuators
     pwm = actuators.write([1500] * 16, {"X": 0.0, "N": 0.0, "Z": 0.0, **shares})
     t = np.arange(0.0, 6.01, 0.5)
     full = file.model.amplitude
     wanted = ours(file, {c: s * full[c] for c, s in shares.items()}, t)
-    found = {"u": [body.u], "r": [body.r]}
+    found = {"u": [state.u], "r": [state.r]}
     for _ in t[1:]:
         for _ in range(25):
             physics.step(0.02, pwm)
-        found["u"].append(body.u)
-        found["r"].append(body.r)
+        found["u"].append(state.u)
+        found["r"].append(state.r)
     for name, series in found.items():
         assert series == pytest.approx(wanted[name], abs=0.01 * np.ptp(wanted[name])), name
 

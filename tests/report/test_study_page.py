@@ -9,8 +9,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import fit
+from gcs_autotune.identify import fit, validate
 from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report.plots import plot
 from gcs_autotune.report.study.tables import meaning_of
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
@@ -32,7 +33,7 @@ def study() -> Study:
     run = trial()
     found = fit(run, "linear")
     outcomes = (
-        MethodOutcome("output-error", found, 0.2, found.validate(run)),
+        MethodOutcome("output-error", found, 0.2, validate(found.model, run)),
         MethodOutcome("iso", None, 0.0, None, "no relay here"),
     )
     row = RunRow(run.name, "run.csv", run.duration, 400, ("r", "N"), "identification")
@@ -80,7 +81,7 @@ def test_derivatives_are_explained_in_words() -> None:
 
 
 def test_a_fit_draws_itself_for_a_notebook(study: Study) -> None:
-    figure = study.fit.plot()
+    figure = plot(study.fit)
     assert len(figure.axes) == 2 * len(study.fit.traces)
     assert any("model" in (line.get_label() or "") for line in figure.axes[0].lines)
 

@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 from gcs_autotune.design.result import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import AxisFit, fit
+from gcs_autotune.identify import AxisFit, fit, validate
 from gcs_autotune.identify.doubts import delay_fitted
-from gcs_autotune.identify.pictures import draw_trace
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.identify.whiteness import remainder_of
 from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
 from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
+from gcs_autotune.report.plots import draw_trace
 from gcs_autotune.report.study.study import verdict_headline
 from gcs_autotune.report.toolkit.axis_fit import (
     candidate_table,
@@ -96,7 +96,7 @@ def test_a_fit_tells_how_much_of_what_is_left_is_noise(found: AxisFit) -> None:
 
 
 def study(found: AxisFit, unseen: float) -> Study:
-    checked = found.validate(wave())
+    checked = validate(found.model, wave())
     checked = replace(checked, statistics=tuple(replace(s, fit_percent=unseen) for s in checked.statistics))
     row = RunRow("wavy", "wavy.csv", 40.0, 400, ("r", "N"), "identification")
     outcome = MethodOutcome("output-error", found, 0.2, checked)

@@ -11,7 +11,7 @@ import pytest
 from ship_plants import DEG, ZigZag, nomoto, sail
 
 from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify import fit_axis, validate
 from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods, rows_of
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.seatrials import Particulars, ship_figures
@@ -225,7 +225,7 @@ def test_as_many_numbers_as_half_periods_are_refused(tanker):
 def test_a_tankers_zigzag_predicts_another_one(tanker):
     fit = fit_axis(tanker("Z_20_05"), method="zig-zag", length=7.0, speed=1.177)
     assert fit.model.beta < 0.0  # positive rudder turns to port in these files
-    assert fit.validate(tanker("Z_20_10_P")).fit_percent > 75.0
+    assert validate(fit.model, tanker("Z_20_10_P")).fit_percent > 75.0
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.cli import main as gcs_autotune
 from sitl import BadVehicle, load_vehicle
 from sitl.__main__ import main as sitl
-from sitl.plant import SimulatedPlant
+from sitl.craft import Craft
 
 TAKEN = Path(__file__).parents[2] / "sitl" / "vehicles" / "blueboat.toml"
 
@@ -30,8 +30,8 @@ def test_a_vehicle_from_outside_is_met_from_the_command_line(mine: Path, tmp_pat
 
 def test_it_moves_by_its_own_numbers(mine: Path) -> None:
     mine.write_text(mine.read_text().replace("alpha = { value = 41.77", "alpha = { value = 80.0"))
-    assert load_vehicle(str(mine)).make_body().surge.alpha == 80.0
-    assert load_vehicle("blueboat").make_body().surge.alpha == 41.77
+    assert load_vehicle(str(mine)).make_plant().axis("surge").alpha == 80.0
+    assert load_vehicle("blueboat").make_plant().axis("surge").alpha == 41.77
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_file_like_another_vehicle_needs_only_what_differs(tmp_path: Path) -> 
     short.write_text(
         'title = "heavier"\nlike = "blueboat"\n[surge]\nalpha = { value = 80.0, unit = "kg", source = "x" }\n'
     )
-    assert load_vehicle(str(short)).make_body().surge.alpha == 80.0
+    assert load_vehicle(str(short)).make_plant().axis("surge").alpha == 80.0
     short.write_text('title = "heavier"\nlike = "bluebot"\n')
     with pytest.raises(BadVehicle, match="did you mean blueboat"):
         load_vehicle(str(short))
@@ -91,23 +91,23 @@ authority = { value = 0.4, unit = "N m", source = "x" }
 """
 
 
-def tilted(plant: SimulatedPlant, seconds: float, *lift: int) -> list[float]:
+def tilted(craft: Craft, seconds: float, *lift: int) -> list[float]:
     """Return the pitch [rad] every 10 ms under these pulses [us] of the lifting thrusters."""
     seen = []
     for k in range(round(100.0 * seconds)):
-        plant.move(0.01 * k, 0.01, (1500, 1500, *lift))
-        seen.append(plant.body.theta)
+        craft.move(0.01 * k, 0.01, (1500, 1500, *lift))
+        seen.append(craft.plant.state.theta)
     return seen
 
 
 def test_one_whose_lifting_thrusters_sit_fore_and_aft_pitches_where_they_differ_and_swings_back(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FORE_AND_AFT)
-    plant = SimulatedPlant(load_vehicle(str(path)))
-    assert max(map(abs, tilted(plant, 5.0, 1800, 1800))) == 0.0 and plant.body.w > 0.1
-    tilted(plant, 60.0, 1500, 1700)
-    assert plant.body.theta == pytest.approx(0.5 * 0.5 * 0.4 / 0.8, rel=1e-3)
-    swing = tilted(plant, 8.0, 1500, 1500)
+    craft = Craft(load_vehicle(str(path)))
+    assert max(map(abs, tilted(craft, 5.0, 1800, 1800))) == 0.0 and craft.plant.state.w > 0.1
+    tilted(craft, 60.0, 1500, 1700)
+    assert craft.plant.state.theta == pytest.approx(0.5 * 0.5 * 0.4 / 0.8, rel=1e-3)
+    swing = tilted(craft, 8.0, 1500, 1500)
     down = [k for k in range(1, len(swing)) if swing[k - 1] > 0.0 >= swing[k]]
     assert 0.01 * (down[1] - down[0]) == pytest.approx(2.0 * math.pi / math.sqrt(0.8 / 0.05 - 0.04), rel=0.02)
 

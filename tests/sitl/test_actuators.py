@@ -5,22 +5,22 @@ import math
 import pytest
 
 from sitl.actuators import FRAMES, RudderBoat, ThrusterFrame, YawSchedule
-from sitl.hull import AxisDynamics, Body, Loads, World
+from sitl.plants import AxisDynamics, PlanarHull, Water, Wrench
 
 SCHEDULE = YawSchedule(((16.0, 10.0, 3.0), (36.0, 8.0, 2.0), (64.0, 9.0, 2.5)))
 BOAT = RudderBoat(SCHEDULE, math.radians(30), 8.0, 75.0, 0.0, 1, 3)
 
 
-def _body() -> Body:
-    return Body(
-        AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), World(floats=True)
+def _body() -> PlanarHull:
+    return PlanarHull(
+        AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0), Water(floats=True)
     )
 
 
-def _drive(actuators, *pwm: int) -> tuple[Loads, Body]:
-    body, loads = _body(), Loads()
-    actuators.drive(pwm, body, loads)
-    return loads, body
+def _drive(actuators, *pwm: int) -> tuple[Wrench, PlanarHull]:
+    body, wrench = _body(), Wrench()
+    actuators.drive(pwm, body.parameters, wrench)
+    return wrench, body
 
 
 def test_the_schedule_is_linear_between_its_rows():
@@ -37,14 +37,14 @@ def test_below_the_first_row_the_rudder_fades_with_n2():
 
 
 def test_full_rudder_is_thirty_degrees():
-    loads, body = _drive(BOAT, 2000, 0, 2000)
-    assert pytest.approx(math.radians(30)) == loads.N
-    assert (body.yaw.alpha, body.yaw.beta) == (9.0, 2.5)
+    wrench, body = _drive(BOAT, 2000, 0, 2000)
+    assert pytest.approx(math.radians(30)) == wrench.N
+    assert (body.parameters["yaw.alpha"], body.parameters["yaw.beta"]) == (9.0, 2.5)
 
 
 def test_without_way_on_the_rudder_does_nothing():
-    loads, _ = _drive(BOAT, 2000, 0, 1500)
-    assert loads.N == 0.0
+    wrench, _ = _drive(BOAT, 2000, 0, 1500)
+    assert wrench.N == 0.0
 
 
 def test_going_astern_the_rudder_acts_the_other_way():
@@ -55,13 +55,13 @@ def test_going_astern_the_rudder_acts_the_other_way():
 
 
 def test_thrust_goes_with_the_square_of_the_throttle():
-    loads, _ = _drive(BOAT, 1500, 0, 1750)
-    assert pytest.approx(75.0 / 4) == loads.X
+    wrench, _ = _drive(BOAT, 1500, 0, 1750)
+    assert pytest.approx(75.0 / 4) == wrench.X
 
 
 def test_no_pulse_is_no_force():
-    loads, _ = _drive(BOAT, 0, 0, 0)
-    assert (loads.X, loads.N) == (0.0, 0.0)
+    wrench, _ = _drive(BOAT, 0, 0, 0)
+    assert (wrench.X, wrench.N) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -83,9 +83,9 @@ def test_no_pulse_is_no_force():
 )
 def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
     X, N, Z, *sideways = expected
-    loads, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0, full_Y=5.0 * bool(sideways)), *pwm)
-    assert pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z)) == (loads.X, loads.N, loads.Z)
-    assert pytest.approx(5.0 * sum(sideways)) == loads.Y
+    wrench, _ = _drive(ThrusterFrame(FRAMES[frame], 2.0, 3.0, 4.0, 0.0, 0.0, full_Y=5.0 * bool(sideways)), *pwm)
+    assert pytest.approx((3.0 * X, 2.0 * N, 4.0 * Z)) == (wrench.X, wrench.N, wrench.Z)
+    assert pytest.approx(5.0 * sum(sideways)) == wrench.Y
 
 
 def test_lateral_thrusters_that_do_not_push_alike_turn_the_craft():
@@ -107,5 +107,5 @@ def test_lifting_thrusters_fore_and_aft_that_do_not_push_alike_pitch_the_craft()
 
 
 def test_a_frame_has_its_biases_even_without_pulses():
-    loads, _ = _drive(ThrusterFrame(FRAMES["vectored"], 1.0, 1.0, 1.0, 0.1, -0.3), *[0] * 6)
-    assert (loads.N, loads.Z) == (0.1, -0.3)
+    wrench, _ = _drive(ThrusterFrame(FRAMES["vectored"], 1.0, 1.0, 1.0, 0.1, -0.3), *[0] * 6)
+    assert (wrench.N, wrench.Z) == (0.1, -0.3)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from sitl.hull import AxisDynamics, Body, Loads, World
+from sitl.plants import AxisDynamics, PlanarHull, Water, Wrench
 
 DT = 0.02
 
@@ -19,9 +19,9 @@ def _run(axis: AxisDynamics, force: float, seconds: float, nu: float = 0.0) -> t
     return nu, travelled
 
 
-def _body(world: World | None = None) -> Body:
-    return Body(
-        AxisDynamics(8.0, 4.0, 0.0), AxisDynamics(8.0, 15.0, 0.0), AxisDynamics(0.04, 0.0, 0.07), world or World()
+def _body(world: Water | None = None) -> PlanarHull:
+    return PlanarHull(
+        AxisDynamics(8.0, 4.0, 0.0), AxisDynamics(8.0, 15.0, 0.0), AxisDynamics(0.04, 0.0, 0.07), world or Water()
     )
 
 
@@ -67,51 +67,52 @@ def test_the_step_is_of_fourth_order():
 
 def test_a_steady_turn_is_a_circle():
     body = _body()
-    body.u, body.r = 1.5, 0.3
-    body.surge, body.yaw = AxisDynamics(1.0, 0.0, 0.0), AxisDynamics(1.0, 0.0, 0.0)
+    body.state.u, body.state.r = 1.5, 0.3
+    for dof in ("surge", "yaw"):
+        body.set_axis(dof, AxisDynamics(1.0, 0.0, 0.0))
     for _ in range(500):
-        body.step(Loads(), DT)
+        body.step(Wrench(), DT)
     radius, angle = 5.0, 0.3 * 10.0
-    assert body.psi == pytest.approx(angle)
-    assert body.x == pytest.approx(radius * math.sin(angle), abs=1e-4)
-    assert body.y == pytest.approx(radius * (1.0 - math.cos(angle)), abs=1e-4)
+    assert body.state.psi == pytest.approx(angle)
+    assert body.state.x == pytest.approx(radius * math.sin(angle), abs=1e-4)
+    assert body.state.y == pytest.approx(radius * (1.0 - math.cos(angle)), abs=1e-4)
 
 
 def test_a_downward_force_makes_it_sink():
-    body = _body(World(bottom=100.0))
+    body = _body(Water(bottom=100.0))
     for _ in range(250):
-        body.step(Loads(Z=3.0), DT)
-    assert body.z > 0.5
-    assert body.w == pytest.approx(3.0 / 15.0, rel=1e-3)
+        body.step(Wrench(Z=3.0), DT)
+    assert body.state.z > 0.5
+    assert body.state.w == pytest.approx(3.0 / 15.0, rel=1e-3)
 
 
 def test_a_boat_does_not_heave():
-    body = _body(World(floats=True))
-    body.step(Loads(Z=100.0), DT)
-    assert body.z == 0.0
+    body = _body(Water(floats=True))
+    body.step(Wrench(Z=100.0), DT)
+    assert body.state.z == 0.0
 
 
 @pytest.mark.parametrize(("start", "force"), [(0.3, -3.0), (9.7, 3.0)])
 def test_surface_and_bottom_stop_it_softly(start, force):
-    body = _body(World(bottom=10.0))
-    body.z = start
+    body = _body(Water(bottom=10.0))
+    body.state.z = start
     fastest = 0.0
     for _ in range(1500):
-        body.step(Loads(Z=force), DT)
-        fastest = max(fastest, abs(body.wdot))
+        body.step(Wrench(Z=force), DT)
+        fastest = max(fastest, abs(body.state.wdot))
     rest = force / (8.0 * 3.0**2)
-    assert body.z == pytest.approx((0.0 if force < 0 else 10.0) + rest, abs=1e-3)
-    assert abs(body.w) < 1e-3
+    assert body.state.z == pytest.approx((0.0 if force < 0 else 10.0) + rest, abs=1e-3)
+    assert abs(body.state.w) < 1e-3
     assert fastest < 3.0
 
 
 def test_roll_and_pitch_stay_small_and_come_back():
     body = _body()
-    body.u, body.r = 1.5, 0.5
+    body.state.u, body.state.r = 1.5, 0.5
     for _ in range(50):
-        body.step(Loads(N=0.02), DT)
-    assert 0.0 < abs(body.phi) < 0.1
+        body.step(Wrench(N=0.02), DT)
+    assert 0.0 < abs(body.state.phi) < 0.1
     for _ in range(1500):
-        body.step(Loads(), DT)
-    assert abs(body.phi) < 2e-3
-    assert abs(body.theta) < 2e-3
+        body.step(Wrench(), DT)
+    assert abs(body.state.phi) < 2e-3
+    assert abs(body.state.theta) < 2e-3

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sitl import VEHICLES, UnknownVehicle, load_vehicle, open_vehicle
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 PUBLISHED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "published_tables.json"
 DEGREE = math.pi / 180
@@ -53,8 +53,8 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
 def test_every_vehicle_opens_and_rests(name):
     server = open_vehicle(name)
     server.advance_to(1.0)
-    assert abs(server.vehicle.body.r) < 0.2
-    assert abs(server.vehicle.body.u) < 0.01
+    assert abs(server.vehicle.state.r) < 0.2
+    assert abs(server.vehicle.state.u) < 0.01
 
 
 def test_an_unknown_vehicle_names_the_nearest():
@@ -112,20 +112,20 @@ def test_a_vehicle_like_another_differs_in_what_its_file_says_only():
 
 @pytest.mark.parametrize("name", [n for n in VEHICLES if "sway" in load_vehicle(n).tables])
 def test_a_vehicle_that_sways_drifts_outwards_in_a_turn_ahead(name):
-    body, loads = load_vehicle(name).make_body(), Loads()
+    body, wrench = load_vehicle(name).make_plant(), Wrench()
     actuators = load_vehicle(name).make_actuators()
     for _ in range(1500):
-        actuators.apply({"N": 0.3, "X": 0.5, "Z": 0.0}, body, loads)
-        body.step(loads, 0.02)
-    assert body.r > 0.02
-    assert body.v < -0.005
+        actuators.apply({"N": 0.3, "X": 0.5, "Z": 0.0}, body.parameters, wrench)
+        body.step(wrench, 0.02)
+    assert body.state.r > 0.02
+    assert body.state.v < -0.005
 
 
 def test_the_rudders_of_a_boat_that_sways_push_her_stern_sideways_first():
     vehicle = load_vehicle("charlie-sway")
-    body, loads = vehicle.make_body(), Loads()
-    vehicle.make_actuators().apply({"N": 1.0, "X": 1.0}, body, loads)
-    assert loads.N > 0.0 > loads.Y
+    body, wrench = vehicle.make_plant(), Wrench()
+    vehicle.make_actuators().apply({"N": 1.0, "X": 1.0}, body.parameters, wrench)
+    assert wrench.N > 0.0 > wrench.Y
 
 
 def test_a_lateral_stick_moves_a_vectored_frame_sideways():
@@ -136,8 +136,8 @@ def test_a_lateral_stick_moves_a_vectored_frame_sideways():
 
 
 def test_a_coupled_vehicle_flies_the_equations_written_out_by_hand():
-    body = load_vehicle("cybership2").make_body()
-    body.psi, loads = 0.0, Loads(X=2.0, N=0.1)
+    body = load_vehicle("cybership2").make_plant()
+    body.state.psi, wrench = 0.0, Wrench(X=2.0, N=0.1)
 
     def rates(_, s):
         psi, u, v, r = s[2:]
@@ -150,6 +150,8 @@ def test_a_coupled_vehicle_flies_the_equations_written_out_by_hand():
         return [u * c - v * n, u * n + v * c, r, X / 25.8, vdot, rdot]
 
     for _ in range(500):
-        body.step(loads, 0.02)
+        body.step(wrench, 0.02)
     end = solve_ivp(rates, (0.0, 10.0), [0.0] * 6, rtol=1e-9, atol=1e-11).y[:, -1]
-    assert (body.x, body.y, body.psi, body.u, body.v, body.r) == pytest.approx(end, abs=1e-5)
+    assert (body.state.x, body.state.y, body.state.psi, body.state.u, body.state.v, body.state.r) == pytest.approx(
+        end, abs=1e-5
+    )

@@ -24,7 +24,7 @@ def test_a_command_can_be_altered_between_autopilot_and_actuator():
     ground.sticks = {1: 2000, 3: 2000}
     ground.run(10.0)
     assert ground.servos[0] == 2000
-    assert abs(ground.vehicle.body.r) < 0.01
+    assert abs(ground.vehicle.state.r) < 0.01
 
 
 class _Current(HiddenEffect):
@@ -35,17 +35,17 @@ class _Current(HiddenEffect):
 def test_a_force_can_be_added():
     ground = boat(armed=False, effects=[_Current()])
     ground.run(10.0)
-    assert ground.vehicle.body.u > 0.3
+    assert ground.vehicle.state.u > 0.3
 
 
 class _Payload(HiddenEffect):
-    def alter_parameters(self, t, body):
-        body.heave.alpha = 30.0
+    def alter_parameters(self, t, parameters):
+        parameters["heave.alpha"] = 30.0
 
 
 def test_the_hull_can_be_altered():
     ground = rov(effects=[_Payload()])
-    assert ground.vehicle.body.heave.alpha == 30.0
+    assert ground.vehicle.plant.axis("heave").alpha == 30.0
 
 
 class _CompassBias(HiddenEffect):
@@ -56,4 +56,4 @@ class _CompassBias(HiddenEffect):
 def test_a_measurement_can_be_altered():
     ground = rov(effects=[_CompassBias()])
     ground.run(1.0)
-    assert 0.4 < ground.last("ATTITUDE").yaw - ground.vehicle.body.psi < 0.6
+    assert 0.4 < ground.last("ATTITUDE").yaw - ground.vehicle.state.psi < 0.6

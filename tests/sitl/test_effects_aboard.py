@@ -29,7 +29,7 @@ def turning(ground, seconds=8.0, *, stick=1700, throttle=1500):
     ground.stream(LOCAL_POSITION, 10)
     ground.stream(SERVO, 10)
     ground.run(seconds)
-    return ground.vehicle.body.r
+    return ground.vehicle.state.r
 
 
 @pytest.mark.parametrize("slug", [s for s in EFFECTS if s not in NEED_SWAY])
@@ -38,7 +38,7 @@ def test_every_effect_that_makes_sense_aboard_flies(slug):
     values = {p.name: NUMBERS.get(p.name, 0.3) for p in kind.parameters}
     ground = rov(effects=[make_effect(slug, PLACES.get(slug, ""), values)])
     turning(ground, 2.0, throttle=1600)
-    body = ground.vehicle.body
+    body = ground.vehicle.state
     assert all(math.isfinite(value) for value in (body.x, body.z, body.psi, body.u, body.r, body.w))
 
 
@@ -56,23 +56,23 @@ def test_a_dead_zone_swallows_small_sticks_on_its_axis_alone():
     idle, plain = rov(), rov()
     turning(idle, stick=1500, throttle=1560)
     turning(plain, stick=1560, throttle=1560)
-    assert dead.vehicle.body.r == pytest.approx(idle.vehicle.body.r)
-    assert plain.vehicle.body.r > 3.0 * idle.vehicle.body.r
-    assert dead.vehicle.body.u == pytest.approx(plain.vehicle.body.u)
+    assert dead.vehicle.state.r == pytest.approx(idle.vehicle.state.r)
+    assert plain.vehicle.state.r > 3.0 * idle.vehicle.state.r
+    assert dead.vehicle.state.u == pytest.approx(plain.vehicle.state.u)
 
 
 def test_an_effect_can_be_put_on_another_axis():
     dead = rov(effects=hidden("dead-zone@throttle.width=0.3"))
     turning(dead, stick=1560, throttle=1560)
-    assert dead.vehicle.body.u == 0.0
-    assert dead.vehicle.body.r > 0.01
+    assert dead.vehicle.state.u == 0.0
+    assert dead.vehicle.state.r > 0.01
 
 
 def test_a_mass_change_is_scaled_once_and_not_every_tick():
     ground = rov(effects=hidden("mass-change.ratio=2,time=1"))
     plain = rov()
     for axis in ("surge", "heave", "yaw"):
-        assert getattr(ground.vehicle.body, axis).alpha == 2.0 * getattr(plain.vehicle.body, axis).alpha
+        assert ground.vehicle.plant.axis(axis).alpha == 2.0 * plain.vehicle.plant.axis(axis).alpha
 
 
 def test_added_drag_slows_the_turn_of_a_boat_whose_drag_goes_with_its_propeller():
@@ -86,14 +86,14 @@ def test_a_current_moves_the_craft_and_shows_in_velocity_over_ground():
     turning(ground, 10.0)
     told = ground.last("LOCAL_POSITION_NED")
     assert (told.vx, told.vy) == pytest.approx((0.4, -0.2), abs=0.1)
-    body = ground.vehicle.body
+    body = ground.vehicle.state
     assert (body.x, body.y) == pytest.approx((0.4 * ground.t, -0.2 * ground.t), rel=0.02)
 
 
 def test_the_wind_turns_the_bow():
     ground = rov(armed=False, effects=hidden("wind-moment.strength=0.3,direction=2", "linear-drag.coefficient=0.1"))
     turning(ground, 60.0)
-    assert ground.vehicle.body.psi == pytest.approx(2.0, abs=0.1)
+    assert ground.vehicle.state.psi == pytest.approx(2.0, abs=0.1)
 
 
 def test_waves_go_with_the_seed_of_the_vehicle():
@@ -101,7 +101,7 @@ def test_waves_go_with_the_seed_of_the_vehicle():
         waves = hidden("wave-disturbance.amplitude=0.3,frequency=2,bandwidth=0.1")
         ground = rov(armed=False, effects=waves, seed=seed)
         ground.run(5.0)
-        return ground.vehicle.body.psi
+        return ground.vehicle.state.psi
 
     assert heading(1) == heading(1) != heading(2)
 
@@ -109,7 +109,7 @@ def test_waves_go_with_the_seed_of_the_vehicle():
 def test_the_compass_deviates_and_the_craft_does_not():
     ground = rov(armed=False, effects=hidden("compass-deviation.B=0.3,C=0.2"))
     turning(ground, 1.0)
-    psi = ground.vehicle.body.psi
+    psi = ground.vehicle.state.psi
     off = math.remainder(ground.last("ATTITUDE").yaw - psi, math.tau)
     assert off == pytest.approx(0.3 * math.sin(psi) + 0.2 * math.cos(psi), abs=0.05)
 
@@ -117,7 +117,7 @@ def test_the_compass_deviates_and_the_craft_does_not():
 def test_a_receiver_ahead_of_the_middle_swings_round_it():
     ground = boat(effects=hidden("sensor-position@x+y.x_P=5"))
     turning(ground, 8.0, throttle=1600)
-    body, told = ground.vehicle.body, ground.last("LOCAL_POSITION_NED")
+    body, told = ground.vehicle.state, ground.last("LOCAL_POSITION_NED")
     assert abs(body.psi) > 0.3
     assert told.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
     assert told.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
@@ -126,10 +126,10 @@ def test_a_receiver_ahead_of_the_middle_swings_round_it():
 def test_a_late_heading_is_that_of_a_while_ago():
     ground = rov(effects=hidden("measurement-delay@psi.delay=1"))
     turning(ground, 3.0)
-    then = ground.vehicle.body.psi
+    then = ground.vehicle.state.psi
     ground.run(1.0)
     behind = math.remainder(ground.last("ATTITUDE").yaw - then, math.tau)
-    assert abs(behind) < 0.1 < ground.vehicle.body.psi - then
+    assert abs(behind) < 0.1 < ground.vehicle.state.psi - then
 
 
 def test_a_wrong_clock_scales_the_stamps_and_nothing_else():
@@ -154,7 +154,7 @@ def test_steering_told_with_the_wrong_sign_is_mirrored_in_the_report_alone(craft
     wrong, right = craft(effects=hidden("sign-error@steering")), craft()
     for ground in (wrong, right):
         turning(ground, 5.0, throttle=1600)
-    assert wrong.vehicle.body.r == right.vehicle.body.r
+    assert wrong.vehicle.state.r == right.vehicle.state.r
     told, meant = wrong.last("SERVO_OUTPUT_RAW"), right.last("SERVO_OUTPUT_RAW")
     read = right.vehicle.actuators.read
     pulses = [[getattr(m, f"servo{n}_raw") for n in range(1, 9)] for m in (told, meant)]

@@ -93,7 +93,7 @@ def test_well_formed_messages_with_odd_numbers_never_raise(name, seed):
             values["command"] = rng.choice((176, 400, 510, 511, 512, 520, 246, values["command"]))
         server.receive(cls(**values).pack(mav))
         server.advance_to(4.0 + 0.1 * (k + 1))
-    body = server.vehicle.body
+    body = server.vehicle.state
     assert all(map(math.isfinite, (body.psi, body.r, body.u, body.z, body.w)))
     assert set(map(type, server.vehicle.autopilot.pwm)) == {int}
 

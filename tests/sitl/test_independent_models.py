@@ -13,7 +13,7 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.servo_rail import ServoRail
 from sitl.autopilot.sub_motors import SubMotors
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS
-from sitl.hull import Loads
+from sitl.plants import Wrench
 
 DT = 0.02
 CASES = [(name, dof) for name in ("videoray", "automarine", "falcon") for dof in ("yaw", "heave")]
@@ -28,21 +28,21 @@ def _model(name: str, dof: str) -> SingleDof:
 def test_a_switched_force_moves_both_alike(name, dof):
     model = _model(name, dof)
     authority = load_vehicle(name).tables[dof]["authority"]["value"]
-    body = load_vehicle(name).make_body()
-    start = body.psi if dof == "yaw" else body.z
+    body = load_vehicle(name).make_plant()
+    start = body.state.psi if dof == "yaw" else body.state.z
     nu = eta = 0.0
     for period in range(6):
         force = 0.6 * authority * (-1) ** period
-        loads = Loads(N=force) if dof == "yaw" else Loads(Z=force)
+        wrench = Wrench(N=force) if dof == "yaw" else Wrench(Z=force)
         for _ in range(40):
-            body.step(loads, DT)
+            body.step(wrench, DT)
 
         def slope(t, state, force=force):
             drag = (model.beta + model.beta_quadratic * abs(state[1])) * state[1]
             return [state[1], (force - drag) / model.alpha]
 
         eta, nu = solve_ivp(slope, (0.0, 0.8), [eta, nu], rtol=1e-10, atol=1e-12).y[:, -1]
-        simulated = (body.psi, body.r) if dof == "yaw" else (body.z, body.w)
+        simulated = (body.state.psi, body.state.r) if dof == "yaw" else (body.state.z, body.state.w)
         assert simulated == pytest.approx((start + eta, nu), abs=2e-6)
 
 
@@ -50,8 +50,8 @@ def test_a_switched_force_moves_both_alike(name, dof):
 def test_both_settle_at_the_same_velocity(name, dof):
     model = _model(name, dof)
     force = 0.5 * load_vehicle(name).tables[dof]["authority"]["value"]
-    body = load_vehicle(name).make_body()
-    axis = body.yaw if dof == "yaw" else body.heave
+    body = load_vehicle(name).make_plant()
+    axis = body.axis("yaw") if dof == "yaw" else body.axis("heave")
     assert axis.acceleration(model.steady_velocity(force), force) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -68,7 +68,7 @@ def test_each_force_is_wired_the_same_way_in_firmware_frame_and_tuner(frame, con
     for n in range(1, 9):
         parameters.preset(f"SERVO{n}_FUNCTION", 32 + n)
     motors, rail = SubMotors(parameters, DT), ServoRail(parameters)
-    hull = load_vehicle("falcon").make_body()
+    hull = load_vehicle("falcon").make_plant()
     physics = ThrusterFrame(FRAMES[frame], 1.0, 1.0, 1.0, 0.0, 0.0)
     mixing = FIRMWARE["ardusub"].mixing[config]
     for force, demand in (("N", "yaw"), ("X", "forward"), ("Z", "throttle")):
@@ -78,10 +78,10 @@ def test_each_force_is_wired_the_same_way_in_firmware_frame_and_tuner(frame, con
         else:
             setattr(motors, demand, 0.4)
         motors.output(rail, armed=True)
-        loads = Loads()
-        physics.drive(rail.pwm, hull, loads)
+        wrench = Wrench()
+        physics.drive(rail.pwm, hull, wrench)
         for name in ("N", "X", "Z"):
-            assert getattr(loads, name) == pytest.approx(0.4 if name == force else 0.0, abs=0.003)
+            assert getattr(wrench, name) == pytest.approx(0.4 if name == force else 0.0, abs=0.003)
         seen = [(pwm - 1500) / 400 for pwm in rail.pwm]
         used = [factors[force] for factors in mixing]
         believed = sum(f * s for f, s in zip(used, seen, strict=False)) / sum(f * f for f in used)

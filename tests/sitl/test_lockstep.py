@@ -69,7 +69,7 @@ def test_same_seed_and_same_requests_give_the_same_replies_to_the_last_bit(name)
     serve_lockstep(server, io.BytesIO(requests), replies)
     assert replies.getvalue() == first
     assert server.vehicle.autopilot.armed
-    assert abs(server.vehicle.body.r) > 0.01
+    assert abs(server.vehicle.state.r) > 0.01
 
 
 def test_every_request_is_answered_with_the_time_reached():

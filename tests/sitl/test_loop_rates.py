@@ -45,7 +45,7 @@ def test_a_sensor_draws_new_noise_as_often_whatever_the_loop_rate() -> None:
         for _ in range(int(rate)):
             vehicle.move()
             vehicle.control()
-            drawn.add(round(vehicle._reading.r - vehicle.body.r, 12))
+            drawn.add(round(vehicle._reading.r - vehicle.state.r, 12))
         assert 50 <= len(drawn) <= 51
 
 
@@ -75,7 +75,7 @@ def test_a_heading_step_is_the_same_craft_at_every_loop_rate() -> None:
         for _ in range(int(rate)):
             vehicle.move()
             vehicle.control()
-        turned.append(vehicle.body.r)
+        turned.append(vehicle.state.r)
     assert turned[0] == pytest.approx(turned[1], rel=0.05)
     assert abs(turned[0]) > math.radians(10.0)
 
@@ -86,6 +86,6 @@ def test_alt_hold_is_held_at_400_hz() -> None:
     ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1, SUB_ALT_HOLD)
     assert ground.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     ground.sticks = {3: 1500, 4: 1500}
-    depth = ground.vehicle.body.z
+    depth = ground.vehicle.state.z
     ground.run(10.0)
-    assert ground.vehicle.body.z == pytest.approx(depth, abs=0.1)
+    assert ground.vehicle.state.z == pytest.approx(depth, abs=0.1)

@@ -13,7 +13,7 @@ from gcs_autotune.models.coupled import FORMS, CoupledModel
 from gcs_autotune.models.coupled.form import Form
 from sitl import BadModel, read_model
 from sitl.__main__ import main
-from sitl.hull import Loads
+from sitl.plants import Wrench
 from tests.sitl.ground import boat, rov
 
 YAW = Form(
@@ -40,10 +40,10 @@ def written(tmp_path, form, values, applied=(), **more):
 def test_a_yaw_model_replaces_the_yaw_of_a_vehicle_alone(tmp_path):
     path, _ = written(tmp_path, YAW, YAW_VALUES, constants={"swing": {"N": 3.0}})
     ground, plain = rov(model=read_model(path)), rov()
-    axis = ground.vehicle.body.yaw
+    axis = ground.vehicle.plant.axis("yaw")
     assert (axis.alpha, axis.beta, axis.beta2) == (2.0, 1.5, 0.5)
     assert ground.vehicle.actuators.full["yaw"] == 3.0
-    assert ground.vehicle.body.surge.alpha == plain.vehicle.body.surge.alpha
+    assert ground.vehicle.plant.axis("surge").alpha == plain.vehicle.plant.axis("surge").alpha
     assert ground.vehicle.actuators.full["surge"] == plain.vehicle.actuators.full["surge"]
 
 
@@ -61,12 +61,12 @@ def test_a_vehicle_turns_as_the_tuner_predicts_from_the_same_file(tmp_path, craf
     path, base = written(tmp_path, YAW, YAW_VALUES, constants={"swing": {"N": 3.0}})
     ground = craft(armed=False, model=read_model(path))
     vehicle = ground.vehicle
-    start, t_0 = vehicle.body.r, ground.t
+    start, t_0 = vehicle.state.r, ground.t
     vehicle.actuators.read = lambda pwm: {"N": 0.4, "X": 0.0, "Z": 0.0}
     ground.run(4.0)
     stamps = np.array([0.0, ground.t - t_0])
     predicted = base.simulate(np.array([0.0]), {"N": np.array([1.2])}, stamps, {"r": start})
-    assert vehicle.body.r == pytest.approx(predicted.values["r"][-1], rel=1e-3)
+    assert vehicle.state.r == pytest.approx(predicted.values["r"][-1], rel=1e-3)
 
 
 def test_without_a_largest_command_full_output_is_one_unit(tmp_path):
@@ -86,10 +86,10 @@ def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
     assert found["dead-zone"] == pytest.approx({"width": 0.2})
     assert found["input-bias"] == pytest.approx({"bias": 0.1})
     assert found["compass-deviation"] == {"B": 0.1, "C": 0.2, "A": 0.0}
-    loads = Loads()
+    wrench = Wrench()
     for effect in vehicle.effects:
-        effect.alter_force(0.0, loads)
-    assert loads.N == pytest.approx(0.3)
+        effect.alter_force(0.0, wrench)
+    assert wrench.N == pytest.approx(0.3)
 
 
 def test_a_sensor_that_the_model_knows_off_the_centre_is_an_effect_of_the_vehicle(tmp_path):
@@ -100,14 +100,15 @@ def test_a_sensor_that_the_model_knows_off_the_centre_is_an_effect_of_the_vehicl
 
 def test_a_coupled_plane_moves_as_the_tuner_predicts(tmp_path):
     path, base = written(tmp_path, PLANE, PLANE_VALUES)
-    body = rov(model=read_model(path)).vehicle.body
+    plant = rov(model=read_model(path)).vehicle.plant
+    body = plant.state
     body.u = body.v = body.r = body.psi = body.x = body.y = 0.0
     stamps = np.arange(0.0, 10.0, 0.02)
-    loads = Loads(X=5.0, Y=2.0, N=1.0)
+    wrench = Wrench(X=5.0, Y=2.0, N=1.0)
     track = []
     for _ in stamps:
         track.append((body.x, body.y, body.psi, body.u, body.v, body.r))
-        body.step(loads, 0.02)
+        plant.step(wrench, 0.02)
     inputs = {"X": np.array([5.0]), "Y": np.array([2.0]), "N": np.array([1.0])}
     predicted = base.simulate(np.array([0.0]), inputs, stamps, {})
     for name, values in zip(("x", "y", "psi", "u", "v", "r"), np.transpose(track), strict=True):
@@ -122,10 +123,10 @@ def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
     values.update({"X_0": 0.5, "X_uu": -0.5, "Y_|v|v": -1.0, "N_|r|r": -1.0, "Y_delta": -0.2, "N_delta": 0.3})
     path, _ = written(tmp_path, form, values, constants={"swing": {"delta": 0.5}})
     vehicle = boat(armed=False, model=read_model(path)).vehicle
-    loads = Loads()
-    vehicle.actuators.apply({"N": 1.0, "X": 0.0}, vehicle.body, loads)
-    assert (loads.X, loads.Y, loads.N) == pytest.approx((0.5, -0.1, 0.15))
-    assert vehicle.body.u == pytest.approx(1.0, abs=0.1)
+    wrench = Wrench()
+    vehicle.actuators.apply({"N": 1.0, "X": 0.0}, vehicle.plant.parameters, wrench)
+    assert (wrench.X, wrench.Y, wrench.N) == pytest.approx((0.5, -0.1, 0.15))
+    assert vehicle.state.u == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def test_a_pushed_gain_changes_the_motion():
         ground.set("ATC_STR_RAT_FF", gain)
         ground.hold_heading(1.1)
         ground.run(8.0)
-        headings.append(ground.vehicle.body.psi)
+        headings.append(ground.vehicle.state.psi)
     assert headings[1] - headings[0] > 0.05
 
 

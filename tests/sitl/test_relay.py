@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from sitl import load_vehicle
-from sitl.hull import Loads
+from sitl.plants import Wrench
 from tests.sitl.ground import boat
 
 FULL_AHEAD = 2000
@@ -18,13 +18,13 @@ FULL_AHEAD = 2000
 def _relay_on_the_hull(amplitude: float, hysteresis: float, seconds: float) -> list[float]:
     """Return the times of the switchings to starboard, for an ideal relay on the true heading."""
     data = load_vehicle("charlie")
-    body, actuators, loads = data.make_body(), data.make_actuators(), Loads()
-    start, side, dt, switchings = body.psi, 1, 0.001, []
+    body, actuators, wrench = data.make_plant(), data.make_actuators(), Wrench()
+    start, side, dt, switchings = body.state.psi, 1, 0.001, []
     for k in range(round(seconds / dt)):
         pwm = round(1500 + side * 500 * amplitude / math.radians(30))
-        actuators.drive((pwm, 0, FULL_AHEAD), body, loads)
-        body.step(loads, dt)
-        if side * (body.psi - start) > hysteresis:
+        actuators.drive((pwm, 0, FULL_AHEAD), body.parameters, wrench)
+        body.step(wrench, dt)
+        if side * (body.state.psi - start) > hysteresis:
             side = -side
             if side > 0:
                 switchings.append(k * dt)

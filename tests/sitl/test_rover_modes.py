@@ -135,18 +135,18 @@ def test_acro_turns_at_the_rate_of_the_stick():
     ground = boat(mode=ACRO, parameters={"ATC_STR_RAT_FF": 3, "ATC_STR_RAT_I": 1, "ACRO_TURN_RATE": 20})
     ground.sticks = {1: 1500 + 30 + 94, 3: 1950}
     ground.run(40.0)
-    assert math.degrees(ground.vehicle.body.r) == pytest.approx(4.0, abs=0.4)
-    assert ground.vehicle.body.u == pytest.approx(1.2 / 0.8 * 0.89, abs=0.05)
+    assert math.degrees(ground.vehicle.state.r) == pytest.approx(4.0, abs=0.4)
+    assert ground.vehicle.state.u == pytest.approx(1.2 / 0.8 * 0.89, abs=0.05)
 
 
 def test_steering_mode_turns_the_way_of_the_stick_and_back():
     ground = boat(mode=STEERING, parameters={"ATC_STR_RAT_FF": 3})
     ground.sticks = {1: 1600, 3: 1900}
     ground.run(10.0)
-    assert ground.vehicle.body.r > 0.03
+    assert ground.vehicle.state.r > 0.03
     ground.sticks = {1: 1400, 3: 1900}
     ground.run(10.0)
-    assert ground.vehicle.body.r < -0.03
+    assert ground.vehicle.state.r < -0.03
 
 
 def _guided(**parameters: float) -> Ground:
@@ -158,24 +158,24 @@ def _guided(**parameters: float) -> Ground:
 
 def test_guided_follows_a_heading_step_at_the_asked_speed():
     ground = _guided()
-    assert ground.vehicle.body.u == pytest.approx(1.2, abs=0.03)
+    assert ground.vehicle.state.u == pytest.approx(1.2, abs=0.03)
     ground.hold_heading(1.1)
     ground.run(40.0)
-    assert math.degrees(ground.vehicle.body.psi) == pytest.approx(math.degrees(1.1), abs=2.0)
+    assert math.degrees(ground.vehicle.state.psi) == pytest.approx(math.degrees(1.1), abs=2.0)
 
 
 def test_guided_speed_is_a_fraction_of_wp_speed():
     ground = _guided()
     ground.hold_heading(0.6, thrust=0.5)
     ground.run(40.0)
-    assert ground.vehicle.body.u == pytest.approx(0.6, abs=0.05)
+    assert ground.vehicle.state.u == pytest.approx(0.6, abs=0.05)
 
 
 def test_guided_follows_a_turn_rate():
     ground = _guided()
     ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0)
     ground.run(40.0)
-    assert ground.vehicle.body.r == pytest.approx(0.08, abs=0.015)
+    assert ground.vehicle.state.r == pytest.approx(0.08, abs=0.015)
 
 
 def test_guided_ignores_an_attitude_target_without_thrust():
@@ -197,15 +197,15 @@ def test_guided_follows_body_velocity_with_yaw_rate():
     ground = _guided()
     ground.repeated = lambda: _velocity_target(0b010111000111, rate=-0.08)
     ground.run(40.0)
-    assert ground.vehicle.body.r == pytest.approx(-0.08, abs=0.015)
-    assert ground.vehicle.body.u == pytest.approx(1.0, abs=0.06)
+    assert ground.vehicle.state.r == pytest.approx(-0.08, abs=0.015)
+    assert ground.vehicle.state.u == pytest.approx(1.0, abs=0.06)
 
 
 def test_guided_follows_body_velocity_alone():
     ground = boat(mode=GUIDED)
     ground.repeated = lambda: _velocity_target(0b110111000111)
     ground.run(30.0)
-    assert ground.vehicle.body.u == pytest.approx(1.0, abs=0.06)
+    assert ground.vehicle.state.u == pytest.approx(1.0, abs=0.06)
 
 
 def test_an_acceleration_target_is_not_understood():
@@ -222,13 +222,13 @@ def test_guided_stops_three_seconds_after_the_last_target():
     assert ground.servos[2] > 1600
     ground.run(4.0)
     assert "target not received last 3secs, stopping" in ground.texts()
-    assert ground.vehicle.body.u < 0.9
+    assert ground.vehicle.state.u < 0.9
 
 
 def test_a_boat_that_loiters_comes_back():
     ground = boat(mode=GUIDED)
     ground.run(1.0)
-    ground.vehicle.body.x += 30.0
+    ground.vehicle.state.x += 30.0
     ground.run(3.0)
     assert ground.servos[2] > 1500
 
@@ -269,7 +269,7 @@ def test_the_yaw_rate_that_is_shown_lags_by_the_gyro_filter():
         ground.sticks = {1: 2000 if step % 40 < 20 else 1000, 3: 2000}
         ground.run(0.1)
         filtered.append(ground.vehicle.autopilot.estimate.yaw_rate)
-        true.append(ground.vehicle.body.r)
+        true.append(ground.vehicle.state.r)
     slope = [(b - a) / 0.1 for a, b in itertools.pairwise(true)]
     lag = sum((t - f) * s for t, f, s in zip(true[1:], filtered[1:], slope, strict=True)) / sum(s * s for s in slope)
     assert lag == pytest.approx(0.056, abs=0.015)

@@ -14,7 +14,7 @@ QUIET = SensorData(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _samples(data: SensorData, count: int, seed: int = 1) -> list[SensorReading]:
-    body = load_vehicle("videoray").make_body()
+    body = load_vehicle("videoray").make_plant()
     sensors = Sensors(data, seed, floats=False)
     readings = []
     for _ in range(count):
@@ -65,8 +65,8 @@ def test_one_sensors_noise_does_not_disturb_another():
 
 
 def test_heading_is_wrapped():
-    body = load_vehicle("videoray").make_body()
-    body.psi = 10.0
+    body = load_vehicle("videoray").make_plant()
+    body.state.psi = 10.0
     reading = SensorReading()
     Sensors(QUIET, 0, floats=False).sample(body, reading)
     assert reading.psi == pytest.approx(10.0 - 4 * math.pi)
@@ -74,15 +74,15 @@ def test_heading_is_wrapped():
 
 def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turned_away() -> None:
     vehicle = load_vehicle("videoray-wall")
-    body, finder = vehicle.make_body(), vehicle.make_rangefinder(1)
+    body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
     assert finder is not None
-    first = finder.measure(0.0, body)
+    first = finder.measure(0.0, body.state)
     assert first == pytest.approx(2.0, abs=0.015)
-    body.x, body.y = 0.5 * math.cos(body.psi), 0.5 * math.sin(body.psi)
-    assert finder.measure(0.9, body) == first
-    assert finder.measure(1.0, body) == pytest.approx(1.5, abs=0.015)
-    body.psi += math.radians(60.0)
-    assert finder.measure(2.0, body) == pytest.approx(3.0, abs=0.015)
-    body.psi += math.radians(60.0)
-    assert math.isnan(finder.measure(3.0, body))
+    body.state.x, body.state.y = 0.5 * math.cos(body.state.psi), 0.5 * math.sin(body.state.psi)
+    assert finder.measure(0.9, body.state) == first
+    assert finder.measure(1.0, body.state) == pytest.approx(1.5, abs=0.015)
+    body.state.psi += math.radians(60.0)
+    assert finder.measure(2.0, body.state) == pytest.approx(3.0, abs=0.015)
+    body.state.psi += math.radians(60.0)
+    assert math.isnan(finder.measure(3.0, body.state))
     assert load_vehicle("videoray").make_rangefinder(1) is None

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sitl.effects import EFFECTS, BadEffect, Setting, make_effect, parse_effect
-from sitl.hull import Loads
 from sitl.open_loop import Hull, open_loop
+from sitl.plants import State, Water, Wrench
 
 SLUGS = [
     "time-scale",
@@ -269,13 +269,13 @@ def test_the_wind_turns_the_bow_where_it_is_told():
 def waves(interval, count, **values):
     """The bare force of waves at even times."""
     effect = make_effect("wave-disturbance", "yaw", {"amplitude": 0.3, "frequency": 2.0, **values})
-    axes = {"yaw": SLOW.axis("yaw")}
-    effect.begin(Setting(motion=None, axes=axes, inputs={"N": "yaw"}, swing={"N": 1.0}, gain={}, signals=("r",)))
+    plain = {"dofs": ("yaw",), "inputs": {"N": "yaw"}, "swing": {"N": 1.0}, "gain": {}, "signals": ("r",)}
+    effect.begin(Setting(state=State(), water=Water(), parameters={}, **plain))
     force = []
     for k in range(count):
-        loads = Loads()
-        effect.alter_force(interval * k, loads)
-        force.append(loads.N)
+        wrench = Wrench()
+        effect.alter_force(interval * k, wrench)
+        force.append(wrench.N)
     return np.array(force)
 
 

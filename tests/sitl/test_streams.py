@@ -103,7 +103,7 @@ def test_position_and_speed_agree_with_the_hull():
         ground.stream(number, 10)
     ground.sticks = {1: 1500, 3: 2000}
     ground.run(20.0)
-    body = ground.vehicle.body
+    body = ground.vehicle.state
     local, glob, hud = (ground.last(k) for k in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "VFR_HUD"))
     assert (local.x, local.y) == pytest.approx((body.x, body.y), abs=0.2)
     assert hud.groundspeed == pytest.approx(1.5, abs=0.1)
@@ -118,7 +118,7 @@ def test_depth_is_negative_altitude_and_growing_pressure():
     for number in (33, 32, PRESSURE):
         ground.stream(number, 10)
     ground.run(0.5)
-    depth = ground.vehicle.body.z
+    depth = ground.vehicle.state.z
     assert ground.last("GLOBAL_POSITION_INT").relative_alt == pytest.approx(-1000 * depth, abs=40)
     assert ground.last("LOCAL_POSITION_NED").z == pytest.approx(depth, abs=0.04)
     assert ground.last("SCALED_PRESSURE2").press_abs == pytest.approx(1013.25 + 98.0665 * depth, abs=4)
@@ -158,7 +158,7 @@ def test_pid_tuning_shows_the_steering_loop_in_its_units():
     assert tuning.axis == 5
     assert tuning.desired > 5.0
     assert pytest.approx(0.2 * math.radians(tuning.desired), rel=1e-4) == tuning.FF
-    assert tuning.achieved == pytest.approx(math.degrees(ground.vehicle.body.r), abs=1.5)
+    assert tuning.achieved == pytest.approx(math.degrees(ground.vehicle.state.r), abs=1.5)
 
 
 def test_one_pid_tuning_comes_per_set_bit():

@@ -79,7 +79,7 @@ def test_the_yaw_stick_turns_to_starboard_the_throttle_stick_lifts_and_forward_d
     ground = rov("automarine")
     ground.sticks = {3: 1700, 4: 1700, 5: 1700, 6: 1500}
     ground.run(3.0)
-    body = ground.vehicle.body
+    body = ground.vehicle.state
     assert body.r > 0.1
     assert body.w < -0.05
     assert body.u > 0.1
@@ -110,12 +110,12 @@ def _depth_target(altitude: float):
 @pytest.mark.parametrize("mode", [SUB_ALT_HOLD, SUB_GUIDED])
 def test_depth_is_held_and_a_depth_step_followed(name, mode):
     ground = rov(name, mode=mode)
-    held = ground.vehicle.body.z
+    held = ground.vehicle.state.z
     ground.run(10.0)
-    assert ground.vehicle.body.z == pytest.approx(held, abs=0.05)
+    assert ground.vehicle.state.z == pytest.approx(held, abs=0.05)
     ground.repeated = lambda: _depth_target(-3.0)
     ground.run(15.0)
-    assert ground.vehicle.body.z == pytest.approx(3.0, abs=0.05)
+    assert ground.vehicle.state.z == pytest.approx(3.0, abs=0.05)
 
 
 def test_a_depth_target_is_not_heard_in_manual():
@@ -129,10 +129,10 @@ def test_a_depth_target_is_not_heard_in_manual():
 def test_a_far_depth_target_sent_once_is_cut_to_what_the_speed_limit_can_use():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.run(3.0)
-    before = ground.vehicle.body.z
+    before = ground.vehicle.state.z
     ground.send(_depth_target(-6.0))
     ground.run(15.0)
-    assert ground.vehicle.body.z == pytest.approx(before + 1.11, abs=0.1)
+    assert ground.vehicle.state.z == pytest.approx(before + 1.11, abs=0.1)
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_a_far_depth_target_repeated_is_reached():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.repeated = lambda: _depth_target(-6.0)
     ground.run(20.0)
-    assert ground.vehicle.body.z == pytest.approx(6.0, abs=0.05)
+    assert ground.vehicle.state.z == pytest.approx(6.0, abs=0.05)
 
 
 @pytest.mark.slow
@@ -148,7 +148,7 @@ def test_a_target_in_the_air_ends_just_under_the_surface():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.repeated = lambda: _depth_target(1.0)
     ground.run(25.0)
-    assert -0.1 < ground.vehicle.body.z < 0.3
+    assert -0.1 < ground.vehicle.state.z < 0.3
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_a_heading_step_is_followed(name, mode):
     ground = rov(name, mode=mode, parameters={"ATC_ANG_YAW_P": 1.5, "ATC_RAT_YAW_P": 0.5})
     ground.hold_heading(1.1)
     ground.run(25.0)
-    assert math.degrees(ground.vehicle.body.psi) == pytest.approx(math.degrees(1.1), abs=5.0)
+    assert math.degrees(ground.vehicle.state.psi) == pytest.approx(math.degrees(1.1), abs=5.0)
 
 
 def test_a_heading_target_rules_over_the_yaw_stick_for_five_seconds():
@@ -168,16 +168,16 @@ def test_a_heading_target_rules_over_the_yaw_stick_for_five_seconds():
     ground.repeated = None
     ground.sticks = {**NEUTRAL, 4: 1700}
     ground.run(4.5)
-    assert ground.vehicle.body.r == pytest.approx(0.0, abs=0.05)
+    assert ground.vehicle.state.r == pytest.approx(0.0, abs=0.05)
     ground.run(2.0)
-    assert ground.vehicle.body.r > 0.3
+    assert ground.vehicle.state.r > 0.3
 
 
 def test_the_yaw_stick_asks_for_a_turn_rate():
     ground = rov("falcon", mode=SUB_STABILIZE, parameters={"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.5})
     ground.sticks = {**NEUTRAL, 4: 1500 + 20 + 76}
     ground.run(15.0)
-    assert math.degrees(ground.vehicle.body.r) == pytest.approx(0.2 * 45.0 * 3.375, abs=3.0)
+    assert math.degrees(ground.vehicle.state.r) == pytest.approx(0.2 * 45.0 * 3.375, abs=3.0)
 
 
 def test_when_the_yaw_stick_is_let_go_the_heading_is_locked():
@@ -186,9 +186,9 @@ def test_when_the_yaw_stick_is_let_go_the_heading_is_locked():
     ground.run(2.0)
     ground.sticks = NEUTRAL
     ground.run(6.0)
-    locked = ground.vehicle.body.psi
+    locked = ground.vehicle.state.psi
     ground.run(5.0)
-    assert ground.vehicle.body.psi == pytest.approx(locked, abs=0.05)
+    assert ground.vehicle.state.psi == pytest.approx(locked, abs=0.05)
 
 
 def test_the_throttle_stick_asks_for_a_climb_rate_in_alt_hold():
@@ -196,7 +196,7 @@ def test_the_throttle_stick_asks_for_a_climb_rate_in_alt_hold():
     ground.run(3.0)
     ground.sticks = {**NEUTRAL, 3: 1500 - 20 - 57}
     ground.run(6.0)
-    assert ground.vehicle.body.w == pytest.approx(0.25, abs=0.1)
+    assert ground.vehicle.state.w == pytest.approx(0.25, abs=0.1)
 
 
 def test_within_its_dead_zone_the_throttle_stick_is_not_felt():
@@ -213,7 +213,7 @@ def test_yaw_feed_forward_has_no_effect():
     for ground in (plain, with_ff):
         ground.hold_heading(1.5)
         ground.run(3.0)
-    assert plain.vehicle.body.psi == with_ff.vehicle.body.psi
+    assert plain.vehicle.state.psi == with_ff.vehicle.state.psi
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_each_yaw_parameter_changes_the_motion(name, value):
         ground = rov("falcon", mode=SUB_STABILIZE, parameters=parameters)
         ground.hold_heading(1.5)
         ground.run(2.0)
-        headings.append(ground.vehicle.body.psi)
+        headings.append(ground.vehicle.state.psi)
     assert abs(headings[0] - headings[1]) > 1e-3
 
 
@@ -240,7 +240,7 @@ def test_each_depth_parameter_changes_the_motion(name, value):
         ground = rov("falcon", mode=SUB_ALT_HOLD, parameters=parameters)
         ground.repeated = lambda: _depth_target(-3.0)
         ground.run(1.5)
-        depths.append(ground.vehicle.body.z)
+        depths.append(ground.vehicle.state.z)
     assert abs(depths[0] - depths[1]) > 1e-3
 
 
@@ -251,7 +251,7 @@ def test_taking_up_alt_hold_while_turning_and_sinking_stays_calm():
     ground.sticks = NEUTRAL
     ground.mode(SUB_ALT_HOLD)
     ground.run(10.0)
-    body = ground.vehicle.body
+    body = ground.vehicle.state
     assert abs(body.r) < 0.05
     assert abs(body.w) < 0.05
     assert body.z < 5.0

@@ -155,7 +155,7 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
     page.shows("#question-text", "Write ATC_STR_RAT_FF")
     assert "ATC_STR_RAT_FF" in page.page.inner_text("#offer")
     page.page.click("#no")
-    page.shows("#end-reason", "the new gains were not wanted; nothing was written")
+    page.shows("#end-reason", "the new gains were declined; nothing was written")
     assert "as they were before" in page.page.inner_text("#put-back")
 
 

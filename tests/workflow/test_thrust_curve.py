@@ -14,9 +14,9 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, Parameter, fit_axis, fit_thrust_curve, thrust_curve, thrust_curve_told
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
+from gcs_autotune.workflow.extra_relay import extra_relay
 from gcs_autotune.workflow.identification import Identified, again_with_step
 from gcs_autotune.workflow.proof import reduction_with_curve
-from gcs_autotune.workflow.third_relay import third_relay
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -181,16 +181,16 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
 @pytest.mark.slow
 def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
-    third = third_relay(runs, plain)
+    third = extra_relay(runs, plain)
     assert third is not None
     assert min(abs(third.output / 0.3 - 1.0), abs(third.output / 0.6 - 1.0)) > 0.2
     three = [*runs, oscillation("relay-3", third.output, 0.6, 0.0, DEAD_BAND)]
-    assert third_relay(three, fit_axis(three, dof="yaw")) is None
+    assert extra_relay(three, fit_axis(three, dof="yaw")) is None
 
 
 def test_a_straight_actuator_needs_no_third_size():
     runs = two(0.0)
-    assert third_relay(runs, fit_axis(runs, dof="yaw")) is None
+    assert extra_relay(runs, fit_axis(runs, dof="yaw")) is None
 
 
 def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():

@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.design.result import Beside
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.workflow.accept_or_revert import on_the_other_axis
+from gcs_autotune.workflow.autopilot_loop import on_the_other_axis
 
 RATES = StepMetrics(itae=1.0, overshoot=0.0, rise=1.0, settling=3.0, steady_error=0.5, travel=0.1)
 LAWS = {("ardurover", "heading"): "rover-yaw", ("ardurover", "yaw"): "rover-heading"}

@@ -5,22 +5,20 @@ response      the empirical response as a value: frequencies, complex gains, coh
 spectrum      it, from any run: cross spectra with sine tapers; from a relay: the harmonics of its cycles
 nomoto        Nomoto's models of first and second order fitted to it
 by_frequency  the method ``frequency``
-pictures      the Bode diagram with its confidence band
 ============  ===================================================================================
 """
 
 from __future__ import annotations
 
 from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
-from gcs_autotune.identify.frequency.pictures import frequency_picture
-from gcs_autotune.identify.frequency.response import FrequencyResponse
+from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import harmonic_response, spectral_response
 
 __all__ = [
+    "COHERENT",
     "FrequencyResponse",
     "NomotoFit",
     "fit_nomoto",
-    "frequency_picture",
     "harmonic_response",
     "spectral_response",
 ]

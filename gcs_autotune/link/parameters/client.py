@@ -17,7 +17,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from gcs_autotune.errors import BadFile, NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
 from gcs_autotune.firmware import checked, checked_all
-from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.file_transfer import read_remote_file
 from gcs_autotune.link.parameters.exchange import (
     IN_FLIGHT,
@@ -32,6 +31,7 @@ from gcs_autotune.link.parameters.exchange import (
 )
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import Message, PackedParameters, unpack_parameters
+from gcs_autotune.untrusted_text import quoted
 
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 

@@ -9,10 +9,10 @@ from functools import partial
 from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import ArmingRefused, CommandDenied, LinkLost, ModeRefused, NoReply
 from gcs_autotune.firmware import Firmware
-from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import Message, enum_name, mavlink
 from gcs_autotune.registry import lookup
+from gcs_autotune.untrusted_text import quoted
 
 __all__ = ["Commands"]
 

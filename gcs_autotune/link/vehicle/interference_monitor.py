@@ -19,7 +19,6 @@ from typing import Any
 from gcs_autotune.craft import Intervention
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.firmware import DISARMS, Firmware, SetFailsafe
-from gcs_autotune.foreign_text import quoted
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.commands import Commands
@@ -29,6 +28,7 @@ from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 from gcs_autotune.link.vehicle.watchdog import Watchdog
 from gcs_autotune.mavlink import Message, mavlink, message_number
+from gcs_autotune.untrusted_text import quoted
 
 __all__ = ["InterferenceMonitor", "RateKeeper"]
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify import Fit, Validation, as_people_read
+from gcs_autotune.identify import Fit, Validation
+from gcs_autotune.report.plots import label_as_read
 from gcs_autotune.report.study.study import structure_title
 from gcs_autotune.report.study.tables import parameter_table, unseen_table
 from gcs_autotune.report.summaries import sheet_table
@@ -184,7 +185,7 @@ def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> list[P
             few = thin(finite(trial[signal].t - trial.start, factor * trial[signal].values))
             ax.plot(few.t, few.y, color=AFTER, lw=1.2)
             ax.set_ylabel(f"{signal} [{unit}]")
-            as_people_read(ax, signal, float(few.y[0]) if len(few) else 0.0)
+            label_as_read(ax, signal, float(few.y[0]) if len(few) else 0.0)
         draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
         axes[-1].set_xlabel("time [s]")
     told = "the motion and what drives it, predicted." if predicted else "the motion and what drove it."

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design import Actuator
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.identify import Parameter, Trace, draw_trace
+from gcs_autotune.identify import Parameter, Trace
 from gcs_autotune.models import CoupledModel, SingleDof
+from gcs_autotune.report.plots import draw_trace
 from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, PAPER, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.wording import format_percent, pretty_unit, to_people
 from gcs_autotune.trial import Trial

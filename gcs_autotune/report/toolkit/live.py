@@ -18,8 +18,8 @@ from rich.segment import ControlType
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
-from gcs_autotune.foreign_text import quoted, visible
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
+from gcs_autotune.untrusted_text import quoted, visible
 from gcs_autotune.watch import Fact, Progress, Words
 
 __all__ = ["StageBar", "TerminalWatcher", "describe_progress"]

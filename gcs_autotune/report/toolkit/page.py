@@ -10,8 +10,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.toolkit.wording import sentence
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["Picture", "Table", "render_page"]
 

@@ -14,9 +14,9 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from gcs_autotune.foreign_text import visible
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.wording import Tone
+from gcs_autotune.untrusted_text import visible
 
 __all__ = ["STYLES", "bullet", "contradictions_shown", "doubts_shown", "grid", "paragraph", "render_text", "title"]
 

@@ -11,7 +11,7 @@ from towed_boats import DRAG, INERTIA, NOISE, yaw_run
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
-from gcs_autotune.identify import fit
+from gcs_autotune.identify import fit, validate
 from gcs_autotune.identify.model_file import load_model, save_model
 from gcs_autotune.identify.result import Fit
 
@@ -57,10 +57,10 @@ def test_covariance_traces_and_doubts_are_those_of_any_fit(found: Fit) -> None:
 
 
 def test_prediction_of_a_run_not_seen_is_as_good_as_the_noise_allows(found: Fit) -> None:
-    checked = found.validate(yaw_run(7, HIDDEN))
+    checked = validate(found.model, yaw_run(7, HIDDEN))
     for statistics, trace in zip(checked.statistics, checked.traces, strict=True):
         assert statistics.rms < 1.1 * NOISE[trace.signal]
-    plain = fit(yaw_run(1, HIDDEN), effects=["input-bias"]).validate(yaw_run(7, HIDDEN))
+    plain = validate(fit(yaw_run(1, HIDDEN), effects=["input-bias"]).model, yaw_run(7, HIDDEN))
     assert checked.fit_percent > plain.fit_percent + 5.0
 
 

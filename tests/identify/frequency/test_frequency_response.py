@@ -13,7 +13,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency import (
     FrequencyResponse,
     fit_nomoto,
-    frequency_picture,
+    frequency_plot,
     harmonic_response,
     spectral_response,
 )
@@ -144,7 +144,7 @@ def test_the_standard_errors_of_gain_and_time_constant_are_those_of_repeated_run
 
 def test_the_picture_shows_gain_phase_and_coherence_with_the_models() -> None:
     response = spectral_response(yaw(chirp(0.3, 0.05, 3.0, 120.0), 120.0, noise=0.01), "yaw")
-    figure = frequency_picture(response, {"plant": Nomoto1(1.0 / BETA, ALPHA / BETA)})
+    figure = frequency_plot(response, {"plant": Nomoto1(1.0 / BETA, ALPHA / BETA)})
     gain, phase, coherence = figure.axes
     assert (gain.get_ylabel(), phase.get_ylabel()) == ("gain [dB]", "phase [deg]")
     assert coherence.get_xscale() == "log"

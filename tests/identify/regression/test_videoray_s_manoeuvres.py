@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from regression_plants import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, coupled
 
-from gcs_autotune.identify import fit
+from gcs_autotune.identify import fit, validate
 from gcs_autotune.identify.regression import check_physics
 from gcs_autotune.models.coupled import Form
 from gcs_autotune.research import correlations, structure_by_correlation
@@ -73,8 +73,8 @@ def test_table_two_the_constrained_variant(published):
 
 def test_the_coupled_model_predicts_a_new_run_and_the_uncoupled_does_not():
     unseen = camera_run(99, 2.2, 0.07)
-    whole = fit(camera_runs(), coupled(), "instrumental-variables").validate(unseen).fit_percent
+    whole = validate(fit(camera_runs(), coupled(), "instrumental-variables").model, unseen).fit_percent
     alone = Form("uncoupled", "", DOFS, tuple(TRUTH), {}, HORIZONTAL_INPUTS, coriolis=False).fixing({"Y_vdot": -M[1]})
-    simple = fit(camera_runs(), alone, "least-squares").validate(unseen).fit_percent
+    simple = validate(fit(camera_runs(), alone, "least-squares").model, unseen).fit_percent
     assert whole > 97.0
     assert simple < whole - 10.0

@@ -1,4 +1,4 @@
-"""Figures of a fit, for notebooks and for the report's pages. Angles are drawn in degrees.
+"""Figures of a fit. Angles are drawn in degrees.
 
 Matplotlib is imported when the first one is drawn.
 """
@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.result import Trace
+from gcs_autotune.identify import Trace
 from gcs_autotune.sname import SIGNALS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gcs_autotune.identify.result import Fit
+    from gcs_autotune.identify import Fit
 
-__all__ = ["as_people_read", "draw_trace", "fit_picture", "plot_trace"]
+__all__ = ["draw_trace", "fit_plot", "label_as_read", "plot_trace"]
 
 Array = NDArray[np.float64]
 
@@ -53,12 +53,12 @@ def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Arr
     top.plot(t, fitted, color=MODEL, lw=1.4, label="model, from the inputs alone")
     top.plot(t, measured, ".", ms=2.4, color=MEASURED, label="measured")
     top.set_ylabel(f"{name} [{unit}]")
-    as_people_read(top, trace.signal, float(measured[0]) if len(measured) else 0.0)
+    label_as_read(top, trace.signal, float(measured[0]) if len(measured) else 0.0)
     return t, band, measured - fitted, unit
 
 
-def as_people_read(axes: Axes, signal: str, first: float) -> None:
-    """Label a vertical axis of *signal* as people read it, of which *first* [deg, m] is the first value drawn.
+def label_as_read(axes: Axes, signal: str, first: float) -> None:
+    """Label a vertical axis of *signal* the way it is read aloud, of which *first* [deg, m] is the first value drawn.
 
     Depth grows downwards. A heading begins within 0 to 360 degrees and goes on beyond that: labels wrapped one by one
     would read 300, 0, 60 upwards.
@@ -91,7 +91,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
     return ax
 
 
-def fit_picture(fit: Fit) -> Figure:
+def fit_plot(fit: Fit) -> Figure:
     """Return a figure: per run and signal the measured and the fitted motion, below what is left over."""
     from matplotlib.figure import Figure
 

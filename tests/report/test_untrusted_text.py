@@ -13,13 +13,13 @@ from rich.console import Console
 
 from gcs_autotune.cli import main
 from gcs_autotune.cli.console import ConsoleOperator
-from gcs_autotune.foreign_text import quoted, visible
 from gcs_autotune.mavlink import TextLog
 from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
 from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
 from gcs_autotune.report.toolkit.page import Table
 from gcs_autotune.report.toolkit.terminal import bullet, grid, paragraph, render_text, title
 from gcs_autotune.report.tune.page import render_report
+from gcs_autotune.untrusted_text import quoted, visible
 from gcs_autotune.watch import Progress
 
 FORGED = "ok\x1b]0;owned\x07\x1b[2J\r\n\x9b31mkept, all is well\u202e\u2028\x7f\u200b"

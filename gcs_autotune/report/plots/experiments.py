@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.experiments.identifiability import Identifiability
-from gcs_autotune.experiments.next_manoeuvre import RankedManoeuvre, Ranking
-from gcs_autotune.experiments.profile_likelihood import Profile
+from gcs_autotune.experiments import Identifiability, Profile, RankedManoeuvre, Ranking
 
-__all__ = ["correlation_picture", "profile_picture", "proposal_picture"]
+__all__ = ["correlation_plot", "plan_plot", "profile_plot"]
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 BLUE, RED, GREY = "#1f5fa8", "#b04a3a", "#888888"
 
 
-def correlation_picture(found: Identifiability) -> Figure:
+def correlation_plot(found: Identifiability) -> Figure:
     """Return the correlation matrix of the estimates: dark squares off the diagonal are parameters moving together."""
     from matplotlib.figure import Figure
 
@@ -36,7 +34,7 @@ def correlation_picture(found: Identifiability) -> Figure:
     return figure
 
 
-def profile_picture(profiles: Sequence[Profile]) -> Figure:
+def profile_plot(profiles: Sequence[Profile]) -> Figure:
     """Return one curve per parameter: the rise of the deviance, with the level at which the interval ends."""
     from matplotlib.figure import Figure
 
@@ -56,7 +54,7 @@ def profile_picture(profiles: Sequence[Profile]) -> Figure:
     return figure
 
 
-def proposal_picture(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
+def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     """Return bars of the relative standard errors before and after *plan* (the best one), on a logarithmic scale.
 
     An infinite one reaches the right edge.

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
+from gcs_autotune.identify import COHERENT, FrequencyResponse
 from gcs_autotune.models import Nomoto1, Nomoto2, TransferFunction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["frequency_picture"]
+__all__ = ["frequency_plot"]
 
 COLOURS = ("#1f5fa8", "#b04a3a", "#3a8a4a", "#8a5aa8")
 
 
-def frequency_picture(
+def frequency_plot(
     response: FrequencyResponse, models: Mapping[str, Nomoto1 | Nomoto2 | TransferFunction] | None = None
 ) -> Figure:
     """Return magnitude [dB], phase [deg] and coherence over frequency [rad/s].

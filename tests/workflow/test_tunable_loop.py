@@ -1,8 +1,8 @@
-"""When is a proposal not worth proving? By number, without a vehicle."""
+"""Every tune in its order, with gains of whatever kind: propose, ask, apply, prove, keep or restore."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -10,19 +10,16 @@ from typing import Any, cast
 import pytest
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.design import Change, Proposal, StepMetrics, is_followed
+from gcs_autotune.design import Change, StepMetrics, Verdict, is_followed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Mark, Trial
-from gcs_autotune.workflow import accept_or_revert as accept_or_revert_module
-from gcs_autotune.workflow.accept_or_revert import (
-    _is_hopeless,
-    accept_or_revert,
-    accept_or_revert_supplied,
-)
+from gcs_autotune.workflow import autopilot_loop as autopilot_loop_module
+from gcs_autotune.workflow.autopilot_loop import _AutopilotLoop, _offer_of
 from gcs_autotune.workflow.beside import Compared
 from gcs_autotune.workflow.runner import ManoeuvreRunner
+from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop, tune_loop
 
 
 def step(itae: float) -> StepMetrics:
@@ -30,7 +27,7 @@ def step(itae: float) -> StepMetrics:
 
 
 @pytest.mark.parametrize(
-    ("promised", "predicted_now", "flown_now", "is_hopeless"),
+    ("promised", "predicted_now", "flown_now", "is_refused"),
     [
         (0.5, 1.0, 1.0, False),
         (2.0, 1.0, 1.0, True),
@@ -40,13 +37,11 @@ def step(itae: float) -> StepMetrics:
     ],
     ids=["better than both", "worse than both", "the same", "better than flown", "better than predicted"],
 )
-def test_gains_are_given_up_unproved_only_when_they_promise_less_than_both_what_was_predicted_and_what_was_flown(
-    promised: float, predicted_now: float, flown_now: float, is_hopeless: bool
+def test_gains_are_refused_unproved_only_when_they_promise_less_than_both_what_was_predicted_and_what_was_flown(
+    promised: float, predicted_now: float, flown_now: float, is_refused: bool
 ) -> None:
-    proposal = SimpleNamespace(
-        before=SimpleNamespace(metrics=step(predicted_now)), after=SimpleNamespace(metrics=step(promised))
-    )
-    assert _is_hopeless(cast(Proposal, proposal), step(flown_now)) is is_hopeless
+    offer = _offer_of(proposed(promised, [CHANGE], predicted_now), step(flown_now))
+    assert bool(offer.refusal) is is_refused
 
 
 class Loan:
@@ -105,7 +100,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         come_about=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
-    monkeypatch.setattr(accept_or_revert_module, "ParameterTransaction", Loan)
+    monkeypatch.setattr(autopilot_loop_module, "ParameterTransaction", Loan)
     read.clear()
     return context
 
@@ -144,9 +139,28 @@ PROOF = SimpleNamespace(step=lambda name: name, settings=SimpleNamespace(duratio
 CRITERIA: Any = SimpleNamespace(proof=PROOF, read=ruler, halves=lambda trial, windows: [])
 
 
-def supplied(context: Any) -> list[str]:
-    accept_or_revert_supplied(context, BEFORE, CRITERIA, cast(Journal, None))
+class Flown(_AutopilotLoop):
+    """A loop of the autopilot whose step before has been flown, with an offer that is there already."""
+
+    def __init__(self, context: Any, offer: Offer) -> None:
+        super().__init__(context)
+        self._before, self._criteria, self.offer = BEFORE, CRITERIA, offer
+
+    def experiment(self) -> None:
+        pass
+
+    def propose(self) -> Offer:
+        return self.offer
+
+
+def tuned(context: Any, offer: Offer) -> list[str]:
+    loop: TunableLoop = Flown(context, offer)
+    tune_loop(loop, context.log, context.agrees, cast(Journal, None), dry_run=context.settings.dry_run)
     return done
+
+
+def supplied(context: Any) -> list[str]:
+    return tuned(context, Offer([CHANGE]))
 
 
 def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
@@ -175,12 +189,12 @@ def test_given_gains_stay_when_their_step_is_better_and_go_back_when_it_is_not(
     assert context.log.metrics_after.itae == flies
 
 
-def proposed(promised: float, changes: list[Change]) -> Any:
+def proposed(promised: float, changes: list[Change], predicted_now: float = 1.0) -> Any:
     margins = SimpleNamespace(gain=2.0, phase=0.7)
     return SimpleNamespace(
         changes=changes,
         new={c.parameter: c.new for c in changes},
-        before=SimpleNamespace(metrics=step(1.0)),
+        before=SimpleNamespace(metrics=step(predicted_now)),
         after=SimpleNamespace(metrics=step(promised)),
         worst_margins=margins,
         windows=(9.0, 9.0),
@@ -202,13 +216,13 @@ def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_
     context: Any, promised: float, changes: list[Change], dry: bool, answer: bool, ending: list[str]
 ) -> None:
     context.settings.dry_run, context.answer = dry, answer
-    accept_or_revert(context, proposed(promised, changes), BEFORE, CRITERIA, cast(Journal, None))
+    tuned(context, _offer_of(proposed(promised, changes), step(1.0)))
     assert done == ending
     assert ("predicted: error over time 1 -> " in " ".join(context.log.said)) is bool(changes)
 
 
 def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
-    accept_or_revert(context, proposed(0.5, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
+    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0)))
     assert done[-3:] == ["kept", "kept", "left"]
 
 
@@ -218,8 +232,8 @@ def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
     swinging = replace(step(0.5), oscillation=0.3)
     compared = Compared(step(1.0), swinging, is_followed(step(1.0), swinging, {}, "turn rates"))
     beside = SimpleNamespace(compared=lambda context: compared)
-    monkeypatch.setattr(accept_or_revert_module.StepBeside, "flown", lambda context, known: beside)
-    accept_or_revert(context, proposed(0.5, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
+    monkeypatch.setattr(autopilot_loop_module.StepBeside, "flown", lambda context, known: beside)
+    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0)))
     assert done[-2:] == ["given back", "restored"]
     better, reasons = context.log.verdict
     assert not better
@@ -232,8 +246,89 @@ def test_gains_that_hold_headings_as_well_as_before_are_kept_for_turn_rates_that
 ) -> None:
     compared = Compared(step(1.0), step(0.1), is_followed(step(1.0), step(0.1), {}, "turn rates"))
     beside = SimpleNamespace(compared=lambda context: compared)
-    monkeypatch.setattr(accept_or_revert_module.StepBeside, "flown", lambda context, known: beside)
+    monkeypatch.setattr(autopilot_loop_module.StepBeside, "flown", lambda context, known: beside)
     context.flies = 1.02
-    accept_or_revert(context, proposed(0.9, [CHANGE]), BEFORE, CRITERIA, cast(Journal, None))
+    tuned(context, _offer_of(proposed(0.9, [CHANGE]), step(1.0)))
     assert done[-3:] == ["kept", "kept", "left"]
     assert "the other mode's error is 90% lower" in context.log.verdict[1][0]
+
+
+class Thermostat:
+    """A controller of our own: its gain is an attribute, its proof is arithmetic, and no vehicle has a parameter."""
+
+    name = "thermostat"
+
+    def __init__(self, gain: float, proposed: float, best: float) -> None:
+        self.gain, self.proposed, self.best = gain, proposed, best
+        self.cost = float("nan")
+        self.flown: list[float] = []
+
+    def read(self) -> Mapping[str, float]:
+        return {"gain": self.gain}
+
+    def lend(self, journal: Journal) -> GainLoan:
+        return Borrowed(self)
+
+    def _fly(self) -> float:
+        self.flown.append(self.gain)
+        return abs(self.gain - self.best)
+
+    def experiment(self) -> None:
+        self.cost = self._fly()
+
+    def propose(self) -> Offer:
+        return Offer([Change("gain", self.gain, self.proposed, 0.0, 9.0, "nearer")])
+
+    def fly_baseline(self) -> None:
+        pass
+
+    def prove(self) -> ProofResult:
+        now = self._fly()
+        if not self.flown[-1] == self.proposed:
+            raise AssertionError("the proof was flown with other gains")
+        return ProofResult(Verdict(now < self.cost, (f"cost {self.cost:g} -> {now:g}",)))
+
+
+class Borrowed:
+    def __init__(self, loop: Thermostat) -> None:
+        self.loop, self.old, self.kept = loop, loop.gain, False
+
+    def set(self, values: Mapping[str, float]) -> None:
+        self.loop.gain = values["gain"]
+
+    def keep(self) -> None:
+        self.kept = True
+
+    def __enter__(self) -> Borrowed:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if not self.kept:
+            self.loop.gain = self.old
+
+
+@pytest.mark.parametrize(
+    ("proposed_gain", "dry", "answer", "left", "ending"),
+    [
+        (2.5, False, True, 2.5, "kept"),
+        (7.0, False, True, 1.0, "restored"),
+        (2.5, True, True, 1.0, "dry-run"),
+        (2.5, False, False, 1.0, "declined"),
+    ],
+)
+def test_gains_of_a_controller_of_our_own_are_tuned_like_an_autopilots(
+    context: Any, proposed_gain: float, dry: bool, answer: bool, left: float, ending: str
+) -> None:
+    loop = Thermostat(1.0, proposed_gain, best=3.0)
+    context.answer = answer
+    tune_loop(loop, context.log, context.agrees, cast(Journal, None), dry_run=dry)
+    assert loop.gain == left
+    assert done[-1] == ending
+
+
+def test_gains_of_a_controller_of_our_own_go_back_when_its_proof_fails(context: Any) -> None:
+    loop = Thermostat(1.0, 2.5, best=3.0)
+    loop.prove = lambda: 1 // 0  # type: ignore[assignment, return-value, method-assign]
+    with pytest.raises(ZeroDivisionError):
+        tune_loop(loop, context.log, context.agrees, cast(Journal, None))
+    assert loop.gain == 1.0

@@ -32,7 +32,7 @@ from gcs_autotune.workflow.experiments import relay_for
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["ThirdRelay", "fly_third", "third_relay"]
+__all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class ThirdRelay:
     why: str
 
 
-def third_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
+def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
     """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
@@ -76,7 +76,7 @@ def third_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_third(
+def fly_extra(
     third: ThirdRelay,
     settings: TuneSettings,
     dof: str,

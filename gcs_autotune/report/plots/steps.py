@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gcs_autotune.design.result import Proposal
+    from gcs_autotune.design import Proposal
 
 __all__ = ["plot_step"]
 

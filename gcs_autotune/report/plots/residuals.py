@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gcs_autotune.diagnose.result import Diagnosis, Portrait
+    from gcs_autotune.diagnose import Diagnosis, Portrait
     from gcs_autotune.identify import Trace
 
 __all__ = ["plot_residuals"]

@@ -1,7 +1,7 @@
-"""A craft without its autopilot: hull, actuators and hidden effects, in steps of any length.
+"""A craft without its autopilot: a plant, its actuators and hidden effects, in steps of any length.
 
-Its hull may be replaced by a model from a file: the rest (autopilot, mixer, sensors) stays its own. For effects it is
-a setting whose inputs are shares of full, and whose signals are what its sensors measure.
+The plant may follow a model from a file; autopilot, mixer and sensors stay the vehicle's own. Effects see a setting
+whose inputs are normalised (-1 to 1) and whose signals are what the sensors measure.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from sitl.actuators import Actuators
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect, Setting
-from sitl.hull import AxisDynamics, Body, Loads
 from sitl.modelfile import BadModel, FlownModel
+from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench
 from sitl.sensors import SensorReading
 
-__all__ = ["SimulatedPlant"]
+__all__ = ["Craft"]
 
 _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
@@ -32,27 +32,36 @@ _NAMES = {
 }
 
 
-class SimulatedPlant:
-    """The hull of a vehicle in its water, moved by servo pulses.
+class Craft:
+    """The plant of a vehicle in its water, moved by servo pulses.
 
     Parameters
     ----------
     data : its data file.
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
+    plant : the body to push instead of the vehicle's own hull; not together with *model*, which is a hull's.
     """
 
     def __init__(
-        self, data: VehicleData, *, effects: Sequence[HiddenEffect] = (), model: FlownModel | None = None
+        self,
+        data: VehicleData,
+        *,
+        effects: Sequence[HiddenEffect] = (),
+        model: FlownModel | None = None,
+        plant: Plant | None = None,
     ) -> None:
         self.data = data
         self.effects = (*(model.effects if model else ()), *effects)
-        self.body = data.make_body()
         self.actuators = data.make_actuators()
+        if plant is not None and model is not None:
+            raise BadModel("a model replaces the vehicle's own hull; leave out one of plant and model")
+        hull = data.make_plant()
+        self.plant: Plant = plant or hull
         if model is not None:
-            self.actuators = _fit_model(model, self.body, self.actuators)
-        self._loads = Loads()
-        self._plain = self.body.axes()
+            self.actuators = _fit_model(model, hull, self.actuators)
+        self._wrench = Wrench()
+        self._plain = dict(self.plant.parameters)
 
     def begin(self, seed: str) -> None:
         """Let the effects begin; *seed* is that of their chances. ``BadEffect`` when there is no place for one."""
@@ -64,11 +73,11 @@ class SimulatedPlant:
         if self.effects:
             self._drive_altered(t, dt, pwm)
         else:
-            self.actuators.drive(pwm, self.body, self._loads)
+            self.actuators.drive(pwm, self.plant.parameters, self._wrench)
         for effect in self.effects:
-            effect.alter_force(t, self._loads)
-            effect.alter_parameters(t, self.body)
-        self.body.step(self._loads, dt)
+            effect.alter_force(t, self._wrench)
+            effect.alter_parameters(t, self.plant.parameters)
+        self.plant.step(self._wrench, dt)
 
     def alter(self, t: float, reading: SensorReading) -> None:
         """Let the effects at what the sensors tell."""
@@ -76,15 +85,15 @@ class SimulatedPlant:
             effect.alter_measurement(t, reading)
 
     def _drive_altered(self, t: float, dt: float, pwm: Sequence[int]) -> None:
-        """Drive with what the effects make of *pwm*, on the hull's plain inertia and drag."""
+        """Drive with what the effects make of *pwm*, on the plant's own parameters."""
         pulses = list(pwm)
         for effect in self.effects:
             effect.alter_command(t, pulses)
         shares = self.actuators.read(pulses)
         for effect in self.effects:
             effect.alter_input(t, dt, shares)
-        self.body.set_axes(self._plain)
-        self.actuators.apply(shares, self.body, self._loads)
+        self.plant.parameters.update(self._plain)
+        self.actuators.apply(shares, self.plant.parameters, self._wrench)
 
 
 class _ModelActuators(Actuators):
@@ -117,19 +126,19 @@ class _ModelActuators(Actuators):
         """Return the pulses that ask for *shares*."""
         return self._own.write(pwm, shares)
 
-    def apply(self, shares: Mapping[str, float], body: Body, loads: Loads) -> None:
-        """Fill *loads*; modelled degrees of freedom get the model's forces, inertia and drag."""
-        self._own.apply(shares, body, loads)
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Fill *wrench*; modelled degrees of freedom get the model's forces, inertia and drag."""
+        self._own.apply(shares, parameters, wrench)
         for dof, values in self._axes.items():
-            axis = getattr(body, dof)
-            axis.alpha, axis.beta, axis.beta2 = values
+            for name, value in zip(("alpha", "beta", "beta2"), values, strict=True):
+                parameters[f"{dof}.{name}"] = value
         for force, constant in self._constant.items():
             pushed = (gains[force] * shares[channel] for channel, gains in self._gains.items() if force in gains)
-            setattr(loads, force, constant + sum(pushed))
+            setattr(wrench, force, constant + sum(pushed))
 
 
-def _fit_model(model: FlownModel, body: Body, actuators: Actuators) -> Actuators:
-    """Make *body* move as *model* says in its degrees of freedom, else as before; return the actuators that fit.
+def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Actuators:
+    """Make *plant* move as *model* says in its degrees of freedom, else as before; return the actuators that fit.
 
     Raises
     ------
@@ -144,40 +153,42 @@ def _fit_model(model: FlownModel, body: Body, actuators: Actuators) -> Actuators
     strange = [channel for channel in driven if channel not in known]
     if strange or len(set(driven)) < len(driven):
         raise BadModel(f"the model is driven by {', '.join(model.gains)}; this vehicle has {', '.join(known)}")
-    for dof, (alpha, beta, beta2) in model.axes.items():
+    for dof, values in model.axes.items():
         if dof != "sway":
-            axis = getattr(body, dof)
-            axis.alpha, axis.beta, axis.beta2 = alpha, beta, beta2
+            plant.set_axis(dof, AxisDynamics(*values))
     if model.coupling is not None:
-        body.couple(AxisDynamics(*model.axes["sway"]), model.coupling)
+        plant.couple(AxisDynamics(*model.axes["sway"]), model.coupling)
     return _ModelActuators(actuators, model)
 
 
-def _describe(plant: SimulatedPlant, seed: str) -> Setting:
-    """Return what effects may know of *plant* at power-up."""
-    body, full = plant.body, plant.actuators.full
+def _describe(craft: Craft, seed: str) -> Setting:
+    """Return what effects may know of *craft* at power-up."""
+    plant, full = craft.plant, craft.actuators.full
+    sways = "sway" in plant.dofs
     inputs = {_CHANNELS[dof]: dof for dof in full}
-    signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][: body.sways], "x", "y")
+    signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][:sways], "x", "y")
     return Setting(
-        motion=body,
-        axes={dof: getattr(body, dof) for dof in dict.fromkeys((*full, *["sway"][: body.sways]))},
+        state=plant.state,
+        water=plant.water,
+        parameters=plant.parameters,
+        dofs=tuple(dict.fromkeys((*full, *["sway"][:sways]))),
         inputs=inputs,
         swing=dict.fromkeys(inputs, 1.0),
         gain=full,
-        signals=signals if plant.data.is_boat else (*signals, "z", "w"),
+        signals=signals if craft.data.is_boat else (*signals, "z", "w"),
         seed=seed,
-        cruise=_full_speed(plant),
-        bottom=body.world.bottom,
+        cruise=_full_speed(craft),
         on_vehicle=True,
         axis_names={name: channel for channel in inputs for name in _NAMES[channel]},
     )
 
 
-def _full_speed(plant: SimulatedPlant) -> float:
+def _full_speed(craft: Craft) -> float:
     """Return the speed ahead [m/s] that full throttle holds."""
-    axis, force = plant.body.surge, plant.actuators.full["surge"]
-    if axis.beta2 <= 0.0 >= axis.beta:
+    beta, beta2 = (craft.plant.parameters[f"surge.{name}"] for name in ("beta", "beta2"))
+    force = craft.actuators.full["surge"]
+    if beta2 <= 0.0 >= beta:
         return 0.0
-    if axis.beta2 > 0.0:
-        return (math.sqrt(axis.beta**2 + 4.0 * axis.beta2 * force) - axis.beta) / (2.0 * axis.beta2)
-    return force / axis.beta
+    if beta2 > 0.0:
+        return (math.sqrt(beta**2 + 4.0 * beta2 * force) - beta) / (2.0 * beta2)
+    return force / beta

@@ -1,0 +1,250 @@
+"""Many tasks of one kind, done one after the other or by several processes: the same results in the same order.
+
+A function is given once, the tasks one by one. Both must be what ``pickle`` takes: a function of a module (or a
+``functools.partial`` of one), and tasks that are plain frozen data. Limits of work and time, and kept results, travel
+with them, so that it does not matter how a process was started.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any, Protocol, TypeVar
+
+from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, current_effort, limited_to
+from gcs_autotune.kept_results import KeptResults, current_kept_results, keeping
+
+__all__ = ["Executor", "ProcessExecutor", "SerialExecutor", "executor_for"]
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+Progress = Callable[[int, int], None]
+"""Called with (tasks done, all tasks) after each."""
+
+
+class Executor(Protocol):
+    """Whatever does tasks."""
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """Yield ``function(task)`` of each task, in order.
+
+        The results do not depend on how many tasks are done at a time. Work done elsewhere counts here, in the order of
+        the tasks.
+
+        Raises
+        ------
+        OutOfTime
+            The present :class:`.Budget` is used up: at the same task for every executor, where it is the work.
+        ChildProcessError
+            All processes were ended from outside. What a task raises is raised here.
+        """
+
+
+class SerialExecutor:
+    """One task after the other, in this process."""
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """As :meth:`Executor.map`."""
+        for i, task in enumerate(tasks):
+            yield function(task)
+            if progress is not None:
+                progress(i + 1, len(tasks))
+
+
+def executor_for(jobs: int) -> Executor:
+    """Return what does *jobs* tasks at a time."""
+    return SerialExecutor() if jobs <= 1 else ProcessExecutor(jobs)
+
+
+class ProcessExecutor:
+    """Several processes of this machine.
+
+    Parameters
+    ----------
+    jobs : how many.
+    start_method : of ``multiprocessing``; empty: ``fork`` where there is one, which loads nothing again.
+    """
+
+    def __init__(self, jobs: int, start_method: str = "") -> None:
+        self._jobs = jobs
+        methods = multiprocessing.get_all_start_methods()
+        self._method = start_method or ("fork" if "fork" in methods else methods[0])
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """As :meth:`Executor.map`. The processes are started for it and end with it."""
+        if min(self._jobs, len(tasks)) < 2:
+            yield from SerialExecutor().map(function, tasks, progress)
+            return
+        order = _Order(function, _Limits.present(), current_kept_results())
+        with _Processes(order, min(self._jobs, len(tasks)), self._method) as processes:
+            for i, outcome in enumerate(processes.outcomes(tasks)):
+                _take_account(outcome)
+                yield outcome.result
+                if progress is not None:
+                    progress(i + 1, len(tasks))
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What is left of the present budget: work [samples], time [s]; None: no limit was set."""
+
+    work: float
+    seconds: float | None
+
+    @classmethod
+    def present(cls) -> _Limits | None:
+        effort = current_effort()
+        if effort is None:
+            return None
+        return cls(effort.work - effort.done, None if effort.deadline is None else effort.deadline.remaining)
+
+    def budget(self) -> Budget:
+        deadline = None if self.seconds is None else Deadline.after(WallClock(), self.seconds)
+        return Budget(self.work, deadline)
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What a process needs to know before its first task."""
+
+    function: Callable[[Any], Any]
+    limits: _Limits | None
+    kept: KeptResults | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What a task returned, its ``work`` [samples], and whether the budget was used up in it."""
+
+    result: Any
+    work: float = 0.0
+    stopped: bool = False
+
+
+def _take_account(outcome: _Outcome) -> None:
+    """Count the work of a task done elsewhere, and stop where the budget is used up."""
+    effort = current_effort()
+    if effort is None:
+        return
+    effort.done += outcome.work
+    effort.check()
+    if outcome.stopped:
+        effort.stop()
+
+
+class _Processes:
+    """Processes with a pipe of their own each: one that is ended in the middle of an answer holds up no other.
+
+    A pool with one queue for all answers may wait for ever when it is ended while a long answer is under way.
+    """
+
+    def __init__(self, order: _Order, count: int, method: str) -> None:
+        self._order, self._count, self._method = order, count, method
+        self._pipes: list[Connection] = []
+        self._processes: list[multiprocessing.process.BaseProcess] = []
+
+    def __enter__(self) -> _Processes:
+        context = multiprocessing.get_context(self._method)
+        # What is sent to a process before it has forgotten its parent's handlers waits until it has: a parent's handler
+        # that swallows SIGTERM would leave it alive, and whoever told it to end waiting for ever.
+        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        try:
+            for _ in range(self._count):
+                here, there = context.Pipe()
+                self._pipes.append(here)
+                inherited = tuple(self._pipes) if self._method == "fork" else ()
+                process = context.Process(  # type: ignore[attr-defined]
+                    target=_serve, args=(self._order, there, inherited), daemon=True
+                )
+                process.start()
+                self._processes.append(process)
+                there.close()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._processes:
+            process.terminate()
+        for process, pipe in zip(self._processes, self._pipes, strict=False):
+            process.join()
+            pipe.close()
+
+    def outcomes(self, tasks: Sequence[Any]) -> Iterator[_Outcome]:
+        """Yield the outcome of every task, in order; errors as those of :meth:`Executor.map`."""
+        waiting, done = deque(range(len(tasks))), dict[int, _Outcome | BaseException]()
+        busy: dict[Connection, int] = {}
+        idle = list(self._pipes)
+        for i in range(len(tasks)):
+            while i not in done:
+                while idle and waiting:
+                    pipe = idle.pop()
+                    with suppress(BrokenPipeError):  # its process was ended: the others do its share
+                        pipe.send(tasks[waiting[0]])
+                        busy[pipe] = waiting.popleft()
+                if not busy:
+                    raise ChildProcessError("all processes were ended from outside: is there memory enough?")
+                for ready in wait(list(busy)):
+                    assert isinstance(ready, Connection)
+                    at = busy.pop(ready)
+                    try:
+                        done[at] = ready.recv()
+                        idle.append(ready)
+                    except (EOFError, ConnectionResetError):
+                        waiting.appendleft(at)
+            outcome = done.pop(i)
+            if isinstance(outcome, BaseException):
+                raise outcome
+            yield outcome
+
+
+def _begin() -> None:
+    """Forget the parent's signal handlers: Ctrl-C is the parent's business, and who is told to end, ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+
+
+def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> None:
+    """Do one task after the other, until the parent ends this process or is gone."""
+    _begin()
+    for other in inherited:
+        other.close()
+    with suppress(EOFError, BrokenPipeError), keeping(order.kept):
+        while True:
+            _answer(pipe, _outcome(order, pipe.recv()))
+
+
+def _answer(pipe: Connection, outcome: _Outcome | BaseException) -> None:
+    try:
+        pipe.send(outcome)
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        pipe.send(RuntimeError(f"the result of a task cannot be sent: {error}"))
+
+
+def _outcome(order: _Order, task: Any) -> _Outcome | BaseException:
+    """Return the outcome of a task, or what it raised.
+
+    Each task may use what was left when the processes were made: the parent adds up, and stops at the right one.
+    """
+    budget = Budget() if order.limits is None else order.limits.budget()
+    try:
+        with limited_to(budget):
+            return _Outcome(order.function(task), budget.done)
+    except OutOfTime:
+        return _Outcome(None, budget.done, stopped=True)
+    except Exception as error:  # noqa: BLE001  it is raised in the parent
+        return error

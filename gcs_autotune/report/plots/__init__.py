@@ -1,0 +1,60 @@
+"""Figures of results, for notebooks and for the pages. Results are plain data; this is where they are drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gcs_autotune.design import Proposal
+from gcs_autotune.diagnose import Diagnosis
+from gcs_autotune.errors import UsageError
+from gcs_autotune.identify import Fit
+from gcs_autotune.report.plots.experiments import correlation_plot, plan_plot, profile_plot
+from gcs_autotune.report.plots.fits import draw_trace, fit_plot, label_as_read, plot_trace
+from gcs_autotune.report.plots.frequency import frequency_plot
+from gcs_autotune.report.plots.residuals import plot_residuals
+from gcs_autotune.report.plots.steps import plot_step
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "correlation_plot",
+    "draw_trace",
+    "frequency_plot",
+    "label_as_read",
+    "plan_plot",
+    "plot",
+    "profile_plot",
+]
+
+
+def plot(
+    result: Fit | Proposal | Diagnosis, ax: Axes | None = None, *, run: str = "", signal: str = ""
+) -> Figure | Axes:
+    """Draw *result*; return the new figure, or *ax* where one is given.
+
+    A fit: model against measurement and what is left, per run and signal; on *ax* one trace. A proposal: the step
+    predicted with the old gains and with the new. A diagnosis: what the simulation leaves of a run, before and with the
+    causes. *run* and *signal* select a trace; empty: the first. SI units; angles of a fit in degrees.
+
+    Raises
+    ------
+    UsageError
+        There is no such trace, or *result* is none of these.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from gcs_autotune.api import example_run, fit, plot
+    >>> ax = Figure().subplots()
+    >>> plot(fit(example_run(), "linear", dof="yaw", delay=0.0), ax, signal="psi") is ax
+    True
+    """
+    if isinstance(result, Fit):
+        return fit_plot(result) if ax is None else plot_trace(ax, result.traces, run, signal)
+    if isinstance(result, Proposal):
+        return plot_step(result, ax)
+    if isinstance(result, Diagnosis):
+        return plot_residuals(result, ax, run, signal)
+    raise UsageError(f"a {type(result).__name__} has no plot; a fit, a proposal and a diagnosis have one")

@@ -1,0 +1,274 @@
+"""The autopilot's own loops as tunable loops: gains are parameters, the proof is a step and the step back.
+
+A heading or a depth is stepped first and identified then. A speed or a turn rate is stepped about what the experiments
+showed, so there the experiments come first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from gcs_autotune.axes import axis_kind
+from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, scatter_of, told_over
+from gcs_autotune.firmware import Axis, Firmware
+from gcs_autotune.link import Journal, ParameterTransaction
+from gcs_autotune.manoeuvres import common_windows
+from gcs_autotune.report import format_factor
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.beside import StepBeside
+from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
+from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, steering_throttle
+from gcs_autotune.workflow.identification import Identified, again_with_step, identify
+from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
+from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
+from gcs_autotune.workflow.settings import SETTLED
+from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
+from gcs_autotune.workflow.supplied_gains import SuppliedGains, step_of
+from gcs_autotune.workflow.supplied_model import SuppliedModel
+from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop
+
+__all__ = ["autopilot_loop", "on_the_other_axis"]
+
+PROVING = "step with new gains"
+"""The stage in which a proposal is proved."""
+
+
+def autopilot_loop(context: TuneContext) -> TunableLoop:
+    """Return the loop of the tune's axis: with the gains of a file where one is supplied, else designed here."""
+    if context.settings.gains is not None:
+        return _SuppliedGains(context, context.settings.gains)
+    return _DesignedGains(context)
+
+
+class _AutopilotLoop:
+    """What both have in common: the parameters, and the step that proves them."""
+
+    def __init__(self, context: TuneContext) -> None:
+        self.context = context
+        self._known: Known | None = None
+        self._beside: StepBeside | None = None
+        self._before: Trial
+        self._criteria: StepCriteria
+
+    @property
+    def name(self) -> str:
+        """The axis."""
+        return self.context.axis.name
+
+    def read(self) -> Mapping[str, float]:
+        """Return the gains as read before anything was flown, by the vehicle's own names."""
+        names = self.context.axis.names
+        own = (names.own(gain.parameter) for gain in self.context.axis.gains)
+        return {name: self.context.log.parameters_before[name] for name in own}
+
+    def lend(self, journal: Journal) -> GainLoan:
+        """Return the transaction on the vehicle's parameters."""
+        return ParameterTransaction(self.context.craft.parameters, journal)
+
+    def fly_baseline(self) -> None:
+        """Fly the turn-rate step beside a heading step, where the craft is known well enough to size it."""
+        self._beside = StepBeside.flown(self.context, self._known)
+
+    def prove(self) -> ProofResult:
+        """Fly the step; both are compared over what both recorded, for each ends once the craft is at its target."""
+        context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
+        context.come_about("step-after", STEP_AHEAD, last=self._beside is None)
+        if not context.law.controls_velocity:
+            context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
+        after = context.fly(criteria.proof.step("step-after"), PROVING).trial
+        alike = common_windows(before, after)
+        if min(alike, default=math.inf) < criteria.proof.settings.duration:
+            there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
+            log.say(f"both are read over the first {there_and_back} of step and step back: what both recorded")
+        then, now, scatter, log.proposal = context.run_in_background(
+            _compared, criteria, before, after, alike, log.proposal
+        )
+        log.metrics_before, log.metrics_after = then, now
+        other = None if self._beside is None else self._beside.compared(context)
+        log.beside = None if other is None else (other.before, other.after)
+        errors = None if other is None else (other.before.itae, other.after.itae)
+        verdict = is_better(then, now, context.law.free_overshoot, errors, scatter)
+        followed = Verdict(True, ()) if other is None else other.verdict
+        verdict = Verdict(verdict.better and followed.better, (*verdict.reasons, *followed.reasons))
+        return ProofResult(
+            verdict, tuple(on_the_other_axis(context.axis, context.craft.firmware, log.proposal, log.beside))
+        )
+
+    def _fly_step(self, proof: Proof) -> Trial:
+        """Return the step with the present gains; a boat turns around first where it would leave its space."""
+        if not self.context.law.controls_velocity and self.context.settings.stop_rule != SETTLED:
+            self.context.come_about("step-before", STEP_AHEAD, last=True)
+        return self.context.fly(proof.step("step-before"), "step with present gains").trial
+
+
+class _DesignedGains(_AutopilotLoop):
+    """Gains designed for the model identified on the water, or for the one of a file."""
+
+    def __init__(self, context: TuneContext) -> None:
+        super().__init__(context)
+        self._found: Identified | None = None
+
+    def experiment(self) -> None:
+        """Fly the step and the experiments, in the order of the loop."""
+        context = self.context = self.context.begin()
+        moving, found = context.law.controls_velocity, self._found
+        if moving:
+            if context.given is None:
+                found = identify(context, early=context.settings.stop_rule != SETTLED)
+                if not found.short:  # else it has just turned around
+                    context.come_about("step-before", STEP_AHEAD)
+            proof = self._proof_of_velocity(found or context.given)
+        else:
+            proof = proof_about_rest(context.settings, context.axis, context.speed)
+        before = self._before = self._fly_step(proof)
+        if context.axis.steers_by_way and found is None:
+            throttle = steering_throttle(before, context.present, context.throttle)
+            context = self.context = replace(context, throttle=throttle)
+        proof, grain = proof.after(before), resolution(before)
+        context.log.metrics_before = context.run_in_background(measure, before, resolution=grain)
+        if context.given is not None:
+            noise = context.given.noise_std or noise_in(before, str(before.meta["signal"]))
+            self._criteria = StepCriteria(proof, noise, grain)
+            return
+        if found is None:
+            found = identify(context, before, self._stop_rule(proof, grain))
+        else:
+            found = again_with_step(context, found, before)
+            proof = replace(proof, measured=self._proof_of_velocity(found).measured)
+        noise = noise_behind(before, found.fit, moving, grain)
+        self._criteria = StepCriteria(proof, noise, grain, None if moving else min(noise, jitter_in(before, grain)))
+        self._found = found
+
+    def propose(self) -> Offer:
+        """Design; fly the experiments in full first where short ones leave the cost of the step too uncertain."""
+        context, before, criteria, found = self.context, self._before, self._criteria, self._found
+        if context.given is not None:
+            proposal = design_from_file(context, context.given, before, criteria)
+        else:
+            assert found is not None
+            proposal = design_from_fit(context, found, criteria, before)
+            if found.short and proposal.spread > SPREAD:
+                context.log.say(
+                    f"Predicted error over time uncertain by {proposal.spread:.0%}: flying the full experiments"
+                )
+                found = self._found = identify(context, before)
+                proposal = design_from_fit(context, found, criteria, before)
+        measured = context.log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
+        source = found or context.given
+        self._known = None if source is None else known_of(source, context.axis)
+        return _offer_of(proposal, measured)
+
+    def _proof_of_velocity(self, source: Identified | SuppliedModel | None) -> Proof:
+        assert source is not None
+        context = self.context
+        known = known_of(source, context.axis)
+        return proof_of_velocity(
+            context.axis.dof, context.settings, context.throttle, context.speed, known, context.present
+        )
+
+    def _stop_rule(self, proof: Proof, grain: float) -> KnownDesign | None:
+        """Return what ends the oscillations once the gains are known, from the step before; None: nothing does."""
+        context, before = self.context, self._before
+        noise = noise_while_held(before, grain)
+        if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
+            return None
+        criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
+        return KnownDesign(context.craft, context.worker, question_of(context, criteria, before), context.log)
+
+
+class _SuppliedGains(_AutopilotLoop):
+    """Gains of a file: nothing is identified or designed, only proved."""
+
+    def __init__(self, context: TuneContext, gains: SuppliedGains) -> None:
+        super().__init__(context)
+        self._gains = gains
+
+    def experiment(self) -> None:
+        """Fly the step with the present gains."""
+        context = self.context = self.context.begin()
+        asked = proof_about_rest(context.settings, context.axis, context.speed)
+        proof = replace(asked, settings=step_of(self._gains, asked.settings))
+        before = self._before = self._fly_step(proof)
+        grain = resolution(before)
+        self._criteria = StepCriteria(proof.after(before), self._noise(grain), grain)
+        context.log.metrics_before = context.run_in_background(self._criteria.read, before)
+
+    def propose(self) -> Offer:
+        """Return the gains of the file."""
+        return Offer(self.context.log.given_changes)
+
+    def _noise(self, grain: float) -> float:
+        """Return the noise that the proof is measured through, as :func:`noise_behind` where there is a fit."""
+        before, noise = self._before, self._gains.noise
+        signal = str(before.meta["signal"])
+        if self.context.law.controls_velocity:
+            return noise.get(signal, noise_in(before, signal))
+        found = min(noise.get(signal, math.inf), noise_while_held(before, grain))
+        return found if math.isfinite(found) else noise_in(before, signal)
+
+
+def _offer_of(proposal: Proposal, measured: StepMetrics) -> Offer:
+    """Return what *proposal* offers against the step *measured* with the present gains."""
+    if not proposal.changes:
+        return Offer((), "no gains found inside the documented ranges do better than the present ones")
+    old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
+    refusal = ""
+    if new >= max(old, measured.itae):
+        # They promise no better step than the present ones promise, and no better than these were just seen to give.
+        refusal = "the present gains do better than is predicted of any that keep the required margins"
+    return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))
+
+
+def _compared(
+    criteria: StepCriteria, before: Trial, after: Trial, windows: Sequence[float], proposal: Proposal | None
+) -> tuple[StepMetrics, StepMetrics, Mapping[str, float], Proposal | None]:
+    """Return what both steps read over their *windows* [s] come to, their scatter, and the proposal's prediction read
+    so."""
+    told = None if proposal is None else told_over(proposal, windows)
+    scatter = scatter_of(criteria.halves(before, windows), criteria.halves(after, windows))
+    return criteria.read(before, windows), criteria.read(after, windows), scatter, told
+
+
+WORSE, ENOUGH = 1.05, 0.9
+"""A predicted error that is higher by more than this factor is worth advice; turn rates count as followed from this
+share of the asked rate on."""
+
+
+def on_the_other_axis(
+    axis: Axis, firmware: Firmware, proposal: Proposal | None, measured: tuple[StepMetrics, StepMetrics] | None
+) -> Iterator[str]:
+    """Yield what the new gains of *axis* mean for another axis with the same parameters, by what is known of it.
+
+    measured : the turn-rate step before and after, where it was flown.
+    """
+    beside = None if proposal is None else proposal.beside
+    others = [other for other in firmware.axes.values() if beside is not None and other.law == beside.law]
+    if beside is None or not others:
+        return
+    other = others[0]
+    mine = {gain.parameter for gain in axis.gains}
+    shared = ", ".join(axis.names.own(gain.parameter) for gain in other.gains if gain.parameter in mine)
+    head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}, and the later one wins."
+    if measured is not None:
+        reached = max(1.0 - measured[1].steady_error, 0.0)
+        yield f"{head} These gains were proved in both modes: turn rates reach {reached:.0%} of the asked rate" + (
+            "" if reached >= ENOUGH else f"; `tune {other.name}` would follow them better and hold headings worse"
+        )
+    elif beside.after > WORSE * beside.before:
+        yield (
+            f"{head} Predicted: the {other.name} step falls short by {beside.after:.1%}, before by "
+            f"{beside.before:.1%}. Run `tune heading` for gains that serve both"
+        )
+
+
+def _promise(proposal: Proposal) -> str:
+    """Say what the new gains promise on the identified model, before anybody is asked about them."""
+    old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
+    return (
+        f"predicted: error over time {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
+        f"{new.overshoot:.0%}; margins at worst {format_factor(low.gain, 2)} in gain, "
+        f"{math.degrees(low.phase):.0f} deg in phase"
+    )

@@ -1,0 +1,163 @@
+"""A loop whose gains can be tuned, and the order of every tune: propose, ask, apply, prove, keep or restore.
+
+Whose gains these are does not matter here: an autopilot's parameters, or numbers of a controller of our own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from gcs_autotune.design import Change, Verdict
+from gcs_autotune.link import Journal
+from gcs_autotune.watch import Fact, NewValue, ProposedGains
+
+__all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneWatcher", "tune_loop"]
+
+
+class GainLoan(Protocol):
+    """Gains changed for a while: they go back when the context ends, unless they are kept."""
+
+    def set(self, values: Mapping[str, float]) -> None:
+        """Apply all of *values*, or none and raise."""
+
+    def keep(self) -> object:
+        """Leave the applied values in place for good."""
+
+    def __enter__(self) -> Self:
+        """Begin."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Restore what was there before, unless it was kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """New gains and what they promise.
+
+    Attributes
+    ----------
+    changes : by the names the person knows them by; empty when nothing better was found.
+    refusal : why they are not to be applied; empty when they are.
+    promise : what they are predicted to do, one sentence; empty when nothing predicts it.
+    costs : cost of the proof predicted with the present gains, with the new ones, and with the new ones at the worst of
+        the model's confidence region; NaN where nothing predicts it.
+    """
+
+    changes: Sequence[Change]
+    refusal: str = ""
+    promise: str = ""
+    costs: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+    @property
+    def new(self) -> dict[str, float]:
+        """The new values by name."""
+        return {change.parameter: change.new for change in self.changes}
+
+
+@dataclass(frozen=True, slots=True)
+class ProofResult:
+    """How the new gains did in the proof against the old ones; ``remarks`` are for the person if they are kept."""
+
+    verdict: Verdict
+    remarks: Sequence[str] = ()
+
+
+class TunableLoop(Protocol):
+    """One loop of one craft.
+
+    A method that flies raises what flying raises; :func:`tune_loop` then restores the gains.
+    """
+
+    @property
+    def name(self) -> str:
+        """What the loop controls, one word."""
+
+    def read(self) -> Mapping[str, float]:
+        """Return the present gains by name."""
+
+    def lend(self, journal: Journal) -> GainLoan:
+        """Return what applies new gains and restores the present ones; it keeps *journal* where a crash needs one."""
+
+    def experiment(self) -> None:
+        """Fly the proof with the present gains, and what identifies the craft where that is needed."""
+
+    def propose(self) -> Offer:
+        """Return new gains for what the experiments showed. May fly more where they left it open."""
+
+    def fly_baseline(self) -> None:
+        """Fly with the present gains what else the proof compares with; nothing has been applied yet."""
+
+    def prove(self) -> ProofResult:
+        """Fly the proof with the new gains and compare it with the present ones' proof."""
+
+
+class TuneWatcher(Protocol):
+    """Who is told how a tune goes, and keeps its end for the report."""
+
+    verdict: tuple[bool | None, tuple[str, ...]]
+
+    def say(self, text: str) -> None:
+        """Take note of something that happened, in one sentence."""
+
+    def note(self, fact: Fact) -> None:
+        """Take note of a fact."""
+
+    def end(self, ending: str, reason: str) -> None:
+        """Take note of how it ended."""
+
+
+def tune_loop(
+    loop: TunableLoop, watcher: TuneWatcher, agrees: Callable[[str], bool], journal: Journal, *, dry_run: bool = False
+) -> None:
+    """Tune *loop*: on every ending its gains are the present ones, or new ones that proved better.
+
+    agrees : asks the person. dry_run : apply nothing.
+
+    Raises
+    ------
+    ParameterNotAccepted, LinkError, NotAchieved, ...
+        Flying, or applying the new gains, failed; by then the present ones are restored.
+    """
+    loop.experiment()
+    offer = loop.propose()
+    if offer.promise:
+        watcher.say(offer.promise)
+    if offer.changes:
+        values = tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in offer.changes)
+        watcher.note(ProposedGains(values, *offer.costs))
+    if offer.refusal or not offer.changes:
+        watcher.end("unchanged", f"{offer.refusal or 'no better gains were found'}; nothing was written")
+    elif dry_run:
+        watcher.end("dry-run", "dry run: nothing was written")
+    elif not agrees(f"Write {_shown(offer.changes)} and prove it by the same step?"):
+        watcher.end("declined", "the new gains were declined; nothing was written")
+    else:
+        loop.fly_baseline()
+        _prove(loop, offer, watcher, journal)
+
+
+def _prove(loop: TunableLoop, offer: Offer, watcher: TuneWatcher, journal: Journal) -> None:
+    with loop.lend(journal) as loan:
+        watcher.say("writing " + ", ".join(f"{name} {value:g}" for name, value in offer.new.items()))
+        loan.set(offer.new)
+        watcher.say("written and read back")
+        result = loop.prove()
+        better = result.verdict.better
+        watcher.verdict = (better, tuple(result.verdict.reasons))
+        if better:
+            loan.keep()
+            for remark in result.remarks:
+                watcher.say(remark)
+            watcher.end("kept", "the new gains are better and stay")
+    if not better:
+        watcher.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+
+
+def _shown(changes: Sequence[Change]) -> str:
+    return ", ".join(f"{c.parameter} {c.old:g} -> {c.new:g}" for c in changes)

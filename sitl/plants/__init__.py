@@ -1,0 +1,19 @@
+"""Bodies in water: the protocol that the rest of the simulator talks to, and the bodies that implement it."""
+
+from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, PlanarTerm, coupling_of
+from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
+
+__all__ = [
+    "GRAVITY",
+    "AxisDynamics",
+    "Coupling",
+    "Parameters",
+    "PlanarHull",
+    "PlanarTerm",
+    "Plant",
+    "State",
+    "Water",
+    "Wrench",
+    "coupling_of",
+    "measured_speed",
+]
