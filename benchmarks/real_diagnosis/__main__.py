@@ -9,10 +9,12 @@ import sys
 from collections.abc import Sequence
 
 import benchmarks.real_diagnosis as package
+from benchmarks.real_diagnosis.by_hand import by_hand, lines_by_hand
 from benchmarks.real_diagnosis.cases import CASES, DATA
 from benchmarks.real_diagnosis.published import lines_of, tables_of
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.trial import Trial
 
 __all__ = ["main", "told"]
 
@@ -33,16 +35,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         unseen_words = ", ".join(case.unseen) or "each in turn"
         print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
         runs, unseen = case.load()
+        found = None
         try:
-            lines = told(diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds))
+            found = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
+            lines = told(found)
         except AutotuneError as error:
             lines = [f"refused: {error}"]
+        if case.dof == "yaw":
+            lines += beside([*runs, *unseen], found)
         print("\n".join(f"  {line}" for line in lines), flush=True)
     if not chosen.no_tables:
         published = json.loads((DATA / "published_tables.json").read_text(encoding="utf-8"))
         for table in tables_of(published):
             print("\n" + "\n".join(lines_of(table)))
     return 0
+
+
+AHEAD = 5.0
+"""Seconds ahead of the fit by hand where a diagnosis tells none."""
+
+
+def beside(runs: Sequence[Trial], found: Diagnosis | None) -> list[str]:
+    """Return what a plain fit by hand predicts of each run, left out, beside what the diagnosis does."""
+    gains = [] if found is None else [g for g in found.gains if g.signal == "psi" and g.each]
+    ours = {run: (math.degrees(a), math.degrees(b)) for g in gains for run, (a, b) in g.each.items()}
+    words = gains[0].metric.split() if gains else []
+    seconds = next((float(w) for w in words if w.replace(".", "").isdigit()), AHEAD)
+    return lines_by_hand(by_hand(runs, seconds), ours)
 
 
 def told(diagnosis: Diagnosis) -> list[str]:

@@ -57,6 +57,8 @@ class Attested:
     brief: bool = False
     """Its time, or the craft's own beside it, is so short that it may as well be a smoother of the recorded signal, or
     the craft's inertia; or shorter than the interval judged where commands answer the heading: never named."""
+    ahead: float = 1.0
+    """Error some seconds ahead on the runs given, over that of the model before; 1 where it was not looked at."""
     unsound: str = ""
     """Why it is not named although it pays: no model of the craft stands with it, or predictions are no better."""
 

@@ -157,8 +157,9 @@ def plain_under_process_noise(
 
 def at_the_right_interval(
     problem: Problem, form: Form, signal: str, begun: Plain, slugs: Sequence[str], say: Say
-) -> tuple[Plain, str]:
-    """Return what :func:`plain_under_process_noise` found, at another interval where that is needed, and words on it.
+) -> tuple[Plain, WanderingFit | None, str]:
+    """Return what :func:`plain_under_process_noise` found, at another interval where that is needed, the best fit with
+    one term more where that was looked for, and words on it.
 
     See :func:`.judged_at`. slugs : effects that may be tried.
     """

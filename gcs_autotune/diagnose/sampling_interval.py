@@ -50,7 +50,7 @@ LEGS = 2.0
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Times ahead [s] that people can compare."""
 
-NEAREST, ROUGH = 2, 3
+NEAREST, ROUGH = 3, 3
 """Chosen: terms fitted to the end at each interval, and scoring rounds of the others."""
 
 
@@ -119,13 +119,19 @@ def rms_ahead(problem: WanderingProblem, fit: WanderingFit, seconds: float) -> f
 class Look:
     """The runs judged at one interval: the plain model, and the model with the hydrodynamic term that predicts best.
 
-    ``best``: the plain one where no term helps. ``error``: its rms error ahead.
+    ``best``: the plain one where no term helps. ``error``: its rms error ahead. The likelihood is that of the next
+    sample, and may prefer a model that loses the craft some seconds ahead.
     """
 
     problem: WanderingProblem
     plain: WanderingFit
     best: WanderingFit
     error: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether the best is a model of the craft."""
+        return stands(self.problem, self.best)
 
     def agrees(self, other: Look) -> bool:
         """Whether both give the same answer: the same term, and numbers alike."""
@@ -148,8 +154,9 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
-) -> tuple[Plain, str]:
-    """Return the runs at the interval they are to be judged at, the plain model there, and words where it matters.
+) -> tuple[Plain, WanderingFit | None, str]:
+    """Return the runs at the interval they are to be judged at, the plain model there, the best with a term more where
+    it was looked for, and words where the interval matters.
 
     begun : where the search would judge. It stays there, without a word, where its plain model is one of the craft and
     comes out the same from further off. Else intervals are tried from the widest down. Of a stretch of two and more at
@@ -164,19 +171,19 @@ def judged_at(
     wider = [o for o in others if o is not None]
     steady = [_alike(*a, *b) for o in wider for a, b in zip(_pairs(plain), _pairs(o[1]), strict=True)]
     if stands(problem, plain) and all(steady):
-        return begun, ""
+        return begun, None, ""
     seconds = foresight(problem, plain)
     if seconds is None:
-        return begun, ""
+        return begun, None, ""
     first = _look(problem, plain, slugs, price, seconds)
     found = _closest(begun, at, slugs, price, seconds, widest)
     if found is not None and found.error < BETTER * first.error:
-        return (found.problem, found.plain), _moved(first, found, seconds)
+        return (found.problem, found.plain), found.best, _moved(first, found, seconds)
     if all(steady):
-        return begun, ""
+        return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
     words = f"judged every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
-    return begun, words + _told(far[1])
+    return begun, None, words + _told(far[1])
 
 
 def _pairs(fit: WanderingFit) -> list[tuple[float, float]]:
@@ -212,20 +219,16 @@ def _closest(
             continue
         seen.add(round(plain[0].interval, 9))
         look = _look(*plain, slugs, price, seconds)
-        if not stands(look.problem, look.best):
-            look = None
-        if look is not None and all(look.agrees(other) for other in stretch):
+        if look.sound and all(look.agrees(other) for other in stretch):
             stretch.append(look)
         elif len(stretch) > 1:
             break
         else:
-            stretch = [] if look is None else [look]
+            stretch = [look] if look.sound else []
     return stretch[-1] if len(stretch) > 1 else None
 
 
-def _look(
-    problem: WanderingProblem, plain: WanderingFit, slugs: Sequence[str], price: float, seconds: float
-) -> Look:
+def _look(problem: WanderingProblem, plain: WanderingFit, slugs: Sequence[str], price: float, seconds: float) -> Look:
     """Return the model with at most one hydrodynamic term that predicts best, of those that stand and gain *price*."""
     tangent = problem.tangent(plain)
     rough: list[WanderingFit] = []
@@ -241,15 +244,14 @@ def _look(
             tried += [problem.fit(plain.theta, (own,), plain.water, rounds=ROUGH) for own in starts]
             fits = [f for f in tried if f is not None]
             rough += [max(fits, key=lambda f: f.total)] if fits else []
-    best, error = plain, rms_ahead(problem, plain, seconds)
+    ends = [plain]
     for fit in sorted(rough, key=lambda f: -f.total)[:NEAREST]:
         end = problem.fit(fit.theta, fit.effects, fit.water)
-        if end is None or end.total < plain.total + price or not stands(problem, end):
-            continue
-        left = rms_ahead(problem, end, seconds)
-        if left < error:
-            best, error = end, left
-    return Look(problem, plain, best, error)
+        if end is not None and end.total > plain.total + price and stands(problem, end):
+            ends.append(end)
+    errors = [rms_ahead(problem, end, seconds) for end in ends]
+    best = int(np.argmin(errors))
+    return Look(problem, plain, ends[best], errors[best])
 
 
 def changes_at(problem: WanderingProblem, fit: WanderingFit, other: WanderingProblem) -> list[str]:

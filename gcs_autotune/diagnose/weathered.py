@@ -19,6 +19,7 @@ from gcs_autotune.diagnose.process_noise import (
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.result import ErrorReduction, Ranked, Value
+from gcs_autotune.diagnose.sampling_interval import foresight
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
@@ -278,12 +279,12 @@ def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
     found = seconds_ahead(search)
     if found is None:
         return ()
-    ahead, before, after, low, high = found
+    ahead, before, after, low, high, each = found
     signal = next(iter(search.problem.segments[0].signals))
     metric = f"error {ahead:g} s ahead"
     ratio = after / before if before > 0.0 else 1.0
     unit = SIGNALS[signal][0]
-    return (ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts),)
+    return (ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts, each),)
 
 
 def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | None:
@@ -294,20 +295,19 @@ def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | N
 SEED = 0
 
 
-def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, float] | None:
+def seconds_ahead(
+    search: WeatherSearch,
+) -> tuple[float, float, float, float, float, dict[str, tuple[float, float]]] | None:
     """Return seconds, rms errors so far ahead on data left out of the plain model and of the one with causes.
 
-    Last come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
-    errors).
+    Then come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
+    errors), and run -> both errors on it, where whole runs are left out.
     """
-    horizon = 3.0 / max(abs(float(search.plain.theta[1])), 1e-3)
-    nice = np.array([0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])
-    longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    usable = nice[(nice < longest / 4.0) & (nice > 3.0 * search.problem.interval)]
-    if not len(usable):
+    ahead = foresight(search.problem, search.plain)
+    if ahead is None:
         return None
-    ahead = float(usable[np.argmin(np.abs(np.log(usable / horizon)))])
     squares = []
+    each: dict[str, tuple[float, float]] = {}
     for train, test in search.folds:
         rest, seen = search.problem.on(train), search.problem.on(test)
         errors = []
@@ -316,6 +316,9 @@ def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, fl
             errors.append(seen.ahead(again or one, ahead))
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
+        left_out = {s.run for s in test}
+        if len(left_out) == 1 and good and not left_out & {s.run for s in train}:
+            each[left_out.pop()] = (float(np.sqrt(squares[-1][0].mean())), float(np.sqrt(squares[-1][1].mean())))
     joined = np.hstack(squares)
     if joined.shape[1] < 2 or not np.all(np.isfinite(joined)):
         return None
@@ -328,4 +331,4 @@ def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, fl
         ratios.append(float(np.sqrt(again_all[1].mean() / max(again_all[0].mean(), 1e-300))))
     low, high = np.quantile(ratios, [0.025, 0.975])
     before, after = np.sqrt(joined.mean(axis=1)).tolist()
-    return ahead, before, after, float(low), float(high)
+    return ahead, before, after, float(low), float(high), each

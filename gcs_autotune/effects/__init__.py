@@ -36,7 +36,14 @@ from gcs_autotune.effects.narrow_band import rung
 from gcs_autotune.effects.sensor_noise import grid_step
 from gcs_autotune.effects.summary import DataSummary, force_unit
 from gcs_autotune.effects.table import CRAFT, EFFECTS, usual_bounds
-from gcs_autotune.effects.velocity_products import ProductTerm, name_of, product_terms, term_named, twins_of
+from gcs_autotune.effects.velocity_products import (
+    VELOCITY_PRODUCT,
+    ProductTerm,
+    name_of,
+    product_terms,
+    term_named,
+    twins_of,
+)
 
 __all__ = [
     "CRAFT",
@@ -45,6 +52,7 @@ __all__ = [
     "SIGNAL",
     "STEP",
     "SUBTRACTED",
+    "VELOCITY_PRODUCT",
     "Characteristic",
     "DataSummary",
     "Drive",

@@ -25,6 +25,7 @@ from gcs_autotune.models import FORCES, SEEN, STATES, Form, Term, inertia_of, te
 from gcs_autotune.sname import DOFS
 
 __all__ = [
+    "VELOCITY_PRODUCT",
     "MunkMoment",
     "ProductTerm",
     "SpeedDamping",
@@ -391,10 +392,14 @@ def _in_a_coupling(term: ProductTerm, form: Form) -> bool:
     return False
 
 
+VELOCITY_PRODUCT = "velocity-product"
+"""Slug of the products without a name of their own."""
+
+
 class VelocityProduct(ProductEffect):
     """``coefficient`` times a product of velocities that has no name of its own; the place is the derivative."""
 
-    slug = "velocity-product"
+    slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
     meaning = "a force or a moment that goes with a product of velocities which the simulation leaves out"
     parameters = (Quantity("coefficient", "force per product", "the SNAME derivative that the place names"),)
@@ -441,7 +446,7 @@ TWINS: Mapping[str, str] = {
 
 def name_of(effect: EffectInstance) -> str:
     """Return what a cause is called where several are listed: its slug, or the derivative that its place names."""
-    return effect.place if effect.slug == VelocityProduct.slug else effect.slug
+    return effect.place if effect.slug == VELOCITY_PRODUCT else effect.slug
 
 
 def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
