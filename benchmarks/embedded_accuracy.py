@@ -1,14 +1,13 @@
-"""How accurate: relay experiments flown over MAVLink on the embedded vehicles, against their hidden truth.
+"""Accuracy of relay experiments flown over MAVLink on the simulated vehicles, against their hidden truth.
 
 Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--first 1] [--workers 2] [--only videoray]``. For every
-vehicle and noise seed two relay experiments are flown and identified just as ``tune`` does it: once with the true
-drag structure given ("given"), where the fit must be unbiased and reach the bound, once with the structure decided.
+vehicle and seed two relay experiments are flown and identified as in ``tune``: with the true drag structure supplied
+("given"), where the fit must be unbiased and reach the bound, and with the structure chosen ("decided").
 
-Printed per parameter: mean error in its own standard error over the seeds, RMS error over the Cramer-Rao bound (goal
-1.3; between the lines: what chance alone makes of 1.0), the share of 95 % intervals that cover the truth, and plain
-IS-O's RMS error. The bound is that of the signals used, of the sensor's rounding and of the input stamps' unknown
-shift; beside it, in percent of it, stand the bound with the rounding taken for noise of q**2/12 (Gauss) and the bound
-if the input stamps were exact (which they are not).
+It prints per parameter the mean error in standard errors over the seeds, the rms error over the Cramer-Rao bound (goal
+1.3; the chance range is printed), the coverage of 95 % intervals, and the rms error of plain IS-O. The bound includes
+the signals used, the sensor's rounding and the unknown shift of input stamps. Beside it, in percent, are the bound with
+rounding as noise of q**2/12 (Gauss), and the bound for exact input stamps.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.executor import executor_for
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Structure, cramer_rao, fit_axis
@@ -188,6 +188,15 @@ def report(title: str, results: list[Result]) -> None:
         _print_row(name, [r.rows[name] for r in results])
 
 
+def _figures(title: str, results: list[Result]) -> list[Figure]:
+    figures = []
+    for name in results[0].rows:
+        rows = [r.rows[name] for r in results]
+        _, rms, _ = _judged(np.array([r.given for r in rows]), np.array([r.truth for r in rows]))
+        figures.append(Figure(f"{title}, {name}, rms error over its bound", rms / _rms([r.bound for r in rows])))
+    return figures
+
+
 def _print_row(name: str, rows: list[Row]) -> None:
     truth = np.array([r.truth for r in rows])
     scale = float(abs(truth.mean()))
@@ -229,11 +238,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one vehicle")
     args = parser.parse_args()
-    executor = executor_for(args.workers)
+    executor, figures = executor_for(args.workers), list[Figure]()
     for vehicle, axis in CASES:
         if args.only in (None, vehicle):
             cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
-            report(f"{vehicle} {axis}", list(executor.map(one, cases)))
+            flights = list(executor.map(one, cases))
+            report(f"{vehicle} {axis}", flights)
+            figures += _figures(f"{vehicle} {axis}", flights)
+    headline("embedded_accuracy", "the tuner's identification on simulated vehicles", figures)
 
 
 if __name__ == "__main__":

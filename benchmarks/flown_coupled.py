@@ -1,10 +1,10 @@
-"""How accurate: S-manoeuvres flown over MAVLink on the coupled VideoRay, read back as a coupled model.
+"""S-manoeuvres flown over MAVLink on the coupled VideoRay, identified as a coupled model.
 
 Run: ``python3 -m benchmarks.flown_coupled [--seeds 5] [--first 1] [--duration 60]``. Every seed flies one S-manoeuvre
-ahead and astern (half of full thrust, 40 % yaw moment) with the noise, the 2 degree compass and the link of her file.
-Printed: which terms are kept of the form ``horizontal`` beside Coriolis' forces, each parameter's error in standard
-errors and per cent of the truth (Miskovic2007, final matrix; goal 3 standard errors and 3 %), how often all of them are
-within, and what Coriolis' forces are where their products are free: rv in surge, ur in sway, uv in yaw.
+ahead and astern (half of full thrust, 40 % yaw moment) with the noise, the 2 degree compass and the link of its file.
+It prints the terms kept of the form ``horizontal``, each parameter's error in standard errors and percent of the truth
+(Miskovic2007, final matrix; goal 3 standard errors and 3 %), how often all are within, and the Coriolis products if
+they are free: rv in surge, ur in sway, uv in yaw.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results import count, headline
 from gcs_autotune.experiments import eliminate
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.link import MemoryLink
@@ -84,7 +85,8 @@ def main() -> None:
         free = products(run)
         for name in PRODUCTS:
             coriolis[name].append((free.parameters[name].value, free.parameters[name].std))
-    print(f"{args.seeds} S-manoeuvres of {args.duration:g} s; all within 3 standard errors and 3 %: {within}")
+    all_six = count("runs with all terms within 3 standard errors and 3 %", within, args.seeds, least=1.0)
+    headline("flown_coupled", "S-manoeuvres flown over MAVLink, read back as a coupled model", [all_six])
     for name, found_errors in errors.items():
         z, rel = np.abs(np.array(found_errors)).T
         print(f"{name:7s} worst {z.max():5.2f} standard errors, {rel.max():6.2%}; rms {np.sqrt(np.mean(rel**2)):6.2%}")

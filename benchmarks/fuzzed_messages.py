@@ -1,13 +1,12 @@
-"""A million messages that no autopilot ever sent, and arbitrary bytes, into everything that listens to a vehicle.
+"""A million random messages and arbitrary bytes, into everything that listens to a vehicle.
 
 Run: ``python3 -m benchmarks.fuzzed_messages [--messages 1000000] [--seed 1] [--files 2000]``.
 
-A craft is opened on a simulated vehicle as for a tune (session, parameters with some watched, telemetry with a
-recording under way, rates, commands), then what it hears is replaced: messages of every type with random payloads and
-right check sums under the vehicle's own ids and others', numbers at and beyond the ends of their types, frames with
-flipped bits, cut off, run together, and plain noise. Besides, files of the link room (telemetry logs, parameter files,
-journals) are damaged and read. Right is: no exception but the package's own, every pump returns, and nothing leaves us
-but heartbeats, time requests and questions (``PARAM_REQUEST_READ``): no parameter, command, override or target.
+A craft is opened on a simulated vehicle as for a tune (session, parameters, telemetry with a recording, rates,
+commands). Its input is then replaced by messages of every type with random payloads and valid checksums, under the
+vehicle's own ids and others', numbers at and beyond the limits of their types, frames with flipped bits, cut off or
+run together, and noise. Damaged files (telemetry logs, parameter files, journals) are read too. Right is: no exception
+but the package's own, every pump returns, and only heartbeats, time requests and ``PARAM_REQUEST_READ`` are sent.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal, MavlinkCraft, MemoryLink, Session, open_craft
 from gcs_autotune.mavlink import load_params, read_tlog, split_frames
@@ -245,10 +245,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     begun = time.perf_counter()
     wrong = fuzz_messages(asked.messages, asked.seed, say=lambda text: print(text, flush=True))
+    of_messages = len(wrong)
     wrong += fuzz_files(asked.files, asked.seed)
     print(f"{asked.files} damaged files of each kind; {time.perf_counter() - begun:.0f} s; {len(wrong)} wrong")
     for text in wrong:
         print(text)
+    figures = [
+        Figure(f"wrong reactions to {asked.messages} messages", of_messages, most=0.0),
+        Figure(f"wrong reactions to {asked.files} damaged files of each kind", len(wrong) - of_messages, most=0.0),
+    ]
+    headline("fuzzed_messages", "random messages, noise and damaged files", figures)
     return 1 if wrong else 0
 
 

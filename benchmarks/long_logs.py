@@ -1,9 +1,8 @@
-"""How long a log may be: time and peak memory of reading logs of hundreds of megabytes.
+"""Time and peak memory to read logs of hundreds of megabytes.
 
-Run as ``python3 -m benchmarks.long_logs --megabytes 500``. A piece of log with everything a boat tells (attitude,
-outputs, position, unread messages between them) is written once and repeated, each repetition a boot of its own, or,
-with ``--one-run``, one single run for hours. Each log is read and cut in a process of its own, whose peak memory the
-operating system tells.
+Run: ``python3 -m benchmarks.long_logs --megabytes 500``. A piece of log with all messages of a boat (attitude, outputs,
+position, unread messages between them) is repeated, each repetition as a boot of its own, or with ``--one-run`` as one
+run of hours. Each log is read and cut into runs in its own process, whose peak memory the operating system reports.
 """
 
 from __future__ import annotations
@@ -22,12 +21,15 @@ from typing import BinaryIO
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from benchmarks.results import Figure, headline
+
 PIECE = 5_000_000
 """Bytes written before repeating."""
 BOAT = {"SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70, **{
     f"SERVO{n}_{k}": v for n in (1, 3) for k, v in (("MIN", 1000), ("TRIM", 1500), ("MAX", 2000), ("REVERSED", 0))
 }}  # fmt: skip
 RATE = 50.0
+
 READ = """
 import json, resource, sys, time
 from pathlib import Path
@@ -123,6 +125,7 @@ def main() -> None:
     parser.add_argument("--megabytes", type=int, default=500)
     parser.add_argument("--one-run", action="store_true", help="one run for hours instead of many boots")
     args = parser.parse_args()
+    figures = []
     print("log     size   hours   messages   runs   CPU time   peak while reading   peak with all runs")
     for suffix, write in WRITERS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -137,11 +140,17 @@ def main() -> None:
             begun = time.perf_counter()
             answer = subprocess.run([sys.executable, "-c", READ, str(path)], capture_output=True, check=True, text=True)
             told = json.loads(answer.stdout)
+            megabytes = path.stat().st_size / 1e6
+            figures += [
+                Figure(f"{suffix}, {megabytes:.0f} MB, processor time", told["cpu"], "s"),
+                Figure(f"{suffix}, {megabytes:.0f} MB, peak memory with all runs", told["cut"], "MB"),
+            ]
             print(
                 f"{suffix:6} {path.stat().st_size / 1e6:4.0f} MB {told['hours']:6.1f} {told['messages']:10d} "
                 f"{told['runs']:6d} {told['cpu']:8.0f} s {told['read']:17.0f} MB {told['cut']:17.0f} MB "
                 f"({time.perf_counter() - begun:.0f} s on this machine today)"
             )
+    headline("long_logs", "time and memory to read long logs", figures)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Do proposed manoeuvres bring what they promise? Monte-Carlo on water that shares nothing with the package.
+"""Standard errors predicted for proposed manoeuvres, against the scatter of a Monte-Carlo simulation.
 
     python -m benchmarks.next_manoeuvre [seeds]
 
-A small boat has flown a circle. For some of the manoeuvres proposed next, the standard errors foretold from the fit of
-that circle alone stand beside the scatter of estimates over many noisy repetitions of circle and manoeuvre, flown by
-the true boat under the proposed inputs.
+A small boat has flown a circle. For some of the manoeuvres proposed next it compares the standard errors, predicted
+from the fit of that circle, with the scatter of estimates over many noisy repetitions of circle and manoeuvre. The true
+boat flies them in a simulator that shares nothing with the package.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
 from experiment_plants import BOAT, circle, recorded
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.experiments import plan_next
 from gcs_autotune.identify import fit
 from gcs_autotune.models.coupled import FORMS
@@ -32,6 +33,7 @@ def main(seeds: int) -> None:
     first = recorded(circle(wobble=0.02), 60.0, 1, after=10.0)
     proposal = plan_next(fit([first], FORM, delay=0.0), [first], seconds=40.0)
     print("best first: " + "; ".join(p.candidate.title for p in proposal.plans[:5]))
+    ratios: list[float] = []
     for name in CHOSEN:
         plan = next(p for p in proposal.plans if p.candidate.name == name)
         flown = plan.flight.inputs
@@ -51,7 +53,14 @@ def main(seeds: int) -> None:
         print(f"{'':8s}{'truth':>9s}{'circle':>10s}{'foretold':>10s}{'scatter':>10s}{'ratio':>7s}")
         for i, n in enumerate(proposal.names):
             before, after, found = proposal.now.information.std[i], plan.std[i], scatter[i]
+            ratios.append(float(found / after))
             print(f"{n:8s}{BOAT[n]:9.2f}{before:10.3g}{after:10.3g}{found:10.3g}{found / after:7.2f}")
+    figures = [
+        Figure(f"scatter over prediction, median, {seeds} seeds", float(np.median(ratios))),
+        Figure("scatter over prediction, least", min(ratios)),
+        Figure("scatter over prediction, greatest", max(ratios)),
+    ]
+    headline("next_manoeuvre", "standard errors predicted for the next manoeuvre against scatter", figures)
 
 
 if __name__ == "__main__":

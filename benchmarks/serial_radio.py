@@ -1,4 +1,4 @@
-"""A whole tune over a serial link of 57600 or 115200 baud: a real port, the simulated vehicle, bytes counted.
+"""A whole tune over a pseudo-terminal with the rate of a serial radio; the bytes are counted.
 
 ``python3 -m benchmarks.serial_radio [--baud 57600 115200] [--vehicle charlie] [--axis heading]``
 """
@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.results import Figure, count, headline
 from benchmarks.throttled_pty import ThrottledPty
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Transport
@@ -31,8 +32,8 @@ class Ready(Connection):
         return self.link
 
 
-def run(vehicle: str, axis: str, baud: int, seed: int) -> str:
-    """Tune over the wire and return a row of the table."""
+def run(vehicle: str, axis: str, baud: int, seed: int) -> tuple[str, bool]:
+    """Tune over the wire; return a row of the table, and whether the new gains were kept."""
     link = ThrottledPty(open_vehicle(vehicle, seed=seed), baud)
     begun = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -44,11 +45,12 @@ def run(vehicle: str, axis: str, baud: int, seed: int) -> str:
             ending = f"{type(error).__name__}: {error}"
     seconds = link.clock.now()
     share = 100.0 / (seconds * baud / 10)
-    return (
+    row = (
         f"| {vehicle} {axis} | {baud} | {ending} | {seconds:.0f} | {link.down.passed * share:.0f} | "
         f"{link.up.passed * share:.0f} | {1e3 * link.down.longest / link.down.rate:.0f} | "
         f"{1e3 * link.up.longest / link.up.rate:.0f} | {link.down.dropped} | {time.process_time() - begun:.0f} |"
     )
+    return row, ending == "kept"
 
 
 def main() -> None:
@@ -60,8 +62,16 @@ def main() -> None:
     args = parser.parse_args()
     print("| tune | baud | ending | s | used down % | up % | waited at most ms down | up | not sent | CPU s |")
     print("|---|---|---|---|---|---|---|---|---|---|")
+    kept = []
     for baud in args.baud:
-        print(run(args.vehicle, args.axis, baud, args.seed), flush=True)
+        row, was_kept = run(args.vehicle, args.axis, baud, args.seed)
+        kept += [baud] if was_kept else []
+        print(row, flush=True)
+    slowest = Figure(
+        f"{args.vehicle} {args.axis}, slowest rate of those tried at which it is kept", min(kept, default=0), "baud"
+    )
+    measures = "a whole tune through a pseudo-terminal with a limited rate"
+    headline("serial_radio", measures, [slowest, count("rates at which it is kept", len(kept), len(args.baud))])
 
 
 if __name__ == "__main__":

@@ -1,16 +1,16 @@
-"""Are a boat's surge and its standard errors true? ``experiment surge`` flown on the simulated boats, over seeds.
+"""Surge of the simulated boats by ``experiment surge``: errors in their own standard errors, over seeds.
 
-Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. Printed of inertia, of the speed
-at half throttle's thrust and of the thrust curve's share of the square: the mean and rms of what is found less the
-hidden truth, in its own standard errors (1 where these are true), how many are beyond two, and the standard error.
-
-With ``--save FILE`` every flight is a line in FILE, and one that is there is not flown again.
+Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. For inertia, damping and the
+thrust curve's share of the square it prints the mean and rms error in standard errors (1 if these are true), how many
+are beyond two, and the standard error. With ``--save FILE`` every flight is a line in FILE, and known ones are not
+flown again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.reach import Aboard
+from benchmarks.results import Figure, headline
 from gcs_autotune.identify import CURVE
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, experiment
@@ -68,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for line in args.save.read_text(encoding="utf-8").splitlines():
             boat, seed, found = json.loads(line)
             saved[boat, seed] = found
+    figures = []
     for boat in args.boats or BOATS:
         for seed in range(1, args.seeds + 1):
             if (boat, seed) in saved:
@@ -79,6 +81,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         own = [saved[boat, seed] for seed in range(1, args.seeds + 1)]
         print(f"{boat}\n{'':<9}{'truth':>9}{'mean':>8}{'rms':>7}{'beyond 2':>11}{'std':>9}")
         print("\n".join(table(own)), flush=True)
+        for name in own[0]:
+            value, std, truth = np.array([f[name] for f in own]).T
+            has = std > 0.0  # a damping decided away has no standard error
+            rms = float(np.sqrt(np.mean(((value - truth)[has] / std[has]) ** 2))) if has.any() else math.inf
+            figures.append(Figure(f"{boat}, {name}, rms error in standard errors", rms))
+    headline("surge_accuracy", "experiment surge: errors in their own standard errors", figures)
 
 
 if __name__ == "__main__":

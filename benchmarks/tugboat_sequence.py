@@ -1,9 +1,8 @@
-"""The sequence of experiments of Erunsal2017 on its tugboat (table 1, errata mended): percent error of all 23
-parameters.
+"""Erunsal2017's sequence of experiments on its tugboat: percent error of all 23 parameters (table 1, errata applied).
 
     python -m benchmarks.tugboat_sequence [--seeds 3]
 
-The runs come from the tests' own water (``tests/plants/tug_plants.py``: the truth, the noise and why are there).
+The runs come from the tests' own simulator (``tests/plants/tug_plants.py`` has the truth and the noise).
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 
 from tug_plants import NOISE, TUG, WIND_NOISE, sea_trials
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.identify.plan import PLANS, run_plan
 
 
@@ -50,6 +50,12 @@ def main() -> None:
         print(f"{name:8}{truth[i]:10.4f}{row[0]:13.2f}{row[1]:14.2f}{std:9.2f}{np.sqrt(np.mean(z[:, i] ** 2)):8.2f}")
     inside = 100.0 * np.mean(np.abs(z) < 1.96)
     print(f"95 % intervals cover {inside:.0f} % of {z.size} estimates; final validation {np.mean(finals):.1f} %")
+    sizes = np.sqrt(np.mean(error**2, axis=0)) / np.abs(truth) * 100.0
+    figures = [
+        Figure(f"rms error, median of {len(TUG)} parameters, {seeds} seeds", float(np.median(sizes)), "%"),
+        Figure("95 % intervals that cover", float(inside), "%"),
+    ]
+    headline("tugboat_sequence", "a sequence of experiments (Erunsal2017)", figures)
     print(f"{np.mean(seconds):.1f} s a sequence. Y_r is zero but for its last digit: read its error as absolute.")
 
 

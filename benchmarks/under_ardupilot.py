@@ -7,6 +7,9 @@ hull served as external physics, then runs the user's command over MAVLink in si
 * ``hidden``: an effect put into the physics, ``experiment`` flown, ``diagnose`` asked for its name. Goal: among the
   causes named, or in a group these runs cannot tell apart (Charlie's rudder is half a degree off besides:
   ``input-bias``);
+* ``station``: whole tunes at the wall's own time beside another station that at a random moment orders a mode, disarms,
+  steers or writes a gain, while the tool's computer pauses in half of them. Goal: nothing is undone, and the cause is
+  reported;
 * ``speed``: how fast the physics keep up (``--rate`` 200 and 400). Goal: 10 times real time.
 """
 
@@ -16,13 +19,20 @@ import argparse
 import json
 import math
 import os
+import random
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from benchmarks.faults.station import Order, misattributed, order_in, overruled
+from benchmarks.results import count, headline
 from benchmarks.rivals.sea import BINARIES, Sea
 from sitl import load_vehicle
 from sitl.effects import parse_effect
@@ -101,6 +111,85 @@ def show_hidden(vehicle: str, axis: str, effect: str, instance: int, port: int, 
     return named
 
 
+def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
+    """Let another station interfere with a tune, drawn by *seed*; return whether its order stands and is reported."""
+    draw = random.Random(f"firmware-station-{seed}")
+    vehicle, axis = draw.choice((*TUNES, TUNES[0]))
+    kind = draw.choice(("mode", "mode", "write", "disarm", "sticks"))
+    at = draw.uniform(0.0, 150.0 if vehicle == "charlie" else 60.0)
+    pause = draw.choice((0.0, draw.uniform(0.2, 1.5)))
+    mode = draw.choice((4, 4, 5) if vehicle == "charlie" else (0, 2))
+    gain = {"charlie": "ATC_STR_RAT_P", "bluerov2": "ATC_RAT_YAW_P"}[vehicle] if axis == "heading" else "PSC_ACCZ_P"
+    run, said = keep / f"station-{seed}", keep / f"station-{seed}.txt"
+    station = mavlink.MAVLink(None, srcSystem=255 if kind == "sticks" else 200, srcComponent=100)
+    orders: list[Order] = []
+    ours: list[Order] = []
+    os.environ["XDG_STATE_HOME"] = str(keep / f"state-{seed}")  # a run left open refuses the next on this vehicle
+    sea = _open(vehicle, instance, port)
+    began, told, until, next_stick = math.inf, 0, math.inf, 0.0
+
+    def hear(message: Any) -> None:
+        order = order_in(message, sea.t)
+        if order is not None:
+            ours.append(order)
+
+    def meanwhile(process: int) -> None:
+        nonlocal began, next_stick, told, until
+        began = min(began, sea.t if sea.armed else math.inf)
+        if sea.t - began >= at and not orders and not (kind == "mode" and sea.mode == mode):  # that changes nothing
+            told = said.stat().st_size
+            value = {"mode": float(mode), "write": 0.1234, "disarm": 0.0, "sticks": 3.0}[kind]
+            what = {"disarm": "armed"}.get(kind, kind)
+            orders.append(Order(sea.t, what, value, gain if kind == "write" else "", sea.mode))
+            until = sea.t + pause
+            if pause:
+                os.kill(process, signal.SIGSTOP)
+            if kind == "mode":
+                sea.send(_command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, value), station)
+            elif kind == "disarm":
+                sea.send(_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 21196.0), station)
+            elif kind == "write":
+                sea.send(mavlink.MAVLink_param_set_message(1, 1, gain.encode(), value, 9), station)
+        if orders and kind == "sticks" and next_stick <= sea.t < orders[0].t + orders[0].value:
+            next_stick = sea.t + draw.uniform(0.03, 0.07)  # a joystick keeps no step with the vehicle's clock
+            sea.send(
+                mavlink.MAVLink_rc_channels_override_message(1, 1, 1640, 1500, 1420, 1630, 1500, 1580, 0, 0), station
+            )
+        if sea.t >= until:
+            until = math.inf
+            os.kill(process, signal.SIGCONT)
+
+    try:
+        sea.run(_WARM_UP)
+        sea.overhear(hear)
+        status = sea.host(
+            ["tune", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)], said, meanwhile=meanwhile
+        )
+        sea.run(5.0)
+        left = sea.get([gain]).get(gain, math.nan)
+        ended_in = sea.mode
+    finally:
+        sea.close()
+    about = f"{vehicle} {axis}, {kind} {mode if kind == 'mode' else ''} at {at:.0f} s, pause {pause:.1f} s: {status}"
+    if not orders:
+        print(f"{seed}: {about}; the tune ended before", flush=True)
+        return True
+    wrong, ties = overruled(orders, ours, (4, 5) if vehicle == "charlie" else ())
+    if kind == "mode" and ended_in != mode and not ties:
+        wrong.append(f"ended in mode {ended_in}")
+    if kind == "write" and not math.isclose(left, 0.1234, rel_tol=1e-4) and not ties:
+        wrong.append(f"{gain} ended as {left:g}")
+    text = " ".join(said.read_bytes()[told:].decode().split())
+    blame = misattributed(text, [f"station-{kind}"]) if status else "ended well"
+    wrong += [f"{blame}: {text[-300:]}"] if blame else []
+    print(f"{seed}: {about}, ties {ties}; {'; '.join(wrong) or 'right'}", flush=True)
+    return not wrong
+
+
+def _command(number: int, *values: float) -> Any:
+    return mavlink.MAVLink_command_long_message(1, 1, number, 0, *values, *[0.0] * (7 - len(values)))
+
+
 def show_speed(rate: int, instance: int, port: int) -> bool:
     """Let ArduPilot run as fast as it can for ten wall seconds; return whether that is fast enough."""
     good = True
@@ -121,12 +210,14 @@ def show_speed(rate: int, instance: int, port: int) -> bool:
 def main() -> int:
     """Run what is asked for; 0 when every goal is met, 2 without ArduPilot."""
     parser = argparse.ArgumentParser(prog="benchmarks.under_ardupilot", description=__doc__.splitlines()[0])
-    parser.add_argument("what", nargs="*", help="of tune, hidden, speed; default all")
+    parser.add_argument("what", nargs="*", help="of tune, hidden, station, speed; default all")
     parser.add_argument("--instance", type=int, default=20)
     parser.add_argument("--port", type=int, default=14700, help="first of three UDP ports")
     parser.add_argument("--keep", type=Path, help="keep the run directories here")
+    parser.add_argument("--cases", type=int, default=12, help="of station (12)")
+    parser.add_argument("--seed", type=int, default=1, help="of the first case of station (1)")
     args = parser.parse_args()
-    what = args.what or ["tune", "hidden", "speed"]
+    what = args.what or ["tune", "hidden", "station", "speed"]
     lacking = [name for name in BINARIES.values() if not os.environ.get(name)]
     if lacking:
         print(f"this flies ArduPilot's own firmware: set {' and '.join(lacking)} to its binaries")
@@ -139,8 +230,17 @@ def main() -> int:
             good = min(show_speed(rate, args.instance, args.port) for rate in RATES) and good
         if "tune" in what:
             good = min(show_tune(*case, args.instance, args.port, keep) for case in TUNES) and good
+        if "station" in what:
+            seeds = range(args.seed, args.seed + args.cases)
+            right = sum(show_station(seed, args.instance, args.port, keep) for seed in seeds)
+            good = right == args.cases and good
+            stands = count("tunes in which the order stands and its cause is reported", right, args.cases, least=1.0)
+            headline("under_ardupilot-station", "tunes on ArduPilot's firmware beside another station", [stands])
         if "hidden" in what:
-            good = min(show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN) and good
+            named = [show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN]
+            good = all(named) and good
+            found = count("hidden effects found", sum(named), len(named), least=1.0)
+            headline("under_ardupilot", "tunes and hidden effects on ArduPilot's firmware", [found])
     return 0 if good else 1
 
 

@@ -1,12 +1,13 @@
-"""How accurate: zig-zags flown over MAVLink, against the craft's hidden truth and its own run without noise.
+"""Zig-zags flown over MAVLink, against the craft's hidden truth and its own run without noise.
 
-Run: ``python3 -m benchmarks.zig_zag_accuracy [--craft charlie] [--seeds 20] [--first 1] [--helm 20]``. Every seed flies
-one zig-zag of equal angles (a craft without rudder: ``--steering`` of full) with heading, gyro, speed and position
-noise as in its file, attitude at 10 Hz and servo outputs at 40 Hz. Printed: the largest and the RMS error of Nomoto's K
-and T of the fitted model against the truth's reduction (K = G(0), T = T_1 + T_2 - T_3 of sway and yaw at the steady
-speed ahead; goal 3 %), of the K that ``figures`` prints (per radian of rudder where the craft has one) against the same
-truth over the rudder angle of the vehicle file, and of every other figure against that of the run without noise (goal
-1 degree or 2 %).
+Run: ``python3 -m benchmarks.zig_zag_accuracy [--craft charlie] [--seeds 20] [--first 1] [--helm 20]``. Every seed
+flies one zig-zag of equal angles (without a rudder: ``--steering`` of full) with the noise of heading, gyro, speed and
+position of its file, attitude at 10 Hz and servo outputs at 40 Hz. It prints the largest and rms errors of:
+
+* Nomoto's K and T of the fitted model against the truth's reduction (K = G(0), T = T_1 + T_2 - T_3 of sway and yaw at
+  the steady speed ahead; goal 3 %),
+* the K that ``figures`` prints (per radian of rudder if there is one) against the same truth,
+* every other figure against that of the run without noise (goal 1 degree or 2 %).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results import Figure, headline
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSettings, Unattended, fly
@@ -112,13 +114,17 @@ def main() -> None:
             goal = max(ONE_DEGREE, 0.02 * true[name]) if "overshoot" in name else 0.02 * true[name]
             shares[name].append(abs(value - true[name]) / goal)
     how = f"{args.helm:g}/{args.helm:g}" if rudder else f"{args.helm:g} deg at {share:.0%}"
+    kept: list[Figure] = []
     print(f"{args.seeds} zig-zags {how} on {args.craft}: K {K:.4f} rad/s, T {T:.3f} s")
     for name, found in errors.items():
         if not found:
             continue
         rms, worst = math.sqrt(float(np.mean(np.square(found)))), max(map(abs, found))
+        goal_of = 3.0 if name in ("K", "T", "K of the sheet") else None
+        kept.append(Figure(f"{args.craft}, {name}, worst", 100.0 * worst, "%", most=goal_of))
         missed = sum(s > 1.0 for s in shares[name]) if name in shares else sum(not abs(e) <= 0.03 for e in found)
         print(f"{name:22s} rms {rms:7.2%}  worst {worst:7.2%}  beyond the goal {missed} of {args.seeds}")
+    headline("zig_zag_accuracy", "zig-zags flown over MAVLink against the hidden truth", kept)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import importlib.util
 import json
 import math
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,8 +19,8 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.cli import main
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import METHODS
 from gcs_autotune.logs import formats, load_runs
+from gcs_autotune.methods import METHOD_PLACES
 
 
 def added(folder: Path, name: str) -> ModuleType:
@@ -48,8 +49,8 @@ def test_a_kind_of_file_is_read_by_its_content(tmp_path: Path, monkeypatch: pyte
 def test_a_method_is_listed_and_fits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    method = added(tmp_path, "by_balance").METHOD
-    monkeypatch.setitem(METHODS, method.name, method)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "by_balance", added(tmp_path, "by_balance"))
+    monkeypatch.setitem(METHOD_PLACES, "balance", "by_balance:METHOD")  # type: ignore[arg-type]
     rows, psi, r = [], 0.0, 0.0
     for k in range(600):  # 0.04 r' + 0.02 r = N, exact between samples
         N = 0.06 if k % 80 < 40 else -0.06

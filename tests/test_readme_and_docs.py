@@ -15,7 +15,8 @@ from gcs_autotune.cli import COMMANDS
 from gcs_autotune.effects import EFFECTS
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
+FOLDERS = ("*.md", "docs/**/*.md", "benchmarks/**/*.md")
+PAGES = sorted(p.relative_to(ROOT).as_posix() for folder in FOLDERS for p in ROOT.glob(folder))
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
 MADE = {
     ROOT / "docs" / "reference" / f"{name}.md"

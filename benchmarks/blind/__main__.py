@@ -1,4 +1,4 @@
-"""The blind suite by one command: ``python3 -m benchmarks.blind``; see ``--help``."""
+"""Effects hidden at random in simulated runs, and diagnosed: ``python3 -m benchmarks.blind``; see ``--help``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 from benchmarks.blind.case import BESIDE, GIVEN, TRACK  # noqa: E402
 from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
-from benchmarks.blind.scoring import report, tally  # noqa: E402
+from benchmarks.blind.scoring import headlines, report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
 from benchmarks.blind.weather import CALM, HIDDEN  # noqa: E402
+from benchmarks.results import headline  # noqa: E402
 from gcs_autotune.executor import executor_for  # noqa: E402
 
 SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
@@ -96,6 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not asked.quiet:
             print(_said(outcome), "|", len(done), "of", len(todo), "|", tally(done), flush=True)
     print(report(done))
+    if not only:
+        for kind, (measures, figures) in headlines(done).items():
+            headline(f"blind-{kind}", measures, figures)
     return 0
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy.stats import beta
 
 from benchmarks.blind.case import GIVEN
 from benchmarks.blind.referee import NEAR, Outcome
+from benchmarks.results import Figure, count
 
-__all__ = ["bounds", "recovered", "report", "tally"]
+__all__ = ["bounds", "headlines", "recovered", "report", "tally"]
 
 KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", "weather", *GIVEN)
 
@@ -61,6 +62,52 @@ def tally(outcomes: Sequence[Outcome]) -> str:
         if some:
             parts.append(f"{kind} {sum(o.strictly_right for o in some)}~{sum(o.right for o in some)}/{len(some)}")
     return "  ".join(parts)
+
+
+HEADLINES: Mapping[str, tuple[str, float | None]] = {
+    "single": ("one hidden effect", 0.97),
+    "clean": ("nothing hidden", 0.99),
+    "double": ("two hidden effects", 0.85),
+    "foreign": ("a hidden effect that is not in the catalogue", 0.95),
+    "track": ("a hidden effect, positions and heading only", None),
+    "clean-track": ("nothing hidden, positions and heading only", None),
+    "wrong-numbers": ("a model with one or two wrong parameters", 0.97),
+    "wrong-numbers-and-effect": ("a model with a wrong parameter, and a hidden effect", 0.85),
+    "honest": ("a correct model supplied", 0.99),
+    "honest-and-effect": ("a correct model supplied, and a hidden effect", 0.97),
+    "simulation": ("a simulator's output with wrong parameters", 0.97),
+    "honest-simulation": ("a correct simulator's output", 0.99),
+}
+"""Kind of case -> what it measures, and the share that is to be right, if there is a goal."""
+
+
+def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]]:
+    """Return, by kind of case, what it measures and its headline figures."""
+    found: dict[str, tuple[str, list[Figure]]] = {}
+    for kind, (measures, goal) in HEADLINES.items():
+        some = [o for o in outcomes if o.kind == kind and o.verdict != "no-case"]
+        if some:
+            pulls = [inside for _, inside in _pulls(some) if inside is not None]
+            figures = [count("right, in a group", sum(o.right for o in some), len(some), least=goal)]
+            figures.append(count("right by the very name", sum(o.strictly_right for o in some), len(some)))
+            if pulls:
+                figures.append(count("parameters within 3 standard errors", sum(pulls), len(pulls), least=0.8))
+            found[kind] = measures, figures
+    some = [o for o in outcomes if o.kind == "weather" and o.verdict != "no-case"]
+    hidden, calm = [o for o in some if o.truth], [o for o in some if not o.truth]
+    if some:
+        visible, mild = [o for o in hidden if o.worth > VISIBLE], [o for o in hidden if o.ratio <= 0.4]
+        wrong = sum(bool(o.causes) and not o.right for o in hidden)
+        found["weather"] = (
+            "a hidden effect with process noise, whole diagnoses",
+            [
+                count("effects worth ten nats found", sum(o.right for o in visible), len(visible), least=0.85),
+                count("effects in noise up to 40 % found", sum(o.right for o in mild), len(mild), least=0.5),
+                count("wrong causes", wrong, len(hidden), most=0.03),
+                count("clean craft without a cause", sum(not o.causes for o in calm), len(calm), least=0.97),
+            ],
+        )
+    return found
 
 
 def report(outcomes: Sequence[Outcome]) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.referee import form_of
 from benchmarks.blind.sizes import RECIPES
+from benchmarks.results import count, headline
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.base_model import base_limits, data_summary_of, plain_form
@@ -90,14 +91,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="")
     asked = parser.parse_args(arguments)
+    lines: list[str] = []
     for slug in RECIPES:
         if asked.only and slug not in asked.only.split(","):
             continue
         for index in range(asked.cases):
             try:
-                print(_line(draw_case("single", asked.seed, index, slug)), flush=True)
+                lines.append(_line(draw_case("single", asked.seed, index, slug)))
+                print(lines[-1], flush=True)
             except NoCase as error:
                 print(error, flush=True)
+    right = sum("error/noise" in line and "<-- error" not in line for line in lines)
+    if not asked.only:
+        headline(
+            "blind.truth", "the true effect fitted to blind cases", [count("error at the noise", right, len(lines))]
+        )
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -14,7 +14,7 @@ from benchmarks.faults.fault import Fault
 if TYPE_CHECKING:
     from benchmarks.faults.vehicle import VehicleAsFound
 
-__all__ = ["STICK_PERIOD", "Order", "OtherStation", "misattributed", "overruled"]
+__all__ = ["STICK_PERIOD", "Order", "OtherStation", "misattributed", "order_in", "overruled"]
 
 _SYSTEM, _TWIN = 200, 255
 STICK_PERIOD = 0.05
@@ -35,6 +35,18 @@ class Order:
     value: float = math.nan
     name: str = ""
     seen: int | None = None
+
+
+def order_in(message: Any, t: float, mode: int | None = None) -> Order | None:
+    """Return the order of mode or armed state, or the write, that *message* is at time *t* [s]; else None."""
+    name = message.get_type()
+    if name == "PARAM_SET":
+        return Order(t, "write", float(message.param_value), str(message.param_id), mode)
+    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
+        return Order(t, "mode", message.param2, seen=mode)
+    if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+        return Order(t, "armed", message.param1, seen=mode)
+    return None
 
 
 class OtherStation:
@@ -125,7 +137,13 @@ BLAME: Mapping[str, tuple[str, ...]] = {
     "station-write": ("another ground station wrote", "somebody else has changed it", "another station wrote"),
     "reboot": ("has restarted", "has been silent"),
     "stall": ("this computer paused",),
-    "silence": ("has been silent", "the link was silent", "another station may have ordered", "failsafe of its own"),
+    "silence": (
+        "has been silent",
+        "the link was silent",
+        "another station may have ordered",
+        "failsafe of its own",
+        "what it sent was lost",
+    ),
 }
 """Kind of fault -> words by which it is told."""
 

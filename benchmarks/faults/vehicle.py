@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from benchmarks.faults.fault import Fault
 from benchmarks.faults.link import FaultyLink
-from benchmarks.faults.station import STICK_PERIOD, Order, OtherStation
+from benchmarks.faults.station import STICK_PERIOD, Order, OtherStation, order_in
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.mavlink import Framer
 from gcs_autotune.workflow import Connection
@@ -85,7 +83,8 @@ class VehicleAsFound:
     def hears(self, data: bytes) -> None:
         """Take bytes from the ground; note what they write."""
         frames = list(self._framer.feed(data))
-        self.ordered += [order for f in frames if (order := self._order_in(f.name, f.message)) is not None]
+        now, mode = self.server.now, self.server.vehicle.autopilot.mode.number
+        self.ordered += [order for f in frames if (order := order_in(f.message, now, mode)) is not None]
         writes = [f.message for f in frames if f.name == "PARAM_SET"]
         for message in writes:
             path = self.journal
@@ -93,17 +92,6 @@ class VehicleAsFound:
             self.writes.append((str(message.param_id), float(message.param_value), text))
         if not any(str(message.param_id) in self.deaf_to for message in writes):
             self.server.receive(data)
-
-    def _order_in(self, name: str, message: Any) -> Order | None:
-        """Return the order of mode or armed state, or the write, that a message of the tool is; else None."""
-        t, mode = self.server.now, self.server.vehicle.autopilot.mode.number
-        if name == "PARAM_SET":
-            return Order(t, "write", float(message.param_value), str(message.param_id), mode)
-        if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
-            return Order(t, "mode", message.param2, seen=mode)
-        if name == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return Order(t, "armed", message.param1, seen=mode)
-        return None
 
     def condition(self) -> Condition:
         """Ask the vehicle itself."""

@@ -1,12 +1,12 @@
-"""Small faults put into the files that matter, one at a time: how many do the tests that mirror the file notice?
+"""Small faults put into the code one at a time: how many do the tests that mirror the file notice?
 
 Run: ``python3 -m benchmarks.mutations [--count 110] [--seed 1] [--jobs 1] [--budget 20] [--only PART,..]``.
 
 Faults (comparisons, signs, constants, dropped calls, ...: ``mutant.py``) are drawn by seed from the areas of
-``areas.py``, as many from each file of an area as from the next, and put into a scratch copy of the tree. The tests
-that mirror the file (``mirror.py``) run to the first that fails, for ``--budget`` processor seconds at most: the share
-counts what ran out of time as not noticed, and the table tells the two apart. A fault that nobody notices and that is
-none (``EQUIVALENT``, judged by hand, with the reason) counts for neither side. Ends with 1 below the goal of 90 %.
+``areas.py``, equally from the files of an area, and put into a scratch copy of the tree. The tests that mirror the file
+(``mirror.py``) run until the first failure, for at most ``--budget`` processor seconds. A run out of time counts as not
+noticed and is listed apart. A change that is no fault (``EQUIVALENT``, judged by hand, with its reason) does not count.
+Exit status 1 below the goal of 90 %.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 from benchmarks.mutations.areas import EQUIVALENT, files_by_area  # noqa: E402
 from benchmarks.mutations.bench import Slot, Verdict, copy_tree, import_heavy  # noqa: E402
 from benchmarks.mutations.mutant import Mutant, mutants_of  # noqa: E402
+from benchmarks.results import Figure, headline  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 GOAL = 0.9
@@ -150,7 +151,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             with options.save.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(asdict(verdict)) + "\n")
     print(table(found))
-    return 0 if share(Counter(outcome(v) for v in found)) >= GOAL else 1
+    outcomes = Counter(outcome(v) for v in found)
+    true = outcomes["noticed"] + sum(outcomes[word] for word in UNNOTICED)
+    noticed = Figure("faults noticed", outcomes["noticed"], of=true, least=GOAL)
+    headline("mutations", "small faults that the tests notice", [noticed])
+    return 0 if share(outcomes) >= GOAL else 1
 
 
 if __name__ == "__main__":

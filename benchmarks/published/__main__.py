@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.published.section import Section
 from benchmarks.published.sections import SECTIONS
+from benchmarks.results import Figure, count, headline
 
 __all__ = ["TABLES", "main"]
 
@@ -42,6 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     missed = [s.title for s in found if not s.met]
     total = sum(r.counts for s in found for r in s.rows)
     print(f"{total} numbers in {len(found)} tables; goals missed: {', '.join(missed) or 'none'}")
+    within = sum(r.counts for s in found if s.met for r in s.rows)
+    if not chosen.only:
+        figures = [count("published numbers within their goal", within, total, least=1.0)]
+        figures += [Figure(f"{s.title}, worst", abs(s.worst.difference), "%") for s in found]
+        headline("published", "published numbers beside ours", figures)
     return 1 if missed else 0
 
 

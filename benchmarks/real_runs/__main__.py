@@ -14,6 +14,7 @@ from typing import Any
 import benchmarks.real_runs as package
 from benchmarks.real_runs.methods.table import METHODS, PEERS
 from benchmarks.real_runs.runs import CRAFTS, DATA
+from benchmarks.results import Figure, headline
 
 __all__ = ["main"]
 
@@ -34,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"no measured runs at {DATA}", file=sys.stderr)
         return 2
     methods = list(dict.fromkeys([*chosen.methods, *(PEERS if chosen.peers else ())]))
+    figures = []
     for craft in chosen.craft:
         found = CRAFTS[craft]
         print(
@@ -46,7 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         for method in methods:
             python = chosen.python if method in PEERS else sys.executable
-            print(f"{method:14}{_line(_run(python, craft, method, chosen.limit), found.held)}", flush=True)
+            answer = _run(python, craft, method, chosen.limit)
+            print(f"{method:14}{_line(answer, found.held)}", flush=True)
+            if not isinstance(answer, str):
+                figures.append(Figure(f"{craft}, {method}, mean fit", _mean(answer, found.held), "%"))
+    headline("real_runs", "free runs of real craft, held out, beside SciPy and five packages", figures)
     return 0
 
 
@@ -71,13 +77,17 @@ def _run(python: str, craft: str, method: str, limit: float) -> Mapping[str, Any
 def _line(answer: Mapping[str, Any] | str, held: Sequence[str]) -> str:
     if isinstance(answer, str):
         return f"  {answer}"
-    cells, every = "", []
+    cells = ""
     for name in held:
         values = [float(answer["scores"][name][s]) for s in SIGNALS]
         cells += f"{'':4}" + "".join(_cell(v) for v in values)
-        every += values
-    mean = sum(max(v, -100.0) for v in every) / len(every)
-    return f"{cells}{mean:8.1f}{answer['seconds']:8.1f}{answer['memory']:7.0f}"
+    return f"{cells}{_mean(answer, held):8.1f}{answer['seconds']:8.1f}{answer['memory']:7.0f}"
+
+
+def _mean(answer: Mapping[str, Any], held: Sequence[str]) -> float:
+    """Return the mean fit [percent] over signals and runs; less than -100 counts as -100."""
+    every = [max(float(answer["scores"][name][s]), -100.0) for name in held for s in SIGNALS]
+    return sum(every) / len(every)
 
 
 def _cell(value: float) -> str:

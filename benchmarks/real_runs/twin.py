@@ -21,6 +21,7 @@ from benchmarks.real_runs.methods.ours import fitted, train
 from benchmarks.real_runs.methods.plain_scipy import rudder
 from benchmarks.real_runs.runs import CRAFTS, OUTPUTS, STEP, Run, gridded, load
 from benchmarks.real_runs.score import fit_percents
+from benchmarks.results import Figure, headline
 
 Array = NDArray[np.float64]
 
@@ -82,13 +83,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     truth = fitted([real[n] for n in craft.train], craft.form)
     coefficients = [np.array([truth[n] for n in row]) for row in TERMS]
     print(f"fit of {', '.join(OUTPUTS)}, psi [%] on", ", ".join(craft.held))
+    first: list[float] = []
     for seed in range(1, asked.seeds + 1):
         runs = {n: sailed(r, coefficients, asked.moment, 100 * seed + i) for i, (n, r) in enumerate(real.items())}
         with np.errstate(all="ignore"):
             foretell = train([runs[n] for n in craft.train], craft.form)
             scores = [fit_percents(runs[n], *foretell(runs[n])) for n in craft.held]
+        first.append(scores[0][OUTPUTS[0]])
         told = (" ".join(f"{max(v, -999.0):.0f}" for v in s.values()) for s in scores)
         print(f"seed {seed}:", " | ".join(told), flush=True)
+    name = f"{craft.held[0]}, {OUTPUTS[0]}"
+    figures = [
+        Figure(f"{name}, best of {asked.seeds} seeds of the true form", max(first), "%"),
+        Figure(f"{name}, worst of {asked.seeds} seeds of the true form", min(first), "%"),
+    ]
+    headline("real_runs.twin", "how well a course-unstable craft can be predicted at all", figures)
 
 
 if __name__ == "__main__":

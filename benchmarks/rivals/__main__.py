@@ -29,6 +29,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import count, headline
 from benchmarks.rivals.contest import Entry, compete, fly_again
 from benchmarks.rivals.fleet import FLEET
 from benchmarks.rivals.sea import BINARIES, Sea
@@ -93,7 +94,7 @@ def main() -> int:
         return 2
     header = ("vessel", "axis", "rival", "ITAE s^2", "/oracle", "over %", "settle s", "travel/s", "flown s", "")
     print(_ROW.format(*header).rstrip(), flush=True)
-    good = True
+    ahead: list[bool] = []
     for name in wanted:
         vessel = FLEET[name]
         for job in vessel.jobs:
@@ -110,8 +111,10 @@ def main() -> int:
                     with args.save.open("a") as file:
                         lines = (json.dumps({"vessel": name, "axis": job.axis, **e.to_dict()}) for e in entries)
                         file.write("\n".join(lines) + "\n")
-                good = _show(name, job.axis, entries) and good
-    return 0 if good else 1
+                ahead.append(_show(name, job.axis, entries))
+    met = count("vessels and axes on which the goal is met", sum(ahead), len(ahead), least=1.0)
+    headline("rivals", "heading and depth steps on ArduPilot's firmware under every rival's gains", [met])
+    return 0 if all(ahead) else 1
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -103,18 +104,40 @@ class Sea:
         self._tuner.close()
         self._folder.cleanup()
 
-    def host(self, arguments: Sequence[str], said: Path, *, within: float = 4000.0) -> int:
-        """Let ``gcs-autotune`` work over its own link (``tuner_uri``), its words in *said*; return its exit code."""
+    def host(
+        self,
+        arguments: Sequence[str],
+        said: Path,
+        *,
+        within: float = 4000.0,
+        meanwhile: Callable[[int], None] | None = None,
+    ) -> int:
+        """Let ``gcs-autotune`` work over its own link (``tuner_uri``), its words in *said*; return its exit code.
+
+        *meanwhile* is called with its process id after every frame; then time on the water is the wall's.
+        """
         command = [sys.executable, "-m", "gcs_autotune", *arguments]
-        self._tuner.waiting = True
+        self._tuner.waiting = meanwhile is None
+        ahead = time.monotonic() - self.t
         with said.open("wb") as file:
             process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+
+            def going() -> bool:
+                if meanwhile is not None:
+                    meanwhile(process.pid)
+                    time.sleep(max(0.0, self.t + ahead - time.monotonic()))
+                return process.poll() is None
+
             try:
-                self.run_while(lambda: process.poll() is None, within=within)
+                self.run_while(going, within=within)
             finally:
                 process.kill()
                 self._tuner.waiting = False
         return process.wait()
+
+    def overhear(self, listener: Callable[[Any], None]) -> None:
+        """Call *listener* with every message of the tuner's."""
+        self._tuner.overhear(listener)
 
     # -- time
 
@@ -158,10 +181,10 @@ class Sea:
 
     # -- the link
 
-    def send(self, message: Any) -> None:
-        """Send one message."""
+    def send(self, message: Any, packer: Any = None) -> None:
+        """Send one message, as another station where *packer* is given."""
         if self._peer is not None:
-            self._socket.sendto(message.pack(self._mav), self._peer)
+            self._socket.sendto(message.pack(packer or self._mav), self._peer)
 
     def _hear(self, message: Any) -> None:
         kind = message.get_type()
@@ -262,6 +285,13 @@ class _Between:
         self._ground.setblocking(False)
         self.waiting = False
         """Whether there is a tuner to wait for."""
+        self._listeners: list[Callable[[Any], None]] = []
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+
+    def overhear(self, listener: Callable[[Any], None]) -> None:
+        """Call *listener* with every message of the tuner's."""
+        self._listeners.append(listener)
 
     def pass_on(self) -> None:
         """Pass on what has come in; when ATTITUDE was among it, wait for an answer."""
@@ -286,6 +316,9 @@ class _Between:
                 return
             if self._far is not None:
                 self._firmware.sendto(data, self._far)
+            for message in (self._parser.parse_buffer(data) or ()) if self._listeners else ():
+                for listener in self._listeners:
+                    listener(message)
 
     def close(self) -> None:
         """Close both sockets."""

@@ -66,7 +66,7 @@ COMMANDS: Mapping[str, Command] = {
 """Verb -> command; adding one is one file and one line."""
 
 YOUNG = 20_000
-"""Chosen: new objects after which the garbage collector looks at them."""
+"""Number of new objects before the garbage collector runs; chosen."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -108,18 +108,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one sentence, as every other error is said, and where the options are listed."""
+    """Parser whose errors are one sentence, like every other error, and point to ``--help``."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise it, without argparse's words around it, and with the nearest spelling of a name there is not."""
+        """Raise *message* without argparse's prefix, with the nearest spelling of an unknown name."""
         wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message)
         hint = nearest_of(wrong[1], re.findall(r"[^', ]+", wrong[2]))[1] if wrong else ""
         raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
 
 
 def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:
-    """Return the parser of the whole command line, with the defaults that a settings file says."""
-    rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and are back")]
+    """Return the parser of the whole command line, with the defaults of the settings file."""
+    rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and were restored")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
     parser = _Parser(

@@ -1,4 +1,4 @@
-"""What a command of the command line is, and the option groups several of them share."""
+"""The record of a command, and the option groups that several commands share."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ GUARDING = (
     "min-battery",
     "max-time",
 )
-"""The safety limits, as the help lists them."""
+"""Safety limits, in the order of the help."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One verb: its name, one-line help, options, and what it does (returning the exit code)."""
+    """One verb: name, one-line help, options, and the function it runs (returns the exit code)."""
 
     name: str
     help: str
@@ -87,11 +87,11 @@ def add_number(
     const: float | None = None,
     marked: bool = False,
 ) -> None:
-    """Add the option *name* (without dashes) for a number of the table of limits, which gives its range and help.
+    """Add the option *name* (without dashes) for a number; range and help come from the table of limits.
 
-    limit : its name in the table, where that is another; meaning : words instead of the table's; const : what the
-    option alone stands for; marked : None when it was not given, whatever the default is. Where ranges differ by axis,
-    :func:`see_axis_limits` sees to them.
+    limit : its name in the table, if different; meaning : help text, instead of the table's; const : value of the
+    option without an argument; marked : None if the option is absent, whatever the default. Ranges that differ by
+    axis are checked by :func:`see_axis_limits`.
     """
     rows = axes_of(limit or name)
     row = rows[0]
@@ -110,7 +110,7 @@ def add_number(
 
 
 def _typed(rows: Sequence[Limit]) -> Callable[[str], float]:
-    """Return what reads a number for argparse and refuses one that is outside its limits."""
+    """Return a parser of numbers for argparse that rejects values outside their limits."""
 
     def read(text: str) -> float:
         try:
@@ -129,12 +129,12 @@ def _help(rows: Sequence[Limit], meaning: str) -> str:
 
 
 def see_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
-    """See that the numbers whose range depends on ``args.axis`` are inside theirs.
+    """Check the numbers whose range depends on ``args.axis``.
 
     Raises
     ------
     UsageError
-        One is not; the message has its name.
+        A number is out of range; the message names it.
     """
     for name in names:
         value = getattr(args, name.replace("-", "_"))
@@ -149,8 +149,8 @@ def see_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
 def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_run: bool = False) -> None:
     """Add ``--connect`` and its companions, read with :func:`uri_of`.
 
-    otherwise : says in words what stands in for it; without, it must be given. of_run : it is the link of a recorded
-    run, and no settings file has a say in it.
+    otherwise : default shown in the help; empty if the option is required. of_run : the link belongs to a recorded
+    run, and no settings file changes it.
     """
     group = parser.add_argument_group("connection")
     if not of_run:
@@ -161,14 +161,14 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         metavar="URI",
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
         "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
-        "started for you, sitl:FILE.toml for one of your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' hides an "
-        f"effect in it (`gcs-autotune sitl --list-effects`), '?model=FILE' flies a model file{fallback}",
+        "started for you, sitl:FILE.toml for your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds an "
+        f"effect to it (`gcs-autotune sitl --list-effects`), '?model=FILE' simulates a model file{fallback}",
     )
     group.add_argument(
         "--backend",
         metavar="NAME",
         default="pymavlink",
-        help="what carries the messages: pymavlink (our own sockets and ports) or mavsdk (default pymavlink)",
+        help="transport of the messages: pymavlink (own sockets and ports) or mavsdk (default pymavlink)",
     )
     add_number(group, "baud", "BAUD")
     add_number(group, "system-id", "ID")
@@ -177,19 +177,19 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         "--signing-key",
         type=Path,
         metavar="FILE",
-        help="sign with the key (32 bytes) or passphrase (one line) in FILE; what the vehicle does not sign is refused",
+        help="sign with the key (32 bytes) or passphrase (one line) in FILE; unsigned messages are rejected",
     )
     group.add_argument(
         "--signing-passphrase",
         action="store_true",
-        help=f"the same with a passphrase asked for on the terminal; without either, that in {PASSPHRASE_VARIABLE} is "
-        "taken, if there is one",
+        help=f"sign with a passphrase typed at the terminal; without both options, that in {PASSPHRASE_VARIABLE} is "
+        "used, if set",
     )
     add_number(group, "seed", "N")
 
 
 def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
-    """Return the link: that of the command line, else of the settings file, else *otherwise*.
+    """Return the link of the command line, else of the settings file, else *otherwise*.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
     """
     uri = args.connect or args.configured_link or otherwise
     if not uri:
-        raise UsageError("say where the vehicle is: --connect URI (`gcs-autotune ports` tells who talks where)")
+        raise UsageError("no vehicle given. Use --connect URI; `gcs-autotune ports` lists the vehicles heard")
     return str(uri)
 
 
@@ -208,7 +208,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="run directory to make (default runs/<date>-<time>-<vehicle>-<axis>)",
+        help="run directory to create (default runs/<date>-<time>-<vehicle>-<axis>)",
     )
 
 
@@ -217,8 +217,8 @@ def add_fetch_log(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fetch-log",
         action="store_true",
-        help="after the run, once everything is put back, fetch the vehicle's own log of it into the run directory and "
-        "identify from that, too; refused before anything is armed where the vehicle tells no logs",
+        help="after the run, once everything is restored, fetch the vehicle's own log into the run directory and "
+        "identify from it too; a vehicle without logs is rejected before arming",
     )
 
 
@@ -228,18 +228,18 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
     loudness.add_argument(
         "--quiet",
         action="store_true",
-        help="no line of progress and no bell; announcements, warnings, questions and the end are told "
+        help="suppress the progress line and the bell; warnings, prompts and results are still shown "
         f"(bell only: {BELL_VARIABLE}=off in the environment)",
     )
     loudness.add_argument(
         "--verbose",
         action="store_true",
-        help="keep the lines of progress, tell what the vehicle says in words, and of an error where it came from",
+        help="keep the progress lines, show the vehicle's text messages, and show the traceback of an error",
     )
 
 
 def watching(args: argparse.Namespace) -> TerminalWatcher:
-    """Return who tells the terminal how a vehicle does, as loud as :func:`add_loudness` says."""
+    """Return the progress display of a vehicle; :func:`add_loudness` sets how much it shows."""
     from rich.console import Console
 
     from gcs_autotune.report import TerminalWatcher
@@ -248,9 +248,9 @@ def watching(args: argparse.Namespace) -> TerminalWatcher:
 
 
 def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:
-    """Return what tells the terminal how far a long calculation is, as loud as :func:`add_loudness` says.
+    """Return the progress display of a long calculation; :func:`add_loudness` sets how much it shows.
 
-    given : seconds after which it ends.
+    given : time limit of the calculation [s].
     """
     from rich.console import Console
 
@@ -265,20 +265,20 @@ def add_remote(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote",
         action="store_true",
-        help="for a program in the operator's place: progress and questions as JSON lines on standard output, STOP and "
-        "answers on standard input, whose end is a STOP (docs/serve.md)",
+        help="let a program be the operator: progress and questions as JSON lines on standard output, STOP and answers "
+        "on standard input; end of input is a STOP (docs/serve.md)",
     )
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
-    group = parser.add_argument_group("safety limits; leaving one ends the manoeuvre with neutral actuators")
+    group = parser.add_argument_group("safety limits; crossing one ends the manoeuvre with neutral actuators")
     for name in GUARDING:
         add_number(group, name)
 
 
 def envelope_from(args: argparse.Namespace) -> Envelope:
-    """Build the envelope from the options of :func:`add_envelope` (degrees and percent end here)."""
+    """Return the envelope of the options of :func:`add_envelope`, in SI and radians."""
     from gcs_autotune.manoeuvres import Envelope
 
     return Envelope(
@@ -307,8 +307,8 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         "--stop-rule",
         choices=("design", "settled"),
         default="design",
-        help="end when the gains are known (design), or when five periods agree within 10 %%, every step run to its "
-        "end and a boat turning about before each manoeuvre (settled); default design",
+        help="design (default): stop once the gains are known; settled: fly until five periods agree within 10 %%, run "
+        "every step to its end, and turn a boat around before each manoeuvre",
     )
     add_number(group, "throttle")
     add_number(group, "speed")
@@ -318,18 +318,18 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--structure",
         choices=("linear", "nonlinear", "affine"),
-        help="damping; nonlinear is quadratic, affine both (default: decided by data)",
+        help="damping; nonlinear is quadratic, affine both (default: chosen from the data)",
     )
 
 
 @contextmanager
 def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
-    """Open *uri* before anything else is done, even before what takes seconds to import, and yield the connection.
+    """Open *uri* before everything else, even the slow imports, and yield the connection.
 
     Raises
     ------
     UsageError, UnknownName, CannotOpenLink
-        The link cannot be had.
+        The link cannot be opened.
     """
     from gcs_autotune.link import open_link
 
@@ -339,32 +339,32 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
 
 
 def see_output(args: argparse.Namespace) -> None:
-    """See that the run can be kept in ``--out``, before anything is opened or imported that flies.
+    """Check that the run can be kept in ``--out``, before a link is opened.
 
     Raises
     ------
     UsageError
-        It already holds a run, or cannot be made.
+        It already holds a run, or cannot be created.
     """
     if args.out is not None:
         see_run_folder(args.out)
 
 
 def see_files(*paths: Path | None) -> None:
-    """See that what is to be read is there at all: a typo waits for no import of what reads it.
+    """Check that the files to read exist, before the slow imports.
 
     Raises
     ------
     BadFile
-        Something is not.
+        A file is missing.
     """
     for path in paths:
         if path is not None and not path.exists():
-            raise BadFile(f"{path}: no such file or run directory")
+            raise BadFile(f"{path} does not exist. Give a file or a run directory")
 
 
 def see_model_file(path: Path | None) -> None:
-    """See that a model file can be read at all, before anything is opened; what is in it is looked at later.
+    """Check that a model file can be read, before anything is opened; its contents are checked later.
 
     Raises
     ------
@@ -375,7 +375,7 @@ def see_model_file(path: Path | None) -> None:
         return
     see_files(path)
     if not isinstance(load_json(path, "a model file"), dict):
-        raise BadFile(f"{path} is no model file: it holds no object with the model's data")
+        raise BadFile(f"{path} is not a model file: it has no JSON object with a model. Write one with identify --save")
 
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:

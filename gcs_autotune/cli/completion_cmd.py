@@ -1,4 +1,4 @@
-"""``gcs-autotune completion``: what makes a shell complete verbs and options, made from the parsers."""
+"""``gcs-autotune completion``: a shell completion script, generated from the parsers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _run(args: argparse.Namespace) -> int:
     try:
         import shtab
     except ImportError:
-        raise UsageError("shell completion is made by the package shtab: pip install shtab") from None
+        raise UsageError("shell completion needs the package shtab. Run pip install shtab") from None
     from gcs_autotune.cli import make_parser
 
     parser = make_parser()
@@ -32,7 +32,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
-    """Mark each argument that is a path, as shtab wants it; say of a verb its one line, and name the manoeuvres."""
+    """Mark path arguments for shtab, shorten the help of verbs to one line, and add the manoeuvres."""
     from gcs_autotune.manoeuvres import MANOEUVRES
 
     for action in parser._actions:
@@ -49,7 +49,7 @@ def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
 
 COMMAND = Command(
     name="completion",
-    help="print what makes bash, zsh or fish complete verbs and options",
+    help="print a completion script for bash, zsh or fish",
     description="Print a completion script. bash: `gcs-autotune completion bash > "
     "~/.local/share/bash-completion/completions/gcs-autotune`; zsh: `> ~/.zfunc/_gcs-autotune` (fpath); "
     "fish: `> ~/.config/fish/completions/gcs-autotune.fish`.",

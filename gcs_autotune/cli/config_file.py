@@ -7,8 +7,8 @@
     [limits]
     max-distance = 40
 
-Looked for in the folder one works in, then in the user's configuration folder; the first found counts, alone. What is
-typed on the command line counts more. Numbers are held to the table of limits, like typed ones.
+It is searched in the working folder, then in the user's configuration folder; only the first one is used. The
+command line takes precedence. Numbers must be inside the table of limits, like typed ones.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ __all__ = ["CONFIG_NAME", "CONFIG_VARIABLE", "NO_CONFIG", "ConfigFile", "find_co
 
 CONFIG_NAME = "gcs-autotune.toml"
 CONFIG_VARIABLE = "GCS_AUTOTUNE_CONFIG"
-"""Environment variable that names the file, or ``none`` for no file."""
+"""Environment variable with the path of the file, or ``none`` for no file."""
 NONE = "none"
 
 _TEXTS = ("connect", "backend")
 _PATHS = ("signing-key",)
 _NUMBERS = ("baud", "system-id", "source-system")
 TABLES: Mapping[str, tuple[str, ...]] = {"link": (*_TEXTS, *_PATHS, *_NUMBERS), "limits": GUARDING}
-"""Table of the file -> options that may stand in it, by their names on the command line."""
+"""Table of the file -> options allowed in it, by their names on the command line."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConfigFile:
-    """What the file says: option (without dashes) -> value as the command line would have it; empty without a file."""
+    """Settings of the file: option (without dashes) -> value as the command line has it; empty without a file."""
 
     path: Path | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, parser: argparse.ArgumentParser) -> None:
-        """Make the values the defaults of *parser* and its verbs, and say so in the help of each option."""
+        """Make the values the defaults of *parser* and its verbs, and show them in the help of each option."""
         said = False
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):
@@ -69,7 +69,7 @@ class ConfigFile:
             parser.epilog = f"{parser.epilog + chr(10) * 2 if parser.epilog else ''}settings: {self.path}"
 
     def used_by(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Return what of the file is in force in *args*: options of this command that were not typed otherwise."""
+        """Return the settings of the file that apply in *args*: options of this command that were not typed."""
         found = {}
         for name, value in self.values.items():
             if name == "connect":
@@ -85,19 +85,21 @@ NO_CONFIG = ConfigFile()
 
 
 def find_config() -> Path | None:
-    """Return the file that counts, None where there is none.
+    """Return the path of the settings file, None if there is none.
 
     Raises
     ------
     UsageError
-        The environment names a file that is not there.
+        The file set in the environment does not exist.
     """
     named = os.environ.get(CONFIG_VARIABLE)
     if named is not None:
         if named.lower() in (NONE, ""):
             return None
         if not Path(named).is_file():
-            raise UsageError(f"{CONFIG_VARIABLE} names {named}, which is no file; '{NONE}' goes without")
+            raise UsageError(
+                f"{CONFIG_VARIABLE} is set to {named}, which is not a file. Set it to '{NONE}' to use no settings file"
+            )
         return Path(named)
     here = Path(CONFIG_NAME)
     if here.is_file():
@@ -109,24 +111,24 @@ def find_config() -> Path | None:
 
 
 def read_config(path: Path | None) -> ConfigFile:
-    """Read *path*, each value checked as if it had been typed.
+    """Read *path* and check each value as if it had been typed.
 
     Raises
     ------
     BadFile
-        It cannot be read. UsageError, UnknownName: a key is not known (the nearest are named), or a value out of range.
+        It cannot be read. UsageError, UnknownName: an unknown key (the message suggests the nearest) or a bad value.
     """
     if path is None:
         return NO_CONFIG
     try:
         tables = load_toml(path, "settings")
     except BadFile as error:
-        raise BadFile(f"{error}; {CONFIG_VARIABLE}={NONE} goes without it") from error
+        raise BadFile(f"{error}. Set {CONFIG_VARIABLE}={NONE} to run without it") from error
     values: dict[str, Any] = {}
     for table, pairs in tables.items():
         known = _found(TABLES, table, f"table in {path}")
         if not isinstance(pairs, dict):
-            raise UsageError(f"{path}: {table} is a table; write [{table}] and its settings below")
+            raise UsageError(f"{path}: {table} must be a table. Write [{table}] and its settings below it")
         for name, value in pairs.items():
             _found(dict.fromkeys(known), name, f"setting of [{table}] in {path}")
             try:
@@ -140,18 +142,18 @@ def _found(table: Mapping[str, Any], name: str, kind: str) -> Any:
     try:
         return lookup(table, name, kind)
     except UnknownName as error:
-        hint = f"{error} {CONFIG_VARIABLE}={NONE} goes without the file"
+        hint = f"{error} Set {CONFIG_VARIABLE}={NONE} to run without the file"
         raise UnknownName(hint, name=name, nearest=error.nearest) from None
 
 
 def _value(name: str, value: object, folder: Path) -> Any:
-    """Return a value as the command line would have it."""
+    """Return a value as the command line has it."""
     if name in _TEXTS or name in _PATHS:
         if not isinstance(value, str) or not value:
-            raise UsageError(f"a text in quotation marks is needed, not {clipped(repr(value))}")
+            raise UsageError(f"must be text in quotation marks, not {clipped(repr(value))}")
         return folder / Path(value).expanduser() if name in _PATHS else value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError(f"a number is needed, not {clipped(repr(value))}")
+        raise UsageError(f"must be a number, not {clipped(repr(value))}")
     return limit_of(name).check(float(value))
 
 

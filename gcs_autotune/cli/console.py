@@ -22,11 +22,11 @@ _STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 class ConsoleOperator:
     """Turns signals into a request to stop and asks questions on the terminal.
 
-    The first Ctrl-C (or SIGTERM, or the terminal closing) asks for an orderly stop: neutral actuators, mode
-    and parameters as found. Further ones only say that clean-up is under way: it is never cut short.
+    The first Ctrl-C (or SIGTERM, or the terminal closing) requests an orderly stop: neutral actuators, mode
+    and parameters restored. Further ones only report that clean-up is under way; it is never cut short.
 
-    yes : the answer to every question. otherwise : what else the command has for him who cannot be asked. bell :
-    whether a terminal rings when somebody is wanted.
+    yes : the answer to every question. otherwise : alternative to ``--yes`` that the error suggests. bell : ring
+    the terminal's bell for questions and at the end.
     """
 
     def __init__(self, *, yes: bool, otherwise: str = "", bell: bool = True) -> None:
@@ -37,11 +37,11 @@ class ConsoleOperator:
 
     @property
     def answered_beforehand(self) -> bool:
-        """Whether nobody is asked (``--yes``)."""
+        """Whether questions are answered by ``--yes``."""
         return self._yes
 
     def ring(self) -> None:
-        """Ring the terminal's bell: somebody is wanted. Silent where standard error is no terminal."""
+        """Ring the terminal's bell for attention. Silent if standard error is not a terminal."""
         if self._bell and sys.stderr and sys.stderr.isatty():
             sys.stderr.write("\a")
             sys.stderr.flush()
@@ -52,7 +52,7 @@ class ConsoleOperator:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Catch the stop signals while inside; the previous handlers come back afterwards. Rings for a bad end."""
+        """Catch the stop signals inside; restore the previous handlers afterwards. Rings after an error."""
         numbers = [getattr(signal, name) for name in _STOP_SIGNALS if hasattr(signal, name)]
         previous = {number: signal.signal(number, self._note) for number in numbers}
         try:
@@ -70,14 +70,14 @@ class ConsoleOperator:
         Raises
         ------
         UsageError
-            When there is nobody to ask and ``--yes`` was not given.
+            Standard input is not a terminal and ``--yes`` was not given.
         """
         if self._yes:
             return True
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
-                f"'{question}' cannot be asked: standard input is no terminal. Give --yes to agree "
-                f"beforehand{self._otherwise}"
+                f"cannot ask '{question}': standard input is not a terminal. Add --yes to agree in advance"
+                f"{self._otherwise}"
             )
         answers: list[str] = []
         reader = threading.Thread(target=lambda: answers.append(sys.stdin.readline()), daemon=True)
@@ -92,14 +92,14 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        _tell("still putting things back; please wait\n" if again else "\nstopping: putting things back as found\n")
+        _tell("Still restoring; please wait.\n" if again else "\nStopping: restoring mode and parameters.\n")
 
 
 def _tell(text: str) -> None:
-    """Write *text* to standard error from within a signal handler, which must never raise into what is flown.
+    """Write *text* to standard error from a signal handler, which must never raise into the flight loop.
 
-    A write of ours may be just under way, whose buffer refuses a second one from the same thread: the words go past it.
-    And a terminal that closes sends its signal, then takes no words any more.
+    Another write may be under way in the same thread, and its buffer rejects a second one: bypass the buffer.
+    A closing terminal sends its signal first and then accepts no output.
     """
     try:
         number = sys.stderr.fileno()

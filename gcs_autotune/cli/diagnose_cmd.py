@@ -1,4 +1,4 @@
-"""``gcs-autotune diagnose``: what a simulation gets wrong, and why."""
+"""``gcs-autotune diagnose``: what a simulation gets wrong, and the cause."""
 
 from __future__ import annotations
 
@@ -21,12 +21,8 @@ __all__ = ["COMMAND"]
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
-    parser.add_argument(
-        "--list-effects", action="store_true", help="show the effects there are and their parameters, and end"
-    )
-    base = parser.add_argument_group(
-        "the simulation in question (default: uncoupled, linear damping, fitted to the runs)"
-    )
+    parser.add_argument("--list-effects", action="store_true", help="list the effects and their parameters, then exit")
+    base = parser.add_argument_group("simulation to examine (default: uncoupled, linear damping, fitted to the runs)")
     base.add_argument("--model", type=Path, metavar="FILE", help="a model file of identify, tune or diagnose (JSON)")
     base.add_argument(
         "--simulation",
@@ -35,9 +31,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=Path,
         metavar="RUN",
-        help="what another simulator made of the same commands, one per run, in the same order",
+        help="output of another simulator for the same commands: one file per run, in the same order",
     )
-    what = parser.add_argument_group("what to look at")
+    what = parser.add_argument_group("what to examine")
     what.add_argument(
         "--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ..., or horizontal (default: all in the file)"
     )
@@ -52,7 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=Path,
         metavar="RUN",
-        help="runs to measure the gain on (default: parts of the runs are left out in turn)",
+        help="held-out runs to measure the improvement on (default: parts of the runs are held out in turn)",
     )
     add_number(parser, "horizon", "S")
     add_number(parser, "max-seconds", "S")
@@ -60,7 +56,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume",
         type=Path,
         metavar="DIR",
-        help="go on with the search that was stopped and wrote DIR: same runs and options; the results go there again",
+        help="continue the stopped search that wrote DIR, with the same runs and options; results go to DIR again",
     )
     add_number(parser, "jobs", "N")
     add_reading(parser)
@@ -70,9 +66,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="where report.html, diagnosis.json and model.json go (default diagnose-RUN)",
+        help="directory for report.html, diagnosis.json and model.json (default diagnose-RUN)",
     )
-    out.add_argument("--json", action="store_true", help="print JSON on standard output; no files unless --out")
+    out.add_argument("--json", action="store_true", help="print JSON on standard output; write files only with --out")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -81,7 +77,9 @@ def _run(args: argparse.Namespace) -> int:
     if not args.list_effects:
         see_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters, args.resume)
         if args.resume is not None and args.out is not None:
-            raise UsageError("give --resume or --out: a resumed search writes where it was stopped")
+            raise UsageError(
+                "use --resume or --out, not both: a resumed search writes to the directory it was stopped in"
+            )
     from rich.console import Console
     from rich.text import Text
 
@@ -123,7 +121,9 @@ def _run(args: argparse.Namespace) -> int:
     console.print(diagnosis_summary(told))
     console.print(Text(f"\nPage: {page}{replaced}"), soft_wrap=True)
     if told.verdict == "unfinished":
-        console.print(Text(f"Not finished. The same command with --resume {directory} goes on."), soft_wrap=True)
+        console.print(
+            Text(f"Not finished. Run the same command with --resume {directory} to continue."), soft_wrap=True
+        )
     return 0
 
 
@@ -146,10 +146,10 @@ def _list(*, as_json: bool) -> int:
 
 COMMAND = Command(
     name="diagnose",
-    help="say what a simulation gets wrong, name the cause, and extend the model by it",
+    help="find what a simulation gets wrong, identify the cause, and extend the model by it",
     description="Compare measured runs with a plain simulation of the same commands (or --model, or --simulation), "
-    "name what is missing from it, and measure the gain on data it has not seen. Any verdict ends with exit code 0. "
-    "Searches are limited by work, not by time: every machine gives the same answer.",
+    "identify what is missing from it, and measure the improvement on held-out data. Every verdict exits with code 0. "
+    "Searches are limited by work, not by time, so every machine gives the same result.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune doctor`` and ``gcs-autotune ports``: is this machine fit for a tune, and who talks on its ports?"""
+"""``gcs-autotune doctor`` and ``gcs-autotune ports``: check this computer, list vehicles heard on its ports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["DOCTOR", "PORTS"]
 
 UNFIT = 1
-"""Exit code: something is in the way of a tune."""
+"""Exit code: something prevents a tune."""
 SIGNS = {"fine": " ", "note": "!", "wrong": "X"}
 
 
@@ -25,7 +25,7 @@ def _add_listening(parser: argparse.ArgumentParser) -> None:
         "--connect",
         metavar="URI",
         action="append",
-        help="listen to this link only (default: every serial port at 57600 and 115200 baud, and UDP 14550)",
+        help="listen on this link only (default: every serial port at 57600 and 115200 baud, and UDP 14550)",
     )
     add_number(parser, "listen", "S")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
@@ -53,7 +53,7 @@ def _ports(args: argparse.Namespace) -> int:
 
 
 def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
-    """Listen on each port for a while and tell of each as it is done."""
+    """Listen on each port in turn and print the result of each."""
     from gcs_autotune.workflow import listened_to
 
     found: list[dict[str, object]] = []
@@ -74,16 +74,16 @@ def _print(sign: str, what: str, text: str) -> None:
 
 DOCTOR = Command(
     name="doctor",
-    help="look this machine over: programs, clock, disk, caches, ports and who talks on them",
-    description="Look over what a tune needs of this machine, and listen on its ports. Nothing is sent and nothing "
-    "moves. A line that begins with X is in the way of a tune (exit code 1), one with ! is worth knowing.",
+    help="check this computer: programs, clock, disk, caches, ports and the vehicles on them",
+    description="Check what a tune needs of this computer, and listen on its ports. Nothing is sent and nothing moves. "
+    "A line with X prevents a tune (exit code 1); a line with ! is a caution.",
     add_arguments=_add_listening,
     run=_doctor,
 )
 PORTS = Command(
     name="ports",
-    help="list the ports a vehicle may be at, and who talks on them",
-    description="List this machine's serial ports and UDP 14550, each with who was heard there, and how to --connect. "
+    help="list the ports and the vehicles heard on them",
+    description="List this computer's serial ports and UDP 14550, the vehicle heard on each, and its --connect option. "
     "Nothing is sent.",
     add_arguments=_add_listening,
     run=_ports,

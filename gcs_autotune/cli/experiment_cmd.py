@@ -1,4 +1,4 @@
-"""``gcs-autotune experiment``: swing and identify, change nothing."""
+"""``gcs-autotune experiment``: fly relay experiments and identify; writes no parameter."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ DEFAULT_CONNECTION = "sitl:videoray"
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=(*AXES, *OTHER_NAMES), help="what to swing")
+    parser.add_argument("axis", choices=(*AXES, *OTHER_NAMES), help="degree of freedom to identify")
     add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
     add_fetch_log(parser)
-    parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
+    parser.add_argument("--yes", action="store_true", help="answer yes to every question")
     add_loudness(parser)
     add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
@@ -57,7 +57,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _experiment(args: argparse.Namespace, connection: Connection) -> int:
-    """Fly and identify over a link that is open, and tell of it."""
+    """Fly and identify over an open link, and show the result."""
     from rich.console import Console
 
     from gcs_autotune.report import fit_summary
@@ -97,9 +97,9 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
 
 COMMAND = Command(
     name="experiment",
-    help="swing the craft and identify it; write no parameter",
-    description="Fly two self-oscillation experiments in one degree of freedom and identify it. No parameter is "
-    "written. Without --connect a simulated vehicle is used.",
+    help="fly relay experiments and identify one degree of freedom; writes no parameter",
+    description="Fly two relay experiments in one degree of freedom and identify it. No parameter is written. "
+    "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

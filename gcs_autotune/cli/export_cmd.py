@@ -1,4 +1,4 @@
-"""``gcs-autotune export``: an identified model in the words of another simulator."""
+"""``gcs-autotune export``: an identified model in the format of another simulator."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["COMMAND"]
 
 TARGETS = ("ardupilot-json", "gazebo", "fossen", "matlab", "csv")
-"""Names of ``export.TARGETS``, told here because that takes a second to import."""
+"""Names of ``export.TARGETS``, listed here because importing that takes a second."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file of identify --save, tune or diagnose")
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (of identify --save, tune or diagnose)")
     parser.add_argument("--to", required=True, choices=TARGETS, help="for whom")
     parser.add_argument(
         "--full-scale",
         metavar="X=F,N=F",
         default="",
-        help="force [N] or moment [N m] at full output, where the model does not say (ardupilot-json)",
+        help="force [N] or moment [N m] at full output, for a model without it (ardupilot-json)",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where it goes (default MODEL with its own suffix)")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="file to write (default MODEL with the target's suffix)"
+    )
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -43,16 +45,16 @@ def _run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise BadFile(f"{path} cannot be written: {error.strerror}") from error
     for what in written.left:
-        sys.stderr.write(f"not in it: {visible(what)}\n")
+        sys.stderr.write(f"Not exported: {visible(what)}\n")
     sys.stdout.write(f"{visible(str(path))}{replaced}\n")
     return 0
 
 
 COMMAND = Command(
     name="export",
-    help="write a model for ArduPilot's simulator, Gazebo, Fossen's simulator, MATLAB or as a table",
-    description="Write an identified model, effects included as far as they can be said there, for another simulator. "
-    "What a target cannot say is told on standard error and in the file.",
+    help="write a model for ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table",
+    description="Write an identified model for another simulator, with the effects that its format can express. "
+    "What it cannot express is listed on standard error and in the file.",
     add_arguments=_add_arguments,
     run=_run,
 )

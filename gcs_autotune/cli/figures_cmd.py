@@ -1,4 +1,4 @@
-"""``gcs-autotune figures``: what ship people read off a zig-zag, a turning circle, a spiral or a pull-out."""
+"""``gcs-autotune figures``: IMO and ITTC figures of a zig-zag, turning circle, spiral, pull-out or stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="RUN",
-        help="CSV files with heads like t[s],psi[deg],delta[deg], or folders",
+        help="CSV files with column heads like t[s],psi[deg],delta[deg], or folders of them",
     )
     parser.add_argument(
         "--manoeuvre", metavar="NAME", help="zig-zag, turning-circle, spiral, reverse-spiral, pull-out or stopping"
@@ -54,9 +54,9 @@ def _known(value: float | None) -> float:
 
 COMMAND = Command(
     name="figures",
-    help="read ship figures (IMO, ITTC) off a zig-zag, turning circle, spiral, pull-out or stop",
-    description="Recognise the manoeuvre in a recorded run and print its figures with standard errors, the criteria of "
-    "IMO MSC.137(76) beside them: overshoot angles, initial turning, advance, tactical diameter, stability.",
+    help="compute ship figures (IMO, ITTC) from a zig-zag, turning circle, spiral, pull-out or stop",
+    description="Recognise the manoeuvre in a recorded run and print its figures with standard errors and the criteria "
+    "of IMO MSC.137(76): overshoot angles, initial turning, advance, tactical diameter, stability.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune fly``: a manoeuvre of the table, or a plan of several: previewed, announced, flown, read."""
+"""``gcs-autotune fly``: preview, announce and fly a manoeuvre or a plan, and evaluate it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ OPTIONS = (
     "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
     "second-hysteresis", "wall-hysteresis", "least-distance",
 )  # fmt: skip
-"""What one manoeuvre or another takes."""
+"""Options of the manoeuvres."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,45 +53,48 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "manoeuvre",
         nargs="?",
         metavar="NAME|PLAN.toml",
-        help="what to fly: a name that --list tells, or a plan",
+        help="what to fly: a name from --list, or a plan file",
     )
-    parser.add_argument("--list", action="store_true", help="tell the manoeuvres there are, and what each takes")
+    parser.add_argument("--list", action="store_true", help="list the manoeuvres and their options")
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="only draw the predicted track and tell time and room, by --model or the vehicle's own figures",
+        help="only plot the predicted track and show time and space, from --model or the vehicle's own parameters",
     )
     parser.add_argument(
         "--resume",
         type=Path,
         metavar="DIR",
-        help="go on with the plan in DIR: what is flown is not flown again; with --until: what DIR tells is known",
+        help="continue the plan in DIR without repeating completed runs; with --until: start from the runs in DIR",
     )
     parser.add_argument(
         "--until",
         metavar="PRECISION",
-        help="after each run identify, and fly what tells most, until these parameters are known so well: 'N_r 5%%, "
-        "Y_v 10%%'",
+        help="identify after each run and fly the most informative one next, until these intervals are reached: 'N_r "
+        "5%%, Y_v 10%%'",
     )
     parser.add_argument(
         "--form",
         default="",
-        help="with --until: the degree of freedom or coupled form identified (default: the smallest that has them all)",
+        help="with --until: degree of freedom or coupled form to identify (default: the smallest with all parameters)",
     )
     add_number(parser, "total-time", "MIN", marked=True)
     add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; none for a --preview with --model")
     add_output(parser)
     group = add_flight(parser, OPTIONS)
-    group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="the side it begins to")
+    group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="side of the first turn")
     group.add_argument(
-        "--force", choices=tuple("XYZKMN"), default="", help="the force driven, of those that take any (default N)"
+        "--force",
+        choices=tuple("XYZKMN"),
+        default="",
+        help="force to drive, for manoeuvres that can drive any (default N)",
     )
-    group.add_argument("--model", type=Path, metavar="FILE", help="model file to preview with, as identify writes them")
+    group.add_argument("--model", type=Path, metavar="FILE", help="model file for the preview (of identify --save)")
     add_number(group, "full-scale", "F")
 
 
 def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argparse._ArgumentGroup:
-    """Add the *options* of a manoeuvre and what every flight takes, and return their group."""
+    """Add the *options* of a manoeuvre and those of every flight; return their group."""
     group = parser.add_argument_group("manoeuvre")
     for name in options:
         add_number(group, name, marked=True)
@@ -100,9 +103,10 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
     parser.add_argument(
         "--area",
         metavar="POLYGON|GEOJSON",
-        help="where it may go: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file (beside its own fence)",
+        help="area the craft must stay in: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file; the "
+        "vehicle's own fence holds too",
     )
-    parser.add_argument("--yes", action="store_true", help="answer the question with yes beforehand")
+    parser.add_argument("--yes", action="store_true", help="answer yes to every question")
     add_fetch_log(parser)
     add_loudness(parser)
     add_remote(parser)
@@ -116,9 +120,9 @@ def _run(args: argparse.Namespace) -> int:
         return _list()
     see_output(args)
     if args.until is None and (args.form or args.total_time is not None):
-        raise UsageError(f"--{'form' if args.form else 'total-time'} goes with --until 'N_r 5%, Y_v 10%'")
+        raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until, e.g. --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
-        raise UsageError("say what to fly; `gcs-autotune fly --list` tells what there is")
+        raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
     _see_it_is_known(args)
     see_model_file(args.model)
     _precision(args)
@@ -128,7 +132,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _see_it_is_known(args: argparse.Namespace) -> None:
-    """Refuse a manoeuvre that is in no table before anything is imported that flies or fits."""
+    """Reject an unknown manoeuvre before the slow imports."""
     from gcs_autotune.manoeuvres import MANOEUVRES
     from gcs_autotune.registry import lookup
 
@@ -139,14 +143,14 @@ def _see_it_is_known(args: argparse.Namespace) -> None:
 def run_flight(
     args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
 ) -> int:
-    """Open the link (*otherwise* where none is given), fly, and tell of it; *recheck*: judge the loop of that axis."""
+    """Open the link (default *otherwise*), fly, and show the result; *recheck*: judge the loop of that axis."""
     see_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)
 
 
 def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -> int:
-    """Fly over a link that is open, and tell the verdict on the loop of *axis*."""
+    """Fly over an open link and show the verdict on the loop of *axis*."""
     from rich.console import Console
 
     from gcs_autotune.report import recheck_summary
@@ -171,7 +175,7 @@ def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -
 
 
 def _runs(directory: Path) -> Path:
-    """Return where earlier runs lie: beside the run in *directory*, where a folder of runs was made for it."""
+    """Return the folder of earlier runs: the parent of *directory*, or ``runs``."""
     beside = directory.parent
     return beside if beside != Path() else Path("runs")
 
@@ -180,18 +184,18 @@ def _list() -> int:
     from gcs_autotune.manoeuvres import MANOEUVRES
 
     for kind in MANOEUVRES.values():
-        tells = f"Tells about {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
+        tells = f"Excites {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
         if kind.for_force:
-            tells = "Tells about what is driven. "
+            tells = "Excites the driven force. "
         options = (*(["force"] if kind.for_force else []), *kind.options)
         how = f"takes {', '.join(f'--{n}' for n in options)}" if kind.make else f"flown by {kind.command}"
-        text = f"{kind.help}. {tells}Room: {kind.room}; {how}."
+        text = f"{kind.help}. {tells}Space: {kind.room}; {how}."
         sys.stdout.write(f"{kind.name}\n{textwrap.fill(text, 80, initial_indent='    ', subsequent_indent='    ')}\n")
     return 0
 
 
 def _precision(args: argparse.Namespace) -> Precision | None:
-    """Return what --until asks for, read before anything is opened."""
+    """Return the precision that ``--until`` requires, parsed before anything is opened."""
     if args.until is None:
         return None
     from gcs_autotune.workflow import precision_of
@@ -205,7 +209,7 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
 ) -> tuple[FlightPlan, TuneSettings]:
-    """Return what is flown, and what all of it has in common; *label*: of its run directory."""
+    """Return the flight plan and the settings its runs share; *label*: of the run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area
@@ -218,9 +222,14 @@ def _plan(
     of_plan = what.endswith(".toml")
     typed = {name: value for name in OPTIONS if (value := getattr(args, name.replace("-", "_"))) is not None}
     if of_plan and (typed or args.force):
-        raise UsageError(f"--{next(iter(typed), 'force')} goes into the plan, under [defaults] or its [[run]]")
+        raise UsageError(
+            f"--{next(iter(typed), 'force')} does not apply to a plan. Write it in the plan, under [defaults] or "
+            f"[[run]]"
+        )
     if of_plan and until is not None:
-        raise UsageError("a plan says all its runs: --until goes with one manoeuvre, or none")
+        raise UsageError(
+            "--until does not apply to a plan, which lists all its runs. Use it with one manoeuvre, or none"
+        )
     common = TuneSettings(
         axis="heading",
         connection=connection,
@@ -266,15 +275,15 @@ def _tell_preview(result: FlightResult) -> int:
     for run in result.runs:
         of = f"{run.planned.name}: " if len(result.runs) > 1 else ""
         sys.stdout.write(f"Predicted: {of}{run.preview.told()}\n")
-    sys.stdout.write(f"Drawn in {result.page}\n")
+    sys.stdout.write(f"Plotted in {result.page}\n")
     troubles = [run.preview.trouble for run in result.runs if run.preview.trouble]
     if troubles:
-        raise UsageError(f"it had better not be flown so: {troubles[0]}")
+        raise UsageError(f"do not fly this: {troubles[0]}")
     return 0
 
 
 def _fly(args: argparse.Namespace, connection: Connection) -> int:
-    """Fly over a link that is open, and tell of it."""
+    """Fly over an open link and show the result."""
     from rich.console import Console
 
     from gcs_autotune.report import model_summary, sheets_summary
@@ -303,7 +312,7 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
             console.print(model_summary(model.fit))
             if model.unseen is not None:
                 held = ", ".join(model.held_out)
-                console.print(f"Prediction of {held}, held out of the fit: {model.unseen.fit_percent:.1f} %\n")
+                console.print(f"Held-out prediction of {held}: {model.unseen.fit_percent:.1f} %\n")
         for step in result.steps:
             console.print(f"{step.run}: {step.precision.told(step.outlook.relative)}", highlight=False, markup=False)
         if result.steps:
@@ -317,9 +326,9 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
 COMMAND = Command(
     name="fly",
-    help="fly a standard manoeuvre (zig-zag, circle, steps ...), its preview before, figures and model after",
-    description="Preview a manoeuvre, say what will be done, fly it inside the safety limits, put everything back, and "
-    "read figures and model off the record. No parameter is written. Without --connect a simulated boat is used.",
+    help="fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model",
+    description="Preview and announce a manoeuvre, fly it inside the safety limits, restore everything, and compute "
+    "figures and a model from the record. No parameter is written. Without --connect a simulated boat is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

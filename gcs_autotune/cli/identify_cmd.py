@@ -1,9 +1,8 @@
-"""``gcs-autotune identify``: a model from recorded runs, with a page of pictures."""
+"""``gcs-autotune identify``: a model from recorded runs, with a page of plots."""
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -15,6 +14,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, progress
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
+from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -27,26 +27,15 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 MOST = 1e12
-"""The largest number that a constant of a craft or an option of a method may be: that of a large ship in SI units."""
+"""Largest constant of a craft or option of a method: that of a large ship in SI units."""
 
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
-"""Degrees of freedom and the forms shipped, by name: a typo is refused before the tables, and SciPy, are imported."""
-_ROW = re.compile(r'\bMethod\(\s*"([^"]+)"')
-"""A row of the table of methods, wherever in that room it is written."""
-
-
-def method_names() -> tuple[str, ...]:
-    """Return the names of the methods, read off their rows: their table imports all that computes."""
-    table = sys.modules.get("gcs_autotune.identify.methods")
-    if table is not None:
-        return tuple(table.METHODS)
-    files = sorted(Path(__file__).parents[1].joinpath("identify").rglob("*.py"))
-    return tuple(dict.fromkeys(name for file in files for name in _ROW.findall(file.read_text(encoding="utf-8"))))
+"""Names of degrees of freedom and shipped forms, to reject a typo before SciPy is imported."""
 
 
 def _see_method_is_known(name: str, *besides: str) -> None:
-    lookup(dict.fromkeys((*method_names(), *besides)), name, "identification method")
+    lookup(dict.fromkeys((*METHOD_PLACES, *besides)), name, "identification method")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,21 +45,21 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dof",
         choices=MOTIONS,
         metavar="DOF",
-        help="yaw, surge, sway, heave, roll, pitch; horizontal, 6dof (default: what was moved)",
+        help="yaw, surge, sway, heave, roll, pitch, horizontal or 6dof (default: what was excited)",
     )
     what.add_argument(
         "--structure",
         metavar="S",
-        help="one axis: its damping, linear, nonlinear (quadratic) or affine (both; default: decided by data); "
-        "several: form name or TOML file",
+        help="one axis: damping linear, nonlinear (quadratic) or affine (both; default: chosen from the data); "
+        "coupled: form name or TOML file",
     )
     what.add_argument(
         "--known",
         action="append",
         default=[],
         metavar="K=V,..",
-        help="constants of the craft in SI units: m=11,I_z=2.1; x_P=0.3,y_P=-0.1: where the sensor of speed and "
-        "position sits, ahead and to starboard",
+        help="constants of the craft in SI units: m=11,I_z=2.1; x_P=0.3,y_P=-0.1 place the sensor of speed and "
+        "position, ahead and to starboard",
     )
     what.add_argument(
         "--plan",
@@ -88,14 +77,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start",
         type=Path,
         metavar="FILE",
-        help="a model file (identify --save, diagnose): its structure, effects and values are where the fit begins",
+        help="model file (of identify --save or diagnose) whose structure, effects and values start the fit",
     )
     how = parser.add_argument_group("method")
     how.add_argument(
         "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
     )
     how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen)")
-    how.add_argument("--robust", action="store_true", help="bear with outliers (soft-L1 loss)")
+    how.add_argument("--robust", action="store_true", help="reduce the weight of outliers (soft-L1 loss)")
     how.add_argument(
         "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
     )
@@ -104,8 +93,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
     )
-    check.add_argument("--no-check", action="store_true", help="skip the check on data left out (faster)")
-    check.add_argument("--choose", action="store_true", help="coupled models: drop the terms these runs do not justify")
+    check.add_argument("--no-check", action="store_true", help="skip the held-out check (faster)")
+    check.add_argument("--choose", action="store_true", help="coupled models: drop terms that the runs do not support")
     add_number(check, "plan-next", "S", const=60.0)
     check.add_argument(
         "--profile",
@@ -117,12 +106,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--compare",
         metavar="MODEL",
-        help="a model file, or a method: where a step settles and how soon, beside what is found here",
+        help="model file or method to compare with: final value and settling time of a step",
     )
     out = parser.add_argument_group("output")
-    out.add_argument(
-        "--page", type=Path, metavar="FILE", help="where the page of pictures goes (default identify-RUN.html)"
-    )
+    out.add_argument("--page", type=Path, metavar="FILE", help="file for the page of plots (default identify-RUN.html)")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the model as a model file (sitl, tune, --start)")
     out.add_argument("--no-page", action="store_true", help="write no page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
@@ -191,7 +178,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str, float]) -> int:
-    """Identify step by step, as a plan says."""
+    """Identify step by step, following a plan."""
     from rich.console import Console
 
     from gcs_autotune.identify import load_plan, run_plan
@@ -206,8 +193,10 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 
 
 def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | None:
-    """Return the model file of the one run directory named, when its *runs* were fitted with effects: without these
-    they may not be explained at all. None when anything else is asked for, or the runs tell their thrust curve alone.
+    """Return the model file of the one run directory given, if its *runs* were fitted with effects.
+
+    Without these effects the runs may not be explained. None for other options, or if the runs alone determine the
+    thrust curve.
     """
     from gcs_autotune.identify import load_model
 
@@ -220,12 +209,12 @@ def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | Non
 
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
-    """Return the model to compare with: of a file, or the name of a method."""
+    """Return the model to compare with: that of a file, or the name of a method."""
     return load(Path(text)) if text is not None and _is_file(text) else text
 
 
 def _is_file(text: str) -> bool:
-    """Whether *text* is a file's name, not that of a method."""
+    """Return whether *text* is a file name rather than a method."""
     return bool(Path(text).suffix) or Path(text).exists()
 
 
@@ -234,7 +223,7 @@ def _numbers(pairs: list[str]) -> dict[str, float]:
     found = {}
     for name, value in _options("--known", [pair.strip() for text in pairs for pair in text.split(",")]).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
-            raise UsageError(f"--known {name}={value}: a number is needed")
+            raise UsageError(f"--known {name}={value}: not a number")
         found[name] = float(value)
     return found
 
@@ -254,12 +243,12 @@ def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
     for pair in pairs:
         key, sign, value = pair.partition("=")
         if not sign or not key:
-            raise UsageError(f"{flag} {clipped(pair)}: write it as name=value")
+            raise UsageError(f"{flag} {clipped(pair)}: write name=value")
         if value.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
-            raise UsageError(f"{flag} {clipped(pair)}: a finite number is needed")
+            raise UsageError(f"{flag} {clipped(pair)}: not a finite number")
         found[key] = _value(flag, pair, value)
         if isinstance(found[key], (int, float)) and not abs(found[key]) <= MOST:
-            raise UsageError(f"{flag} {clipped(pair)}: the number is too large; at most {MOST:g}")
+            raise UsageError(f"{flag} {clipped(pair)}: too large. The largest allowed is {MOST:g}")
     return found
 
 
@@ -285,7 +274,7 @@ COMMAND = Command(
     help="identify inertia, damping and constant force from recorded runs",
     description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
     "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
-    "r[rad/s], N[N m], telemetry logs (.tlog) or logs on board (.bin). Several runs are fitted together.",
+    "r[rad/s], N[N m], telemetry logs (.tlog) or onboard logs (.bin). Several runs are fitted together.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune logs``: what is in a log, and its runs as CSV files."""
+"""``gcs-autotune logs``: show the contents of a log, write its runs as CSV files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 FORMATS = (
-    "telemetry logs (.tlog), logs on board (.bin, or .log as text), Mission Planner's and mavlogdump's CSV of one, "
+    "telemetry logs (.tlog), onboard logs (.bin, or .log as text), their CSV from Mission Planner or mavlogdump, "
     "QGroundControl's CSV, PX4's ULog (.ulg)"
 )
 
@@ -41,21 +41,23 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     show = actions.add_parser("list", help="show what is in logs: messages, modes, parameters, runs; writes nothing")
     take = actions.add_parser("import", help="write the runs in logs as CSV files with their meta data")
-    fetch = actions.add_parser("fetch", help="fetch a log from the vehicle's own card over the link")
+    fetch = actions.add_parser("fetch", help="fetch a log from the vehicle's SD card over the link")
     add_number(fetch, "number", "N")
-    fetch.add_argument("--out", type=Path, metavar="FILE", help="where it goes (default log-N.bin)")
+    fetch.add_argument("--out", type=Path, metavar="FILE", help="file to write (default log-N.bin)")
     add_connection(fetch)
     add_loudness(fetch)
     for action in (show, take):
         action.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
-        add_number(action, "system-id", "ID", meaning="the vehicle, in a log that heard several")
+        add_number(action, "system-id", "ID", meaning="system id of the vehicle, in a log with several")
         add_parameters(action.add_argument_group("parameters"))
         action.add_argument("--json", action="store_true", help="print JSON on standard output")
     take.add_argument("--out", type=Path, metavar="DIR", help="folder for the runs (default runs/log-FILE)")
     take.add_argument(
-        "--all", action="store_true", help="also stretches from which nothing can be identified (motion only, at rest)"
+        "--all",
+        action="store_true",
+        help="also write segments that nothing can be identified from (motion only, at rest)",
     )
-    take.add_argument("--dry-run", action="store_true", help="show what would be imported, write nothing")
+    take.add_argument("--dry-run", action="store_true", help="show what would be imported, without writing")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -109,7 +111,9 @@ def _show(args: argparse.Namespace) -> int:
         for path in written:
             sys.stdout.write(f"{visible(str(path))}\n")
     if args.action == "import" and not args.dry_run and not written:
-        raise NotInformative("no run was written: none can be identified from; --all writes the other stretches too")
+        raise NotInformative(
+            "no run was written: no segment has both input and motion. Use --all to write the other segments"
+        )
     return 0
 
 
@@ -121,18 +125,18 @@ def _read(path: Path, args: argparse.Namespace) -> tuple[Recording, Cut]:
     if log is None:
         form = format_of(path)
         if form is None and path.is_dir():
-            raise BadFile(f"{path} is a folder: name the logs in it")
+            raise BadFile(f"{path} is a folder. Give the log files in it")
         if form is None:
             load_trial(path)  # whatever is no table says so itself
         what = form.name if form else "a table of runs (name[unit] heads)"
         raise BadFile(
-            f"{path} is {what}: it needs no import, gcs-autotune identify and diagnose read it. Logs: {FORMATS}"
+            f"{path} is {what} and needs no import: gcs-autotune identify and diagnose read it. Logs: {FORMATS}"
         )
     return log, cut_runs(log)
 
 
 def _labels(files: Sequence[Path]) -> list[str]:
-    """Return a name for each file: its stem, with its suffix or a number where that is not enough."""
+    """Return a unique name for each file: its stem, with suffix or number if needed."""
     names = [p.stem for p in files]
     if len(set(names)) < len(names):
         names = [p.name for p in files]
@@ -146,9 +150,10 @@ def _print(data: dict[str, Any]) -> None:
 
 COMMAND = Command(
     name="logs",
-    help="show what is in a telemetry or onboard log, and import its runs",
-    description=f"Read {FORMATS}: show what is in them, or write their runs, one per stretch armed in one mode, as CSV "
-    "files that every other command takes. identify and diagnose read the logs themselves, too.",
+    help="show the contents of a telemetry or onboard log, and import its runs",
+    description=f"Read {FORMATS}. Show their contents, or write their runs as CSV files for the other commands; a run "
+    f"is a "
+    "segment armed in one mode. identify and diagnose also read the logs directly.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune params``: save parameters to a file, or put a file's parameters back."""
+"""``gcs-autotune params``: save parameters to a file, or restore them from one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     save.add_argument("file", type=Path, metavar="FILE", help="NAME,VALUE lines, or JSON when it ends in .json")
     add_connection(save)
     add_loudness(save)
-    restore = actions.add_parser("restore", help="put a file's parameters back and verify each by reading it")
+    restore = actions.add_parser("restore", help="restore a file's parameters and verify each by reading back")
     restore.add_argument("file", type=Path, metavar="FILE", help="as written by `params save` or by `tune`")
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
     add_connection(restore, otherwise="the link of the run the file belongs to", of_run=True)
@@ -50,7 +50,7 @@ def _run(args: argparse.Namespace) -> int:
 COMMAND = Command(
     name="params",
     help="save or restore a vehicle's parameters",
-    description="Save a vehicle's parameters to a file, or put a file's parameters back.",
+    description="Save a vehicle's parameters to a file, or restore them from a file.",
     add_arguments=_add_arguments,
     run=_run,
 )

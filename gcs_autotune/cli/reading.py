@@ -1,4 +1,4 @@
-"""The options that say how recorded runs are read, for every command that takes runs."""
+"""Options for reading recorded runs, shared by every command that takes runs."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ __all__ = ["add_parameters", "add_reading", "add_runs", "full_scale", "read_othe
 
 
 _STRETCH = re.compile("0*[1-9][0-9]{0,5}")
-"""Number of a stretch of a log; no log has a million."""
+"""Largest segment number accepted; no log has a million segments."""
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
-    """Add the runs themselves."""
+    """Add the argument for the runs."""
     parser.add_argument(
         "runs",
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="a run directory, a CSV file with name[unit] heads, a telemetry log (.tlog), a log on board "
-        "(.bin, .log), what Mission Planner or mavlogdump made of one (.csv), a PX4 ULog, MATLAB file or ROS bag",
+        help="run directory, CSV file with name[unit] column heads, telemetry log (.tlog), onboard log (.bin, .log), "
+        "CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
     )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
     read = parser.add_argument_group("reading")
-    read.add_argument("--pick", metavar="N[,N]", default="", help="stretches of a log, by number (default: all)")
-    add_number(read, "system-id", "ID", meaning="the vehicle, in a .tlog that heard several")
+    read.add_argument("--pick", metavar="N[,N]", default="", help="segments of a log, by number (default: all)")
+    add_number(read, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
     add_parameters(read)
     read.add_argument(
         "--columns",
         metavar="OLD=NEW,...",
         default="",
-        help="what a file's own column names mean: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+        help="meaning of a file's own column names: t_sim=t[s],heading_deg=psi[deg],cmd=N",
     )
     read.add_argument(
         "--full-scale",
         metavar="X=F,N=F",
         default="",
-        help="force [N] or moment [N m] at full output, of inputs recorded as shares of full",
+        help="force [N] or moment [N m] at full output, for inputs recorded as normalised output (-1 to 1)",
     )
 
 
@@ -62,13 +62,13 @@ def add_parameters(group: argparse._ArgumentGroup) -> None:
         "--parameters",
         type=Path,
         metavar="FILE",
-        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log that has none: "
-        "its servo map makes inputs of the outputs",
+        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log without them; "
+        "their servo functions map outputs to inputs",
     )
 
 
 def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
-    """Return what ``--parameters`` holds, None when it is not given.
+    """Return the parameters of ``--parameters``, None without it.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
 
 
 def read_runs(args: argparse.Namespace) -> list[Trial]:
-    """Read the runs named on the command line, of logs the stretches picked.
+    """Read the runs on the command line; of logs the segments picked.
 
     Raises
     ------
@@ -91,7 +91,9 @@ def read_runs(args: argparse.Namespace) -> list[Trial]:
         No run is named. DataError: a file cannot be used.
     """
     if not args.runs:
-        raise UsageError("name at least one run: a run directory, a log, or a CSV file like t[s],psi[rad],N[N m]")
+        raise UsageError(
+            "no run given. Give a run directory, a log, or a CSV file with heads like t[s],psi[rad],N[N m]"
+        )
     return _read(args, args.runs, _stretches(args.pick))
 
 
@@ -123,7 +125,8 @@ def full_scale(text: str) -> dict[str, float]:
             found[name] = math.nan
         if len(name) != 1 or name not in "XYZKMN" or not 0.0 < found[name] < math.inf:
             raise UsageError(
-                f"--full-scale {clipped(text)}: write the force at full output of each input, as X=85,N=23"
+                f"--full-scale {clipped(text)}: not a list of forces. Give the force at full output of each input, "
+                f"e.g. X=85,N=23"
             )
     return found
 
@@ -131,5 +134,5 @@ def full_scale(text: str) -> dict[str, float]:
 def _stretches(text: str) -> tuple[int, ...]:
     pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
     if not all(_STRETCH.fullmatch(piece) for piece in pieces):
-        raise UsageError(f"--pick {clipped(text)}: give the numbers of stretches, counted from 1, e.g. --pick 2,3")
+        raise UsageError(f"--pick {clipped(text)}: not a list of segment numbers. They count from 1, e.g. --pick 2,3")
     return tuple(int(piece) for piece in pieces)

@@ -35,12 +35,11 @@ def _run(args: argparse.Namespace) -> int:
 
 COMMAND = Command(
     name="recheck",
-    help="is the old tune of the heading, depth or speed loop still good? a verdict; no actuator is driven",
-    description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), as fly "
-    "set-point-relay does, and judge the loop: good, degraded since the tune, poorly damped, oscillates, or not "
-    "identifiable. Where the sizes do not show it, they are halved and flown again. The numbers stand beside those of "
-    "the last tune of the same vehicle in the folder of runs. No parameter is written. Without --connect a simulated "
-    "vehicle is used.",
+    help="check whether the tune of the heading, depth or speed loop is still good; drives no actuator directly",
+    description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), like fly "
+    "set-point-relay. The verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. "
+    "Without a clear result the relays are halved and flown again. The results are compared with the last tune of "
+    "the same vehicle in the folder of runs. No parameter is written. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -2,11 +2,10 @@
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
 ``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null where
-unknown. In: ``stop`` and ``answer``. Once standard input ends nobody can stop the craft any more, so that is a
-STOP, too.
+unknown. In: ``stop`` and ``answer``. Without standard input the craft cannot be stopped, so its end is a STOP.
 
-What flies never waits for who listens: ticks and sentences go into rings that forget the oldest, and a thread of its
-own writes them out.
+The flight loop never waits for the listener. Ticks and sentences go into ring buffers that drop the oldest; a
+separate thread writes them out.
 """
 
 from __future__ import annotations
@@ -46,13 +45,13 @@ if TYPE_CHECKING:
 __all__ = ["COLUMNS", "RemoteOperator", "RemoteWatcher", "attending"]
 
 COLUMNS = ("t", "value", "target", "output", "rate", "x", "y", "psi")
-"""What a row of ``samples`` holds."""
+"""Fields of a row of ``samples``."""
 EVERY = 0.1
-"""Chosen [s of the machine's time]: between two writings; ten a second is as much as an eye follows."""
+"""Time between two writes [s, wall clock]. Chosen: the eye follows about ten updates a second."""
 MOST_TICKS, MOST_FACTS = 1000, 500
-"""Chosen: what is kept for a listener who is slow; older ones are forgotten and counted."""
+"""Lines kept for a slow listener; older ones are dropped and counted. Chosen."""
 _GRACE = 2.0
-"""Chosen [s]: what a listener who is slow may take at the end."""
+"""Longest wait for a slow listener at the end [s]. Chosen."""
 _KEYS: Mapping[type, str] = {
     Intentions: "intentions",
     Vitals: "vitals",
@@ -66,7 +65,7 @@ _KEYS: Mapping[type, str] = {
 
 
 class RemoteWatcher:
-    """Writes what it is told to *stream* as JSON lines, ten times a second, from a thread of its own."""
+    """Write reports to *stream* as JSON lines, ten times a second, from a separate thread."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -85,20 +84,20 @@ class RemoteWatcher:
         self._thread.join(_GRACE)
 
     def update(self, progress: Progress) -> None:
-        """Keep the tick for the next line."""
+        """Queue the tick for the next line."""
         self._ticks.append(progress)
         self._told += 1
 
     def say(self, text: str) -> None:
-        """Keep the sentence for the next line."""
+        """Queue the sentence for the next line."""
         self.put("say", text)
 
     def note(self, fact: Fact) -> None:
-        """Keep the fact for the next line."""
+        """Queue the fact for the next line."""
         self.put(_KEYS[type(fact)], fact)
 
     def put(self, key: str, value: object) -> None:
-        """Keep anything for the next line."""
+        """Queue any entry for the next line."""
         self._facts.append((key, value))
         self._told += 1
 
@@ -132,7 +131,7 @@ def _line(key: str, value: object) -> bytes:
 
 
 def _plain(thing: Any) -> Any:
-    """Return *thing* in JSON's own types, numbers to six digits."""
+    """Return *thing* in JSON types, numbers to six digits."""
     if isinstance(thing, float):
         return float(f"{thing:.6g}") if math.isfinite(thing) else None
     if isinstance(thing, Mapping):
@@ -143,9 +142,9 @@ def _plain(thing: Any) -> Any:
 
 
 class RemoteOperator(ConsoleOperator):
-    """Asks through *watcher*; answers and STOP come as lines on the file descriptor *source*, read by a thread.
+    """Ask through *watcher*; a thread reads answers and STOP as lines from the file descriptor *source*.
 
-    A signal is a request to stop here, too. *yes* is the answer to every question.
+    A signal is a stop request here too. *yes* is the answer to every question.
     """
 
     def __init__(self, watcher: RemoteWatcher, source: int, *, yes: bool = False) -> None:
@@ -157,7 +156,7 @@ class RemoteOperator(ConsoleOperator):
         threading.Thread(target=self._listen, name="stop", daemon=True).start()
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask, and wait for the answer to this very question; *while_waiting* raises when a STOP comes instead."""
+        """Ask, and wait for the answer to this question; *while_waiting* raises if a STOP comes first."""
         if self._yes:
             return True
         self._asked += 1
@@ -183,7 +182,7 @@ class RemoteOperator(ConsoleOperator):
             if "answer" in told:
                 self._answers.setdefault(int(told["answer"]["id"]), told["answer"]["yes"] is True)
         except (ValueError, KeyError, TypeError, AttributeError):
-            self._watcher.say("a line on standard input was not understood and is ignored")
+            self._watcher.say("Ignored a line on standard input that is not a stop or an answer (docs/serve.md).")
 
 
 def _read(source: int) -> bytes:
@@ -195,10 +194,10 @@ def _read(source: int) -> bytes:
 
 @contextmanager
 def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Watcher]]:
-    """Yield who is asked and who is told: the person at the terminal, or with ``--remote`` a program.
+    """Yield operator and watcher: the person at the terminal, or with ``--remote`` a program.
 
-    Meanwhile the garbage collector leaves alone what has been loaded by now: to look through all of it takes some
-    60 ms, which a flight that fills the memory could meet while it holds the sticks.
+    Objects loaded so far are frozen for the garbage collector. Scanning them all takes about 60 ms, too long for
+    the loop that holds the sticks.
     """
     gc.freeze()
     try:

@@ -19,12 +19,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         type=Path,
         metavar="RUN",
-        help="run directory (or its journal.jsonl); default: the newest below runs/ with something left to restore",
+        help="run directory (or its journal.jsonl); default: the newest in runs/ with something left to restore",
     )
     parser.add_argument(
         "--yes",
         action="store_true",
-        help="do not ask before writing; what another operator changed since is left, and ends with code 9",
+        help="do not ask before writing; parameters another operator changed since are left, with exit code 9",
     )
     add_connection(parser, otherwise="the link of the run", of_run=True)
     add_loudness(parser)
@@ -35,23 +35,23 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.workflow import is_settled, link_of, restore_run
 
     if is_settled(args.run):
-        sys.stdout.write("nothing to restore: the journal is settled\n")
+        sys.stdout.write("Nothing to restore: this run has already restored everything.\n")
         return 0
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     connection = connection_of(args, args.connect or link_of(args.run))
     with operator.listening(), watching(args) as watcher:
         restored = restore_run(connection, args.run, operator, watcher)
     for name, (found, old) in restored.items():
-        sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading it back\n")
+        sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading back\n")
     return 0
 
 
 COMMAND = Command(
     name="restore",
-    help="put back what an interrupted run left changed",
-    description="Read the journal of a run that was cut off (power, radio, kill) and put the vehicle back as found: "
-    "actuators neutral, parameters as they were, verified by reading them. "
-    "Asks about what another operator changed since.",
+    help="restore what an interrupted run left changed",
+    description="Read the journal of an interrupted run (power, radio, kill) and restore the vehicle: actuators "
+    "neutral, parameters at their original values, verified by reading back. Asks before it touches parameters that "
+    "another operator changed since.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""The signing key from the command line, the terminal or the environment; it is shown nowhere."""
+"""The signing key from the command line, the terminal or the environment. It is never shown."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ PASSPHRASE_VARIABLE = "GCS_AUTOTUNE_SIGNING_PASSPHRASE"
 
 
 def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
-    """Return the key that the options or the environment name for the vehicle at *uri*, None when none do.
+    """Return the key from the options or the environment for the vehicle at *uri*, None if there is none.
 
-    The embedded simulator has no key: what the environment says is for other vehicles.
+    The embedded simulator has no key; the environment variable applies to other vehicles.
 
     Raises
     ------
     UsageError, BadFile
-        Two are named, the terminal cannot be asked, or the file holds none.
+        Both options are used, standard input is not a terminal, or the file has no key.
     """
     from gcs_autotune.mavlink import SigningKey
 
     if args.signing_key is not None and args.signing_passphrase:
-        raise UsageError("--signing-key and --signing-passphrase are two ways to name one key: give one of them")
+        raise UsageError("--signing-key and --signing-passphrase both select the key. Use one of them")
     if args.signing_key is not None:
         return SigningKey.read(args.signing_key)
     if args.signing_passphrase:
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
-                "the signing passphrase cannot be asked for: standard input is no terminal. "
-                f"Give --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
+                "cannot ask for the signing passphrase: standard input is not a terminal. "
+                f"Use --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
             )
         return SigningKey.from_passphrase(getpass.getpass("Signing passphrase: "), "passphrase typed")
     passphrase = os.environ.get(PASSPHRASE_VARIABLE)

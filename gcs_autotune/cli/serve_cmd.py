@@ -22,10 +22,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host",
         metavar="ADDRESS",
         default="127.0.0.1",
-        help="address to listen on (default 127.0.0.1: this machine only); with any other, 0.0.0.0 say, a token is "
-        "needed to do more than look, and is shown as link and QR code",
+        help="address to listen on (default 127.0.0.1: this computer only). With any other, e.g. 0.0.0.0, everything "
+        "but looking needs a token, shown as link and QR code",
     )
-    parser.add_argument("--port", type=_port, default=8090, metavar="N", help="TCP port, 0: any (default 8090)")
+    parser.add_argument(
+        "--port", type=_port, default=8090, metavar="N", help="TCP port; 0: any free one (default 8090)"
+    )
     parser.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where runs are kept (default runs)"
     )
@@ -34,12 +36,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="a name by which browsers call this server, besides addresses, localhost and *.local; repeatable",
+        help="further host name of this server; addresses, localhost and *.local are always accepted; repeatable",
     )
     parser.add_argument(
         "--joystick-stop",
         action="store_true",
-        help="offer Cockpit a STOP for a joystick button: whoever can look may then stop a run, and do nothing else",
+        help="offer Cockpit a STOP for a joystick button; every viewer can then stop a run, but do nothing else",
     )
 
 
@@ -47,7 +49,7 @@ def _port(text: str) -> int:
     try:
         return whole(text, 65535)
     except Refused:
-        raise argparse.ArgumentTypeError(f"{shown(text, 20)} is no port: 0 to 65535") from None
+        raise argparse.ArgumentTypeError(f"{shown(text, 20)} is not a TCP port. Use 0 to 65535") from None
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -57,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise
         raise UsageError(
-            f"the page needs {error.name}, which is not installed: pip install 'gcs-autotune[web]'"
+            f"the page needs {error.name}, which is not installed. Run pip install 'gcs-autotune[web]'"
         ) from None
 
     def say(text: str) -> None:
@@ -70,9 +72,10 @@ def _run(args: argparse.Namespace) -> int:
 
 COMMAND = Command(
     name="serve",
-    help="a page to start runs on, watch them live and stop them (extra: web)",
-    description="Serve one page: start a tune or an experiment, watch it, answer its questions, and STOP. The run is a "
-    "process of its own: closing the page changes nothing about it, Ctrl-C here stops it and puts everything back.",
+    help="web page to start, monitor and stop runs (extra: web)",
+    description="Serve a page that starts a tune or an experiment, shows it live, asks its questions, and has a STOP. "
+    "The run is a process of its own. Closing the page does not affect it; Ctrl-C here stops it and restores "
+    "everything.",
     add_arguments=_add_arguments,
     run=_run,
 )

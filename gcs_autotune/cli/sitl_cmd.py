@@ -16,8 +16,8 @@ __all__ = ["COMMAND", "hand_over"]
 def hand_over(arguments: Sequence[str]) -> int:
     """Run ``python -m sitl`` with *arguments* and return its exit code.
 
-    The simulator is a program of its own, with its own options: the two packages meet only on the wire. Where the
-    system can, it takes this process' place, so that whoever ends one ends the other.
+    The simulator is a separate program with its own options; the two packages meet only on the wire. Where the
+    system allows, it replaces this process, so that one signal ends both.
     """
     command = [sys.executable, "-m", "sitl", *arguments]
     if os.name == "posix":

@@ -26,11 +26,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--forces",
         metavar="F,F,...|LOG.csv",
-        help="pull of each row [N], instead of a column, or a load cell's log (t[s], force[N]), joined by time to the "
+        help="pull of each row [N], instead of a column; or a load cell's log (t[s], force[N]), matched by time to the "
         "levels of fly bollard-staircase",
     )
     add_number(parser, "neutral", "C")
-    water = parser.add_argument_group("open-water test: columns n, V_A, T and perhaps Q")
+    water = parser.add_argument_group("open-water test: columns n, V_A, T and optionally Q")
     add_number(water, "diameter", "M")
     add_number(water, "density", "KG_M3")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
@@ -58,7 +58,9 @@ def _run(args: argparse.Namespace) -> int:
         if args.forces is not None and args.forces.endswith(".csv"):
             pulls: list[float] | None
             pulls, offset = pulls_from_log(args.file, Path(args.forces), force=args.force)
-            sys.stderr.write(f"the load cell's clock is {offset:+.1f} s off the vehicle's, by the levels themselves\n")
+            sys.stderr.write(
+                f"Load cell clock offset from the vehicle's: {offset:+.1f} s, estimated from the levels.\n"
+            )
         else:
             pulls = _pulls(args.forces)
         fit = fit_thruster(
@@ -80,15 +82,15 @@ def _pulls(text: str | None) -> list[float] | None:
         return [finite(piece) for piece in text.split(",")]
     except UsageError as error:
         raise UsageError(
-            f"--forces {clipped(text)}: {error}; give the pull of each row in newtons, with commas between"
+            f"--forces {clipped(text)}: {error}. Give the pull of each row in newtons, separated by commas"
         ) from None
 
 
 COMMAND = Command(
     name="thrusters",
-    help="map a thruster's command to force from a pull test",
-    description="Map command to force from a pull test: coefficients ahead and astern, dead zone, and the commands "
-    "that undo them; or K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
+    help="map a thruster's command to force from a bollard pull test",
+    description="Map command to force from a bollard pull test: coefficients ahead and astern, dead zone, and the "
+    "inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
     add_arguments=_add_arguments,
     run=_run,
 )

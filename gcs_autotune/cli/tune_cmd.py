@@ -1,4 +1,4 @@
-"""``gcs-autotune tune``: the whole journey."""
+"""``gcs-autotune tune``: fly, identify, design, prove, keep or restore."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth")
-"""Reference models, by name: the table itself takes a second to import."""
+"""Names of the reference models, listed here because importing their table takes a second."""
 RESTORED = 8
 """Exit code: tuned, but the old gains proved better and are back."""
 
@@ -49,7 +49,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection(parser, otherwise="sitl:charlie for heading, speed and yaw, sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
-    parser.add_argument("--yes", action="store_true", help="answer every question with yes beforehand")
+    parser.add_argument("--yes", action="store_true", help="answer yes to every question")
     parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
     add_loudness(parser)
     add_remote(parser)
@@ -58,8 +58,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume",
         type=Path,
         metavar="RUN",
-        help="go on from a run that ended early: what was flown to its end there is used, if vehicle, parameters, axis "
-        "and settings are the same",
+        help="resume a run that ended early: its completed experiments are used if vehicle, parameters, axis "
+        "and settings are unchanged",
     )
     step = parser.add_argument_group("proof")
     add_number(step, "step")
@@ -67,20 +67,24 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
-        "--model", type=Path, metavar="FILE", help="design from this model (identify --save, diagnose): no experiments"
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="design from this model (of identify --save or diagnose), without experiments",
     )
     design.add_argument(
         "--gains",
         type=Path,
         metavar="FILE",
-        help="prove these gains, keep or restore: proposed.param of a dry run (or its directory), any NAME,VALUE file",
+        help="prove these gains, then keep or restore: proposed.param of a dry run (or its directory), or any "
+        "NAME,VALUE file",
     )
     add_number(design, "full-scale")
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
     design.add_argument(
         "--beyond-ranges",
         action="store_true",
-        help="let gains leave ArduPilot's documented ranges, with the same stability margins",
+        help="allow gains outside ArduPilot's documented ranges, with the same stability margins",
     )
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
@@ -95,21 +99,21 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _see(args: argparse.Namespace) -> None:
-    """See that the options agree, before anything is opened."""
+    """Check that the options agree, before anything is opened."""
     see_axis_limits(args, ("step", "relay-hysteresis"))
     see_output(args)
     if args.model is None and args.full_scale is not None:
-        raise UsageError("--full-scale belongs to a model from a file: give --model FILE as well")
+        raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
-        raise UsageError(f"--model is a model file; for the reference model write --function {args.model}")
+        raise UsageError(f"--model takes a model file. For the reference model use --function {args.model}")
     if args.model is not None and args.gains is not None:
-        raise UsageError("--gains proves gains there are, --model designs new ones: give one of the two")
+        raise UsageError("--gains proves existing gains and --model designs new ones. Use one of the two")
     see_model_file(args.model)
     see_files(args.gains, args.resume)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
-    """Tune over a link that is open, and tell of it."""
+    """Tune over an open link and show the result."""
     from rich.console import Console
 
     from gcs_autotune.report import show_tune, summarise
@@ -130,7 +134,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
-    """Return what was asked for on the command line, over a link that is open.
+    """Return the settings of the command line, for an open link.
 
     Raises
     ------
@@ -180,11 +184,11 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
 DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
     *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
-"""Options that a proof of given gains has no use for."""
+"""Options without effect when supplied gains are proved."""
 
 
 def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file as they would be here: every option the user gave."""
+    """Return the command that proves the gains of a file under the same options as here."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
     words = ["gcs-autotune", "tune", args.axis]
@@ -206,9 +210,9 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 COMMAND = Command(
     name="tune",
-    help="swing the craft, identify it, design gains, prove them, keep or restore",
-    description="Tune one loop of an ArduPilot boat or ROV: the present gains are flown first; the new ones stay "
-    "only if the same step is followed better with them. Without --connect a simulated vehicle is used.",
+    help="identify the craft, design gains, prove them, keep or restore them",
+    description="Tune one loop of an ArduPilot boat or ROV. The present gains are flown first. New gains stay only if "
+    "they follow the same step better. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

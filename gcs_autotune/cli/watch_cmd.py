@@ -1,4 +1,4 @@
-"""``gcs-autotune watch``: is the craft still the one that was tuned? Each log anew, held against the first."""
+"""``gcs-autotune watch``: identify each log and compare it with the first, the one the craft was tuned with."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOG",
         help="logs of one craft, the oldest first: .tlog, .bin, run directories, CSV files; the first is the reference",
     )
-    parser.add_argument("--dof", choices=DOFS, help="one motion only (default: all that each log tells)")
-    add_number(parser, "system-id", "ID", meaning="the vehicle, in a .tlog that heard several")
+    parser.add_argument("--dof", choices=DOFS, help="one degree of freedom only (default: all that each log excites)")
+    add_number(parser, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
     add_parameters(parser.add_argument_group("parameters"))
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
     add_loudness(parser)
@@ -42,7 +42,7 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.logs import load_runs
 
     if len(args.logs) < 2:
-        raise UsageError("give the log that the craft was tuned with, and at least one later log")
+        raise UsageError("at least two logs are needed: the one the craft was tuned with, and a later one")
     given = read_parameters(args)
     references: dict[str, AxisFit] = {}
     rows = []
@@ -62,7 +62,7 @@ def _run(args: argparse.Namespace) -> int:
             else:
                 rows.append({"log": str(path), **compare_craft(references[dof], fit).to_dict()})
         if path == args.logs[0] and not references:
-            raise NotInformative(f"{path} tells no motion to hold others against (--verbose says why)")
+            raise NotInformative(f"nothing can be identified from {path}, the reference. See --verbose for the reasons")
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "rows": rows}))
         return 0
@@ -70,7 +70,7 @@ def _run(args: argparse.Namespace) -> int:
         sign = "!" if row["changed"] else " "
         sys.stdout.write(f"{sign} {visible(str(row['log']))}, {row['dof']}: {row['told']}\n")
     if not any(row["changed"] for row in rows):
-        sys.stdout.write("Nothing has left its interval.\n")
+        sys.stdout.write("No change: every parameter is inside its interval.\n")
     return 0
 
 
@@ -83,15 +83,15 @@ def _identified(trials: list[Trial], dof: str, structure: str | None) -> AxisFit
     own = NAMES[dof]
     telling = [t for t in trials if own.force in t and (own.position in t or own.velocity in t)]
     if not telling:
-        raise NotInformative(f"no {own.force} with {own.position} or {own.velocity}")
+        raise NotInformative(f"no run has {own.force} together with {own.position} or {own.velocity}")
     return fit_axis(telling, dof=dof, structure=cast("Structure | None", structure))
 
 
 COMMAND = Command(
     name="watch",
-    help="tell from later logs whether the craft has changed since it was tuned",
-    description="Identify every log of a craft anew and say when inertia, drag, thrust or trim has left its interval "
-    "(payload, fouling, a weak thruster), by the name that `diagnose` has for it. Any answer ends with exit code 0.",
+    help="check later logs for changes of the craft since it was tuned",
+    description="Identify each log of a craft again and report when inertia, drag, thrust or trim has left its "
+    "interval (payload, fouling, a weak thruster). Causes are named as in `diagnose`. Every result exits with code 0.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -39,6 +39,7 @@ __all__ = [
     "at_the_right_interval",
     "errs_after_commands",
     "momentary",
+    "per_inertia_of",
     "plain_under_process_noise",
 ]
 
@@ -121,7 +122,8 @@ def plain_under_process_noise(
 
     form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
     """
-    theta, pace = _from_base(base, form)
+    theta = per_inertia_of(base, form)
+    pace = _pace_of(theta)
     limits = _limits(form)
     wandering = _thinned(problem, form, signal, theta, pace, limits, pace / PACE)
     plain = None if wandering is None else _best_of_starts(wandering, theta, pace, say)
@@ -212,8 +214,8 @@ def _pace_of(theta: Array) -> float:
     return 1.0 / max(abs(float(theta[1])), 1e-3)
 
 
-def _from_base(base: Fitted, form: Form) -> tuple[Array, float]:
-    """Return gain and damping per inertia of the plain fit, and its time constant [s]."""
+def per_inertia_of(base: Fitted, form: Form) -> Array:
+    """Return gain and damping per inertia (2,) of a fit, in the degree of freedom of *form*."""
     d, model = DOFS[form.dofs[0]], base.model.base
     i = model.form.dofs.index(form.dofs[0])
     inertia = float(model.inertia[i, i])
@@ -223,8 +225,7 @@ def _from_base(base: Fitted, form: Form) -> tuple[Array, float]:
             if force == d.force:
                 gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
     damping = model[f"{d.force}_{d.velocity}"] / inertia
-    theta = np.array([gain / inertia, damping])
-    return theta, _pace_of(theta)
+    return np.array([gain / inertia, damping])
 
 
 def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:

@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
+from gcs_autotune.diagnose.evidence import hints_of, own_gain, surest
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.missing_force import next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Value, Verdict
+from gcs_autotune.diagnose.result import Cause, Diagnosis, ErrorReduction, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
     missing_under,
+    numbers_under,
     order_under,
     ranking_under,
     shares_under,
@@ -74,6 +77,7 @@ def build_report(
     OutOfTime
         Within an :class:`.Budget` that is used up.
     """
+    state = _without_useless(state)
     problem, final, numbers = state.problem, state.fitted, state.numbers
     base = state.base if state.given is None else state.given
     left = signature_of(problem, final)[0]
@@ -95,10 +99,13 @@ def build_report(
         gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
         alike = _alike(state, order)
         shares = {(e.slug, e.place): _share(state, e) for e in order}
+        own_gains = _own_gains(state, order, gains)
     else:
-        gains = gains_under(weather) if order else ()
+        # Of a single cause what it gains is known.
+        gains = tuple(state.own_gains.values()) if len(order) == 1 else gains_under(weather) if order else ()
         alike = weather.alike
         shares = shares_under(weather)
+        own_gains = dict(state.own_gains)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
@@ -108,6 +115,7 @@ def build_report(
                 EFFECTS[effect.slug].meaning,
                 shares.get((effect.slug, effect.place), math.nan),
                 EFFECTS[effect.slug].curve(effect, problem.data_summary),
+                None if EFFECTS[effect.slug].is_disturbance else own_gains.get((effect.slug, effect.place)),
             )
             for effect in order
         ),
@@ -138,7 +146,57 @@ def build_report(
         ),
         numbers=numbers,
         missing=missing,
+        hints=hints_of(state, order, lambda one: _values_of(state, one)),
     )
+
+
+def _values_of(state: SearchState, one: Attested | Judged) -> Mapping[str, Value]:
+    """Return the numbers of a candidate with their standard errors, in the base model's units."""
+    if isinstance(one, Attested):
+        assert state.weather is not None
+        return numbers_under(one, state.weather, state)
+    return _values(state.problem, one.fitted)[one.effect.slug, one.effect.place]
+
+
+def _without_useless(state: SearchState) -> SearchState:
+    """Return the state without causes, where all of them together lower no error on data left out.
+
+    Each paid when it came; second thoughts, or other data left out since, may have taken that away.
+    """
+    if state.weather is not None or not state.causes:
+        return state
+    if any(EFFECTS[e.slug].is_disturbance for e in state.causes):
+        return state
+    gains = gains_of(state.base_unseen, state.present_unseen, state.parts.words)
+    if not gains or any(g.ratio < 1.0 for g in gains):
+        return state
+    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    doubt = Doubt(
+        "no-gain",
+        f"{names} fits the runs given and lowers no error on data left out, so it is not identified as a cause",
+        "fly the same manoeuvre again, and another one, and diagnose all runs together",
+    )
+    return replace(
+        state, fitted=state.base, present_unseen=state.base_unseen, renamed=(), doubts=(*state.doubts, doubt)
+    )
+
+
+def _own_gains(
+    state: SearchState, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+) -> dict[tuple[str, str], ErrorReduction]:
+    """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
+    if len(order) == 1:
+        whole = surest(gains)
+        return {} if whole is None else {(order[0].slug, order[0].place): whole}
+    found, before = {}, state.base_unseen
+    for step in state.steps:
+        if step.accepted is None or step.accepted.unseen is None:
+            continue
+        own = own_gain(before, step.accepted.unseen, state.parts.words)
+        before = step.accepted.unseen
+        if own is not None:
+            found[step.accepted.effect.slug, step.accepted.effect.place] = own
+    return found
 
 
 def _reversed(state: SearchState) -> list[Doubt]:

@@ -161,6 +161,7 @@ class Saturation(Characteristic):
     slug = "saturation"
     title = "Saturation"
     meaning = "commands beyond a limit do no more than the limit: end stops, output limits, a weak battery"
+    plain = "Beyond a limit, more {command} does nothing on your {craft}; in {simulation} it does."
     parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
     shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
     mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
@@ -197,6 +198,7 @@ class DeadZone(Characteristic):
     slug = "dead-zone"
     title = "Dead zone"
     meaning = "commands smaller than a threshold do nothing, larger ones lose that much"
+    plain = "A little {command} does nothing on your {craft}; in {simulation} it does."
     parameters = (Quantity("width", INPUT, "half-width of the dead zone"),)
     grows_with = ("width",)
     shown_by = "residual against command: a kink either side of zero"
@@ -231,6 +233,7 @@ class QuadraticActuator(Characteristic):
     is_structural = True
     title = "Thrust curve"
     meaning = "thrust goes as the square of the command (n|n|): half command gives less than half thrust"
+    plain = "Half the {command} gives your {craft} less than half the force; {simulation} gets half."
     parameters = (Quantity("share", "1", "quadratic share of the thrust at full command"),)
     grows_with = ("share",)
     shown_by = "residual against command bends: too little thrust at small commands, too much at large ones"
@@ -266,6 +269,7 @@ class RudderStall(Characteristic):
     slug = "rudder-stall"
     title = "Rudder force"
     meaning = "beyond an angle the flow leaves the rudder, and more rudder turns the craft less"
+    plain = "Beyond an angle the rudder of your {craft} stalls; {simulation} still turns harder."
     parameters = (
         Quantity("angle", INPUT, "command at which the rudder stalls"),
         Quantity("drop", "1", "loss beyond it, per command in excess"),
@@ -309,6 +313,7 @@ class AsymmetricThrust(Characteristic):
     slug = "asymmetric-thrust"
     title = "Thrust ahead and astern"
     meaning = "the same command does more one way than the other: propellers are made to push ahead"
+    plain = "On your {craft} {command} is stronger one way than the other; in {simulation} both ways are equal."
     parameters = (Quantity("ratio", "1", "gain of negative over gain of positive commands"),)
     grows_with = ("ratio",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -353,6 +358,7 @@ class Backlash(ActuatorEffect):
 
     slug = "backlash"
     meaning = "play in the linkage: after every reversal the command moves a while before anything follows"
+    plain = "On your {craft} nothing follows at first when {command} is reversed; {simulation} follows at once."
     parameters = (Quantity("width", INPUT, "play from one flank to the other"),)
     grows_with = ("width",)
     shown_by = "residual against command makes a loop: above the line while the command falls, below it while it rises"

@@ -36,6 +36,7 @@ from gcs_autotune.models import (
     program_of,
     states_of,
 )
+from gcs_autotune.smoothing import best_width, local_polynomials
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -50,8 +51,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-HALF_WIDTHS = (2, 5, 12, 30)
-"""Neighbours to each side a local polynomial may use."""
+WIDTHS = (5, 11, 25, 61)
+"""Samples that a local polynomial may span."""
 
 MOST = 400
 """Stamps per record at which the equations are looked at."""
@@ -166,35 +167,14 @@ def _through_the_body(fits: dict[str, tuple[Array, Array, Array]], psi: Array, d
 
 
 def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
-    """Return value, first and second derivative at *t*, the width chosen by leave-one-out prediction."""
-    best: tuple[float, list[Array]] | None = None
-    for half in HALF_WIDTHS:
-        if 2 * half + 1 > len(signal.t) or 2 * half < order + 1:
-            continue
-        coefficients, missed = _polynomials(signal, half, order)
-        if best is None or missed < best[0]:
-            best = (missed, coefficients)
-    if best is None:
+    """Return value, first and second derivative at *t*, from polynomials of degree *order* about the stamps."""
+    widths = [w for w in WIDTHS if w <= len(signal.t) and w > order + 1]
+    if not widths:
         return np.interp(t, signal.t, signal.values), np.zeros_like(t), np.zeros_like(t)
-    value, first, second = (np.interp(t, signal.t, c) for c in best[1])
+    width, _ = best_width(signal.t, signal.values, widths, order)
+    found = local_polynomials(signal.t, signal.values, signal.t, width, order)
+    value, first, second = (np.interp(t, signal.t, found.derivative(k)) for k in range(3))
     return value, first, second
-
-
-def _polynomials(signal: Signal, half: int, order: int) -> tuple[list[Array], float]:
-    """Return value and two derivatives (n,) at every stamp, and the mean squared leave-one-out error."""
-    n, width = len(signal.t), 2 * half + 1
-    first = np.clip(np.arange(n) - half, 0, n - width)
-    at = first[:, None] + np.arange(width)
-    span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
-    z = (signal.t[at] - signal.t[:, None]) / span[:, None]
-    V = np.ones((n, width, order + 1))
-    for i in range(1, order + 1):
-        V[:, :, i] = V[:, :, i - 1] * z
-    transposed = V.transpose(0, 2, 1)
-    inverse = np.linalg.inv(transposed @ V + 1e-12 * np.eye(order + 1))
-    c = (inverse @ (transposed @ signal.values[at][:, :, None]))[:, :, 0]
-    residual = (signal.values - c[:, 0]) / np.maximum(1.0 - inverse[:, 0, 0], 1e-6)
-    return [c[:, 0], c[:, 1] / span, 2.0 * c[:, 2] / span**2], float(np.mean(residual**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

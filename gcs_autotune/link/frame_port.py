@@ -99,9 +99,9 @@ class FramePort:
         said = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
         return f" ({said})" if said else ""
 
-    def send(self, message: Message) -> None:
-        """Send one message, and log it."""
-        frame = self.packer.pack(message)
+    def send(self, message: Message, component: int | None = None) -> None:
+        """Send one message, and log it; from another *component* of ours where one is given."""
+        frame = self.packer.pack(message, component)
         if message.get_type() not in _SECRET:
             self._log(frame)
         self.sent += len(frame)

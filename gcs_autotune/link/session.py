@@ -7,6 +7,7 @@ clock; nothing sleeps and nothing runs beside it.
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -45,6 +46,8 @@ _AWAY = 0.2
 _MOST_READS = 64
 """Chosen: reads to catch up with; a sender without end must not keep us from our own tasks."""
 _HEARTBEAT_PERIOD = 1.0
+_FIRST_BEACON = int(mavlink.MAV_COMP_ID_USER1)
+_BEACONS = int(mavlink.MAV_COMP_ID_USER75) - _FIRST_BEACON + 1
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
 """Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
@@ -143,7 +146,9 @@ class Session:
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
-    at_work : whether our HEARTBEAT says that a run of ours is going on.
+    at_work : whether a HEARTBEAT from :attr:`beacon` says that a run of ours is going on.
+    beacon : component id of that HEARTBEAT, drawn anew for every session. Routers, ArduPilot among them, do not pass a
+        HEARTBEAT on to a link on which its sender's ids were heard, and every computer with this tool has the same ids.
     port : frames out and in, their counts, and the id that we send as.
     routing : who is told of what, and who else was heard.
     liveness : for how long the vehicle has been silent.
@@ -170,6 +175,7 @@ class Session:
         self.vehicle: VehicleIdentity | None = None
         self.armed = False
         self.at_work = False
+        self.beacon = _FIRST_BEACON + (0 if transport.is_simulated else secrets.randbelow(_BEACONS))
         self.custom_mode = -1
         self.heartbeats = 0
         self.texts = TextLog()
@@ -430,7 +436,9 @@ class Session:
         self.texts.take(message, self.clock.now())
 
     def _send_heartbeat(self) -> None:
-        self.send(our_heartbeat(at_work=self.at_work))
+        self.send(our_heartbeat())
+        if self.at_work:
+            self.port.send(our_heartbeat(at_work=True), self.beacon)
         self.port.flush_log()
 
     def close(self) -> None:

@@ -231,8 +231,14 @@ class Packer:
         """The component id we send as."""
         return int(self._mav.srcComponent)
 
-    def pack(self, message: Message) -> bytes:
-        """Return *message* as a MAVLink 2 frame."""
+    def pack(self, message: Message, component: int | None = None) -> bytes:
+        """Return *message* as a MAVLink 2 frame, from another *component* of ours where one is given."""
+        if component is not None:
+            usual, self._mav.srcComponent = self._mav.srcComponent, component
+            try:
+                return self.pack(message)
+            finally:
+                self._mav.srcComponent = usual
         if self._stamp is None:
             frame = _pack_plain(message, self._mav) or bytes(message.pack(self._mav))
         else:

@@ -97,7 +97,8 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
         angle, depth = _stepped(context)
         seconds = itineraries[0].seconds
         whole = Excursion(seconds, ROV_ROOM, depth_max=deepest, heading_excursion=angle, depth_excursion=depth)
-    why = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM).beyond(envelope, _what(context))
+    rest = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM, usual=None)  # distance: see above
+    why = rest.beyond(envelope, _what(context))
     if why:
         raise PreconditionFailed(why)
     return whole
@@ -115,12 +116,12 @@ def _what(context: TuneContext) -> str:
 
 
 def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return what the stages of a boat take inside *envelope*."""
+    """Return what the stages of a boat take inside *envelope*: at most, and as the first of *itineraries* goes."""
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
-    for kin in kin_of(under_way=True, skid=craft.skid):
-        paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
-        for itinerary in itineraries:
+    for itinerary in itineraries:
+        for kin in kin_of(under_way=True, skid=craft.skid):
+            paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
             check = sign_check_for(
                 axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
             )
@@ -128,7 +129,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
             visit = PaperVisit(paper, limits, PaperState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
-    return worst_of(seen)
+    return replace(worst_of(seen), usual=worst_of(seen[: len(seen) // len(itineraries)]))
 
 
 def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
@@ -167,14 +168,16 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
     """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
     if speed:
         envelope = replace(settings.envelope, cruise=speed)
-        turns = f"it turns around once it is {FAR_OUT * envelope.distance_limit:.0f} m away, "
-        turns = "it turns around before each stage, " if settings.stop_rule == SETTLED else turns
-        metres = whole.metres(envelope)
+        metres, usual = whole.metres(envelope), (whole.usual or whole).needs
         if settings.stop_rule != SETTLED and not excitation_of(dof).by_throttle:
             # short of turning around a boat may still fly an oscillation and a step, whatever its stages take on paper
             limit = envelope.distance_limit
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
-        return f"need up to {metres:.0f} m from where it lies: {turns}sooner with a smaller --max-distance"
+        usually = f", usually about {usual:.0f} m" if usual < metres else ""
+        turns = FAR_OUT * envelope.distance_limit
+        between = f". Between stages it turns around where it is more than {turns:.0f} m away" if turns < metres else ""
+        between = ". It turns around before each stage" if settings.stop_rule == SETTLED else between
+        return f"need up to {metres:.0f} m from where it lies{usually}{between}. A smaller --max-distance takes less"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {_deepest(dof, settings, now):.0f} m of depth"
@@ -191,21 +194,20 @@ def _deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
 
 def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     """Return how much water and time a whole visit takes, with its stages; *source*: of the numbers, in words."""
-    metres, usual = excursion.metres(envelope), excursion.usual
-    far = f"up to {metres:.0f} m from where it lies" if excursion.distance >= 1.0 else "only water about where it lies"
-    if excursion.needs > metres:
-        far += " (the run is ended there: --max-distance)"
+    metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
-    by = f"; by {source}" if source else ""
+    ends = " (the run is ended there: --max-distance)" if excursion.needs > metres else ""
+    far = f"up to {metres:.0f} m from where it lies{ends}" if moves else "only water about where it lies"
+    longest = exactly(LATE * excursion.seconds)
     if usual is None:
-        return f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}: {told}{by}"
-    mostly = f"about {min(usual.needs, metres):.0f} m and " if excursion.distance >= 1.0 else ""
-    mostly = f"usually {mostly}{exactly(LATE * usual.seconds)}"
-    return (
-        f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}, where the loop hardly damps; {mostly}: "
-        f"{told}{by}"
+        told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
+        return f"need {far}{deep}, and up to {longest}: {told}" + (f"; by {source}" if source else "")
+    near = (
+        f"usually about {min(usual.needs, metres):.0f} m from where it lies{deep} and" if moves else f"{far}, usually"
     )
+    most = f"up to {metres:.0f} m{ends} and " if moves else ""
+    by = f" (by {source})" if source else ""
+    return f"need {near} {exactly(LATE * usual.seconds)}{by}. A loop that hardly damps takes {most}up to {longest}"
 
 
 def exactly(seconds: float) -> str:

@@ -63,6 +63,8 @@ PLAN_FILE = "plan.toml"
 """A flown plan's name in its run directory."""
 BACK, LOOKING = 45.0, 6.0
 """Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
+_FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
+"""Parameters that tell how a boat moves."""
 _POINTS = 400
 """Chosen: of a predicted track that are told; more no screen shows."""
 
@@ -153,7 +155,7 @@ class _Flight:
     def foresee(self, *, only_preview: bool) -> None:
         """See that the vehicle can fly all of it, and preview each run."""
         craft, firmware = self._craft, self._craft.firmware
-        self._held = present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF"])
+        self._held = present = craft.parameters.read_existing(_FIGURES)
         self._earlier.see_that_it_is_the_same(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
             raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
@@ -342,7 +344,7 @@ class _Flight:
             return []
         least = self._plan.min_depth
         craft = left[0].preview.craft
-        source = craft.source + "; the craft is assumed, and the worst of several is announced" * craft.assumed
+        source = craft.source + ", the worst of several" * craft.assumed
         needs = [whole_of(self._whole, left[0].envelope, source)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 

@@ -138,7 +138,8 @@ def paper_craft(
     missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)
     if known and missing:
         words += f" with an assumed {' and '.join(missing)}"
-    return PaperCraft(yaw, speed, words, assumed=bool(missing) or not known, others=others)
+    assumed_still = bool(missing) or not known
+    return replace(assumed, yaw=yaw, source=words, assumed=assumed_still, others=others)
 
 
 def assumed_craft(
@@ -158,7 +159,7 @@ def assumed_craft(
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
     if kin.gains != SPEED_TIME:
         others["X"] = _lively("surge", ahead, kin.gains)
-    return PaperCraft(yaw, speed, words, assumed=True, others=others)
+    return PaperCraft(yaw, speed, words, assumed=True, others=others, speed_gain=present.get("ATC_SPEED_P", 0.0))
 
 
 def kin_of(*, under_way: bool, skid: bool) -> tuple[Kin, ...]:

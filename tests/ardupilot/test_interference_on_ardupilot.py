@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, GuardTripped, PreconditionFailed
 from gcs_autotune.link import WANTED_RATES, MavlinkCraft, Session, open_craft, open_link
+from gcs_autotune.link.vehicle.other_stations import OtherStations
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(300)]
 
@@ -105,7 +106,7 @@ def test_another_joystick_of_the_station_it_obeys_trips(craft: MavlinkCraft) -> 
     fly(craft, 10)
     joystick = mavlink.MAVLink_manual_control_message(1, 0, 300, 0 if craft.firmware.kind == "boat" else 500, 300, 0)
     craft.session.every(0.03, lambda: say(craft, 255, joystick))
-    assert "somebody else is steering" in trip(craft, "sticks")
+    assert "overrides other than ours are in force" in trip(craft, "sticks")
 
 
 def test_rates_that_another_station_changed_are_asked_for_again(craft: MavlinkCraft) -> None:
@@ -116,6 +117,17 @@ def test_rates_that_another_station_changed_are_asked_for_again(craft: MavlinkCr
     begun = craft.telemetry.t
     fly(craft, 30)
     assert craft.telemetry.t - begun == pytest.approx(3.0, abs=0.7)
+
+
+def test_a_run_of_another_computer_is_heard_through_the_autopilot(firmware: ArduPilot, craft: MavlinkCraft) -> None:
+    """ArduPilot passes a HEARTBEAT on only to links on which its sender's ids were never heard."""
+    craft.session.at_work = True
+    with Session(open_link(f"tcp:127.0.0.1:{5762 + 10 * firmware.instance}")) as second:
+        second.discover(30.0)
+        others = OtherStations(second)
+        seen = second.wait_for(lambda: craft.session.pause(0.1) or others.at_work or None, 10.0)
+    craft.session.at_work = False
+    assert seen == f"GCS (system 255, component {craft.session.beacon})"
 
 
 def test_a_vehicle_that_obeys_another_system_is_not_armed(firmware: ArduPilot) -> None:

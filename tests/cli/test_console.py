@@ -78,7 +78,7 @@ def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is
     streams.stdin = Terminal("n\n", tty=False)
     assert ConsoleOperator(yes=True).ask("Go ahead?", lambda: None)
     assert streams.stderr.getvalue() == ""
-    with pytest.raises(UsageError, match="Give --yes to agree beforehand, or --dry-run"):
+    with pytest.raises(UsageError, match="Add --yes to agree in advance, or --dry-run"):
         ConsoleOperator(yes=False, otherwise="or --dry-run").ask("Go ahead?", lambda: None)
 
 
@@ -95,9 +95,9 @@ def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait
         assert not operator.stop_requested()
         os.kill(os.getpid(), signal.SIGTERM)
         assert operator.stop_requested()
-        assert "putting things back as found" in streams.stderr.getvalue()
+        assert "Stopping: restoring mode and parameters." in streams.stderr.getvalue()
         os.kill(os.getpid(), signal.SIGINT)
-        assert streams.stderr.getvalue().endswith("still putting things back; please wait\n")
+        assert streams.stderr.getvalue().endswith("Still restoring; please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -130,7 +130,7 @@ def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
     streams.stderr.write("first self-oscillation\n")
     streams.stderr.flush()
     assert operator.stop_requested()
-    assert os.read(out, 1000) == b"\nstopping: putting things back as found\nfirst self-oscillation\n"
+    assert os.read(out, 1000) == b"\nStopping: restoring mode and parameters.\nfirst self-oscillation\n"
     os.close(out)
     operator._note(signal.SIGHUP, None)  # nobody reads any more
     streams.stderr = None

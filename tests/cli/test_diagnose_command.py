@@ -173,7 +173,7 @@ def test_the_effects_are_listed_for_people_and_for_programs(capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "name at least one run"),
+        ((), "no run given"),
         (("RUN", "--effects", "dead-zon"), "Did you mean dead-zone"),
         (("RUN", "--without", "gremlins"), "unknown effect 'gremlins'"),
     ],

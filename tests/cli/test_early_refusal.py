@@ -16,6 +16,7 @@ from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.errors import CannotOpenLink, UsageError
 from gcs_autotune.identify import METHODS
 from gcs_autotune.link import Transport
+from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.models import FORMS
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import SilentWatcher
@@ -81,9 +82,8 @@ def test_the_motions_that_identify_refuses_by_are_those_of_the_tables():
     assert set(identify_cmd.MOTIONS) == {*DOFS, *FORMS}
 
 
-def test_the_methods_that_identify_refuses_by_are_the_rows_of_the_table(monkeypatch):
-    monkeypatch.delitem(sys.modules, "gcs_autotune.identify.methods")
-    assert identify_cmd.method_names() == tuple(METHODS)
+def test_every_method_that_the_command_line_knows_is_where_the_table_says():
+    assert [METHODS[name].name for name in METHOD_PLACES] == list(METHODS)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_eithe
 
 def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_opened(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="no directory"):
+    with pytest.raises(UsageError, match="not a directory"):
         tune(TuneSettings("heading", Broken("sitl:x"), tmp_path / "file" / "run"), Unattended(), SilentWatcher(), "")
 
 

@@ -53,7 +53,7 @@ def test_identify_fits_an_effect_saves_the_model_and_goes_on_from_it(capsys, tmp
     [
         (["tune", "heading", "--model", "bessel"], "--function bessel"),
         (["tune", "heading", "--full-scale", "2"], "--model FILE"),
-        (["tune", "heading", "--model", "nowhere.json"], "nowhere.json: no such file"),
+        (["tune", "heading", "--model", "nowhere.json"], "nowhere.json does not exist"),
         (["identify", "a.csv", "--effects", "dead-zone", "--method", "all"], "output-error"),
         (["identify", "a.csv", "--effects", "ded-zone"], "dead-zone"),
     ],

@@ -48,7 +48,7 @@ def test_the_key_comes_from_a_file_the_terminal_or_the_environment(
 def test_two_ways_at_once_and_a_terminal_that_is_none_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(UsageError, match="two ways"):
+    with pytest.raises(UsageError, match="Use one of them"):
         connection("--signing-key", str(tmp_path / "key"), "--signing-passphrase")
     monkeypatch.setattr(sys, "stdin", io.StringIO("hunter2\n"))
     with pytest.raises(UsageError, match=PASSPHRASE_VARIABLE):

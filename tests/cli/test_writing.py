@@ -44,8 +44,8 @@ def test_what_would_be_replaced_is_said_and_an_empty_folder_is_not(tmp_path: Pat
     assert (on_replacing(file), on_replacing(folder)) == ("", "")
     file.write_text("earlier", encoding="utf-8")
     (folder / "report.html").write_text("earlier", encoding="utf-8")
-    assert "in place of" in on_replacing(file)
-    assert "in place of" in on_replacing(folder)
+    assert "replaced" in on_replacing(file)
+    assert "replaced" in on_replacing(folder)
 
 
 def test_identifying_twice_leaves_two_pages(
@@ -58,7 +58,7 @@ def test_identifying_twice_leaves_two_pages(
     assert {p.name for p in tmp_path.glob("*.html")} == {"identify-Z_10_05.html", "identify-Z_10_05-2.html"}
     assert "Page: identify-Z_10_05-2.html\n" in capsys.readouterr().out
     assert main([*once, "--page", "identify-Z_10_05.html"]) == 0
-    assert "Page: identify-Z_10_05.html (in place of what was there)" in capsys.readouterr().out
+    assert "Page: identify-Z_10_05.html (replaced an earlier file)" in capsys.readouterr().out
 
 
 def test_two_runs_begun_in_the_same_second_have_a_directory_each(

@@ -152,6 +152,43 @@ def test_an_order_between_two_heartbeats_is_seen_before_ours_and_stands(boat: Sc
     assert boat.mode == 4
 
 
+def test_an_order_just_after_ours_was_in_force_stands_although_both_are_heard_at_once(boat: ScriptedVehicle) -> None:
+    """Met on ArduSub 4.6: this computer paused, and the heartbeats of both modes came in one piece."""
+    craft = lone(boat)
+    craft.take_over()
+    craft.set_mode("GUIDED")
+
+    def obey_then_another(m: Any) -> None:
+        boat._on_command_long(m)
+        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            boat.heartbeat()
+            boat.mode = 15
+            boat.heartbeat()
+
+    boat.on["COMMAND_LONG"] = obey_then_another
+    with pytest.raises(GuardTripped, match="from MANUAL to GUIDED, not by us"):
+        craft.set_mode("MANUAL")
+    craft.neutral()
+    assert (boat.mode, boat.armed) == (15, True)
+
+
+def test_outputs_that_a_mode_ordered_just_now_drives_are_no_fault_of_the_vehicle(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    craft.take_over()
+    craft.set_mode("GUIDED")
+
+    def obey_then_another(m: Any) -> None:
+        boat._on_command_long(m)
+        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            boat.heartbeat()
+            boat.mode = 10
+            boat._actuate = lambda: boat.servos.__setitem__(0, 1700)  # type: ignore[method-assign]
+
+    boat.on["COMMAND_LONG"] = obey_then_another
+    craft.neutral()
+    assert (boat.mode, boat.armed) == (10, True)
+
+
 def test_a_vehicle_that_another_station_has_put_into_a_mode_is_let_go_of(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.take_over()
@@ -212,6 +249,22 @@ def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: Scr
     said = trip(craft, "mode")
     assert '(it says: "EKF variance"; "EKF failsafe"): it was a failsafe of its own. Look after what it names' in said
     assert "nobody else" not in said
+
+
+def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_one(rov: ScriptedVehicle) -> None:
+    """Its text holds no word of a failsafe."""
+    rov.receiver = None
+    rov.parameters.update(FS_PILOT_INPUT=2.0, FS_PILOT_TIMEOUT=1.0)
+    craft = board(rov)
+    craft.arm()
+    for _ in range(10):
+        craft.observe()
+        craft.send(Actuate(N=0.1))
+    rov.say("Lost manual control")
+    rov.armed = False
+    said = trip(craft, "armed")
+    assert "it reports its pilot input failsafe, which does this after 1 s without overrides" in said
+    assert "lost on the way" in said and "nobody else" not in said
 
 
 def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:

@@ -13,7 +13,7 @@ from scripted_vehicle import ROV, ScriptedVehicle
 
 from gcs_autotune.errors import BadFile, CannotOpenLink, LinkLost, NoVehicle, OperatorStopped, UsageError
 from gcs_autotune.link import MemoryLink, Parameters, Session
-from gcs_autotune.mavlink import Framer, TextLog, TlogWriter, read_tlog
+from gcs_autotune.mavlink import AT_WORK, Framer, TextLog, TlogWriter, read_tlog
 
 
 class Babbler:
@@ -111,6 +111,22 @@ def test_our_heartbeat_goes_out_every_second(session: Session, boat: ScriptedVeh
     assert boat.count("HEARTBEAT") - before == 10
     beat = boat.last("HEARTBEAT")
     assert (beat.type, beat.autopilot, beat.get_srcSystem(), beat.get_srcComponent()) == (6, 8, 255, 190)
+
+
+def test_a_run_is_marked_from_a_component_that_no_other_computer_has(session: Session, boat: ScriptedVehicle) -> None:
+    session.at_work = True
+    session.pause(3.0)
+    heard = [(m.get_srcComponent(), int(m.custom_mode)) for m in boat.heard if m.get_type() == "HEARTBEAT"][-4:]
+    assert sorted(set(heard)) == [(session.beacon, AT_WORK), (190, 0)], "a router masks ids that it knows on a link"
+    real = [Session(Nowhere(Babbler())).beacon for _ in range(20)]
+    assert len(set(real)) > 1
+    assert all(mavlink.MAV_COMP_ID_USER1 <= beacon <= mavlink.MAV_COMP_ID_USER75 for beacon in real)
+
+
+class Nowhere(MemoryLink):
+    """A link to a vehicle that other computers may reach as well."""
+
+    is_simulated = False
 
 
 def test_a_silent_vehicle_is_a_lost_link_with_the_seconds(session: Session, boat: ScriptedVehicle) -> None:

@@ -13,6 +13,7 @@ from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
 from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, _pushed, _steered
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow.excursion import Ahead
 
 FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
 YAW = SingleDof("yaw", "1", 1.25, 1.0, delay=0.5)
@@ -43,7 +44,7 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
     assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
     assert seen.deep == 0.0
     assert "z" not in seen.trial.channels
-    assert "deg of turning at up to 17 deg/s, by" in seen.told()
+    assert "deg of turning at up to 17 deg/s (predicted from" in seen.told()
 
 
 def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
@@ -99,12 +100,22 @@ def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(kno
     ahead = SingleDof("surge", "1", 3.0, 0.2, 0.1)
     craft = PaperCraft(YAW, 1.0, "a test", others={"X": ahead} if known else {})
     for psi, side in ((0.3, -1.0), (0.5, 0.0), (0.7, 1.0)):
-        command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0)
+        command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0, 0.0)
         assert command.X == pytest.approx((0.2 + 0.1 * 1.5) * 1.5 if known else 1.0)
         assert np.sign(round(command.N, 9)) == side
-    assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0) == Actuate()
-    assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0) == Actuate(Y=0.3)
-    assert _steered(DepthTarget(2.0), craft, 0.5, 0.0) == Actuate()
+    assert _steered(HeadingTarget(0.5, 0.0), craft, 0.5, 0.0, 0.0) == Actuate()
+    assert _steered(Actuate(Y=0.3), craft, 0.5, 0.0, 0.0) == Actuate(Y=0.3)
+    assert _steered(DepthTarget(2.0), craft, 0.5, 0.0, 0.0) == Actuate()
+
+
+def test_the_gain_of_its_own_speed_loop_brings_a_craft_to_the_speed_asked_for_sooner() -> None:
+    surge = {"X": SingleDof("surge", "1", 1.0, 0.2, 0.1)}
+    plain = PaperCraft(YAW, 1.5, "a test", others=surge)
+    first = [
+        int(np.argmax(preview(Ahead(1.0, 30.0), craft, FREE).trial["u"].values > 0.95))
+        for craft in (plain, replace(plain, speed_gain=0.5))
+    ]
+    assert 0 < first[1] < 0.7 * first[0]
 
 
 def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to_rest() -> None:
@@ -118,6 +129,6 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
 def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
     up = PaperCraft(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
     seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
-    assert seen.refusal == "it comes up to the surface, from 2.0 m: begin deeper, or push less"
+    assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or push less"
     assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""
     assert preview(held(Z=0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=0.1).trouble == ""

@@ -59,7 +59,7 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
     serving = Serving(tmp_path)
     serving.process.send_signal(signal.SIGINT)
     output = serving.ended()
-    assert "stopping: putting things back as found" in output
+    assert "Stopping: restoring mode and parameters." in output
     assert output.rstrip().endswith("page closed")
     assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
     assert serving.process.returncode == 0
@@ -97,7 +97,7 @@ def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.C
         with pytest.raises(CannotOpenLink, match="another --port"):
             serve(ServeSettings("127.0.0.1", port, tmp_path), lambda text: None)
         assert main(["serve", "--port", str(port), "--runs", str(tmp_path)]) == 3
-    assert "is another page open?" in capsys.readouterr().err
+    assert "Stop the other server" in capsys.readouterr().err
 
 
 def test_a_missing_extra_is_one_clear_sentence(

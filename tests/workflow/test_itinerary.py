@@ -187,13 +187,15 @@ def test_the_room_is_that_of_the_craft():
     here = Observation(0.0, 0.0, z=0.2)
     whole, deep = Excursion(200.0, 182.0), Observation(0.0, 0.0, z=10.0)
     assert room("yaw", 1.2, settings(stop_rule="settled"), here, whole).startswith(
-        "need up to 220 m from where it lies: it turns around before each stage"
+        "need up to 220 m from where it lies. It turns around before each stage. A smaller"
     )
     assert room("yaw", 1.2, settings(), here, whole).startswith(
-        "need up to 228 m from where it lies: it turns around once it is 120 m away"
+        "need up to 228 m from where it lies, usually about 220 m. Between stages it turns around where it is more"
     )
     small = settings(envelope=Envelope(distance=150.0))
-    assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from where it lies: it turns around once")
+    assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from where it lies. Between stages")
+    near = room("surge", 1.5, settings("speed"), here, Excursion(100.0, 90.0, usual=Excursion(80.0, 37.0)))
+    assert near == "need up to 110 m from where it lies, usually about 45 m. A smaller --max-distance takes less"
     assert room("yaw", 0.0, settings(), here, whole) == "need about 2 m of free water around"
     assert room("heave", 0.0, settings("depth"), here, whole) == "need about 2 m of free water around, and 4 m of depth"
     assert room("heave", 0.0, settings("depth", step=-3.0), deep, whole).endswith("and 14 m of depth")

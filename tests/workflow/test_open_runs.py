@@ -39,7 +39,7 @@ def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(
     assert f"trial values of {GAIN} (was 0.2) may be aboard" in str(found)
     journal.leave()
     (found,) = open_runs()
-    assert not found.is_going_on and "was cut off" in str(found)
+    assert not found.is_going_on and "is incomplete" in str(found)
     journal = Journal.resume(tmp_path / "elsewhere" / "journal.jsonl")
     journal.record("returned", name=GAIN, value=0.2)
     journal.close()
@@ -95,8 +95,8 @@ def test_a_simulated_vehicle_that_ended_with_its_program_leaves_no_open_run(tmp_
     assert open_runs() == []
 
 
-def heard_from(at_work: bool) -> SimpleNamespace:
-    """A craft on whose link another station, with our own ids, was heard to have a run going on, or none."""
+def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
+    """A craft on whose link a station of our system was heard to have a run going on, or none; our beacon is 25."""
     session: Any = SimpleNamespace(
         vehicle=VehicleIdentity(1, 1, 3, 11),
         clock=ManualClock(),
@@ -104,17 +104,20 @@ def heard_from(at_work: bool) -> SimpleNamespace:
         listen=lambda name, listener: None,
         routing=SimpleNamespace(overhear=lambda hear: None),
         port=SimpleNamespace(system=255),
+        beacon=25,
     )
     stations = OtherStations(session)
-    frame: Any = SimpleNamespace(name="HEARTBEAT", message=our_heartbeat(at_work=at_work), system=255, component=190)
+    message = our_heartbeat(at_work=at_work)
+    frame: Any = SimpleNamespace(name="HEARTBEAT", message=message, system=255, component=component)
     stations._on_foreign(frame)
     return SimpleNamespace(session=session, other_stations=stations, parameters=None)
 
 
 def test_a_vehicle_on_which_another_computer_has_a_run_going_on_is_refused() -> None:
-    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 190\). Wait until it ends"):
+    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 30\). Wait until it ends"):
         refuse_open_runs(heard_from(at_work=True))  # type: ignore[arg-type]
     refuse_open_runs(heard_from(at_work=False))  # type: ignore[arg-type]
+    refuse_open_runs(heard_from(at_work=True, component=25))  # type: ignore[arg-type]  # our own, sent back by a router
     late = heard_from(at_work=True)
     late.session.clock.advance(60.0)
     assert late.other_stations.at_work == "", "it has fallen silent since"

@@ -12,12 +12,13 @@ from gcs_autotune.identify.axis.case import Case, named_parameters, two_experime
 from gcs_autotune.identify.axis.structure import FREE
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import quadratic_drag
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure
 from gcs_autotune.models import SingleDof
 
-__all__ = ["fit_by_iso"]
+__all__ = ["METHOD", "fit_by_iso"]
 
 Array = NDArray[np.float64]
 
@@ -137,3 +138,6 @@ def _undecided() -> Doubt:
         "one limit cycle, or two alike, cannot tell linear from quadratic damping; the linear one was taken",
         "fly a second relay with a clearly different C",
     )
+
+
+METHOD = Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso)

@@ -23,9 +23,11 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.local import Delayed, LocalCost, local_fit
+from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
 from gcs_autotune.identify.least_squares import descend
 from gcs_autotune.identify.likelihood import Limits, Objective
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.noise import gaussian_noise
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Fit
@@ -35,7 +37,7 @@ from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.models import Form, Simulator, inertia_of
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["OPTIONS", "Box", "Searched", "box_of", "fit_by_global_search", "search"]
+__all__ = ["METHOD", "OPTIONS", "Box", "Searched", "box_of", "fit_by_global_search", "search"]
 
 Array = NDArray[np.float64]
 
@@ -265,3 +267,13 @@ def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, 
     except NotInformative:
         return None
     return found.solution
+
+
+METHOD = Method(
+    "global",
+    "output error from the better of two global searches",
+    axis=for_axis(fit_by_global_search),
+    coupled=fit_by_global_search,
+    options=OPTIONS,
+    bears=frozenset({"stamps", "robust", "lever arm"}),
+)

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.limits import horizon_of, limits_of
+from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import Delayed, LocalCost, fit_with_delay, local_fit
 from gcs_autotune.identify.doubts import delay_fitted, once
 from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.odd_run import odd_run
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
@@ -24,7 +26,7 @@ from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubt
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models import CoupledModel, Form
 
-__all__ = ["fit_coupled_by_output_error", "fit_of", "with_known_delay"]
+__all__ = ["METHOD", "fit_coupled_by_output_error", "fit_of", "with_known_delay"]
 
 Array = NDArray[np.float64]
 
@@ -153,3 +155,13 @@ def _pieces(local: LocalCost) -> Doubt | None:
         f"no model of this form follows a whole run; it was fitted to pieces of {longest:.0f} s each",
         "look for a missing term, a run of another vehicle, or a craft that does not keep its course by itself",
     )
+
+
+METHOD = Method(
+    "output-error",
+    "simulated against measured motion, by maximum likelihood",
+    axis=fit_by_output_error,
+    coupled=fit_coupled_by_output_error,
+    options=OPTIONS,
+    bears=frozenset({"stamps", "rounding", "robust", "delay", "effects", "lever arm"}),
+)

@@ -21,11 +21,12 @@ from gcs_autotune.identify.frequency.spectrum import (
     harmonic_response,
     spectral_response,
 )
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import AxisFit, Doubt, Status, Trace
 from gcs_autotune.models import Nomoto1, SingleDof
 
-__all__ = ["OPTIONS", "fit_by_frequency", "frequency_doubts"]
+__all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
 
 DECADE_PART = 3.0
 """Least ratio of highest to lowest measured frequency that shows a slope. Chosen: half a decade."""
@@ -219,3 +220,11 @@ def _delay_status(case: Case, model: SingleDof) -> Status:
     if case.delay is not None:
         return "fixed"
     return "fitted" if model.delay > 0.0 else "absent"
+
+
+METHOD = Method(
+    "frequency",
+    "Bode response of a sweep or relay, Nomoto fitted",
+    axis=fit_by_frequency,
+    options=OPTIONS,
+)

@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Prior, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
 from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 
-__all__ = ["FILTER_OPTIONS", "fit_by_ekf", "fit_by_ukf"]
+__all__ = ["EKF", "FILTER_OPTIONS", "UKF", "fit_by_ekf", "fit_by_ukf"]
 
 Array = NDArray[np.float64]
 
@@ -170,3 +172,22 @@ def _history(task: Task, result: FilterResult) -> dict[str, Any]:
             }
         )
     return {"runs": runs}
+
+
+EKF = Method(
+    "ekf",
+    "extended Kalman filter, parameters in its state",
+    axis=for_axis(fit_by_ekf),
+    coupled=fit_by_ekf,
+    options=FILTER_OPTIONS,
+    bears=frozenset({"stamps"}),
+)
+
+UKF = Method(
+    "ukf",
+    "sigma-point Kalman filter, likewise",
+    axis=for_axis(fit_by_ukf),
+    coupled=fit_by_ukf,
+    options=FILTER_OPTIONS,
+    bears=frozenset({"stamps"}),
+)

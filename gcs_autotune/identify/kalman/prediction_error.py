@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.report import Found, report
 from gcs_autotune.identify.kalman.smoother import iterate
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
 
-__all__ = ["PEM_OPTIONS", "fit_by_prediction_error"]
+__all__ = ["METHOD", "PEM_OPTIONS", "fit_by_prediction_error"]
 
 Array = NDArray[np.float64]
 
@@ -200,3 +202,13 @@ def _thresholded(levels: Levels, by_drive: Array) -> Levels:
 def _as_it_was(result: FilterResult, levels: Levels) -> Found:
     std = np.sqrt(np.diag(result.covariance))
     return Found(result.parameters, result.covariance, std, levels, result, np.full(len(std), np.inf))
+
+
+METHOD = Method(
+    "prediction-error",
+    "innovations' likelihood: gusts and other process noise apart from measurement noise",
+    axis=for_axis(fit_by_prediction_error),
+    coupled=fit_by_prediction_error,
+    options=PEM_OPTIONS,
+    bears=frozenset({"stamps"}),
+)

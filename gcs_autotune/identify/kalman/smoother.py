@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import inertia_matrix
 
-__all__ = ["SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate", "positive_inertia", "settled"]
+__all__ = ["METHOD", "SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate", "positive_inertia", "settled"]
 
 Array = NDArray[np.float64]
 
@@ -171,3 +173,13 @@ def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
             }
         )
     return runs
+
+
+METHOD = Method(
+    "smoother",
+    "iterated smoother: positions alone will do",
+    axis=for_axis(fit_by_smoother),
+    coupled=fit_by_smoother,
+    options=SMOOTHER_OPTIONS,
+    bears=frozenset({"stamps"}),
+)

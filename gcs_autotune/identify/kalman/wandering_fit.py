@@ -61,6 +61,11 @@ class WanderingFit:
                 return float(math.sqrt(max(self.covariance[len(self.theta) + k, len(self.theta) + k], 0.0)))
         return math.nan
 
+    def errors_of(self, effect: EffectInstance) -> dict[str, float]:
+        """Return the standard errors of those of an effect's numbers that were fitted."""
+        found = {name: self.std_of(effect.slug, effect.place, name) for name in effect.values}
+        return {name: std for name, std in found.items() if not math.isnan(std)}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:

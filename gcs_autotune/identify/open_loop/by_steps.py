@@ -19,13 +19,14 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
 from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
 
-__all__ = ["StepModel", "fit_by_steps", "fit_readings"]
+__all__ = ["METHOD", "StepModel", "fit_by_steps", "fit_readings"]
 
 Array = NDArray[np.float64]
 
@@ -380,3 +381,6 @@ def _plain(r: StepReading) -> dict[str, float | str | bool]:
         "nu_0": r.nu_0.value,
         "settled": r.settled,
     }
+
+
+METHOD = Method("step", "settled responses to steps of the input (Miskovic2010, table 4.1)", axis=fit_by_steps)

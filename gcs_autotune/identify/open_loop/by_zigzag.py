@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.zigzag_integrals import IntegralRows, half_periods, rows_of, solve_rows
 from gcs_autotune.identify.result import AxisFit, Doubt, Structure
 
-__all__ = ["Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
+__all__ = ["METHOD", "Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
 
 Array = NDArray[np.float64]
 
@@ -151,3 +152,11 @@ def _doubts(
             Doubt("few-half-periods", f"{count} equations for {sum(free)} numbers: errors are guesses", "fly on")
         )
     return found
+
+
+METHOD = Method(
+    "zig-zag",
+    "K and T by integration over half periods (Miskovic2010, 4.4)",
+    axis=fit_by_zigzag,
+    options=(("length", "ship length [m], for K' and T'"), ("speed", "approach speed [m/s], for K' and T'")),
+)

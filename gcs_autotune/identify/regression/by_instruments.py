@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import as_simulated
@@ -33,7 +34,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.identify.whiteness import scores_covariance
 
-__all__ = ["OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
+__all__ = ["METHOD", "OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
 
 Array = NDArray[np.float64]
 
@@ -161,3 +162,13 @@ def _inverse(A: Array) -> Array:
 
 fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
 """Instrumental variables for one degree of freedom."""
+
+
+METHOD = Method(
+    "instrumental-variables",
+    "least squares freed of its noise bias by simulated instruments",
+    axis=fit_axis_by_instruments,
+    coupled=fit_by_instruments,
+    options=OPTIONS,
+    bears=frozenset({"stamps"}),
+)

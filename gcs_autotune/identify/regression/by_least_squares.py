@@ -20,6 +20,7 @@ from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.free_run import RUNS_AWAY
 from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
 from gcs_autotune.identify.regression.outcome import fit_of, model_of
@@ -33,6 +34,7 @@ from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import Form, inertia_matrix, program_of
 
 __all__ = [
+    "METHOD",
     "OPTIONS",
     "barrier_of",
     "feasible_start",
@@ -204,3 +206,13 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
             f"physical: the known values of '{form.name}' leave no positive definite M and D(nu); free some of them"
         )
     return out
+
+
+METHOD = Method(
+    "least-squares",
+    "the equations of motion as a linear regression",
+    axis=fit_axis_by_least_squares,
+    coupled=fit_by_least_squares,
+    options=OPTIONS,
+    bears=frozenset({"stamps"}),
+)

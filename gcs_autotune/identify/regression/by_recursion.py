@@ -19,6 +19,7 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
@@ -32,7 +33,7 @@ from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 
-__all__ = ["OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
+__all__ = ["METHOD", "OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
 
 Array = NDArray[np.float64]
 
@@ -175,3 +176,13 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
 
 fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
 """Recursive least squares for one degree of freedom."""
+
+
+METHOD = Method(
+    "recursive-least-squares",
+    "least squares as it develops along the run, with forgetting on request",
+    axis=fit_axis_by_recursion,
+    coupled=fit_by_recursion,
+    options=OPTIONS,
+    bears=frozenset({"stamps"}),
+)

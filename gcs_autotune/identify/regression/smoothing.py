@@ -2,9 +2,7 @@
 
 Two ways, both with their degree of smoothing chosen by the data:
 
-* ``savitzky-golay``: a polynomial through the nearest samples (the filter of Miskovic2007, II-C, for uneven stamps),
-the
-  number of samples chosen by leave-one-out prediction;
+* ``savitzky-golay``: a polynomial through the nearest samples (the filter of Miskovic2007, II-C, for uneven stamps);
 * ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers1996), the penalty chosen
   by generalised cross-validation (Craven1979), or by the rounding error of a coarse sensor where that is
   larger than the scatter cross-validation believes in.
@@ -24,6 +22,7 @@ from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
 from gcs_autotune.identify.segment import Signal
+from gcs_autotune.smoothing import best_width, local_polynomials
 
 __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]
 
@@ -68,42 +67,13 @@ def local_polynomial(signal: Signal, order: int, setting: float | None = None) -
     """Smooth by cubic polynomials through the nearest *setting* samples (chosen when None)."""
     n = len(signal.t)
     widths = [int(setting)] if setting is not None else [w for w in WIDTHS if w < n] or [min(n, WIDTHS[0])]
-    best: tuple[float, int, float] | None = None
-    for width in widths:
-        missed, noise = _left_out(signal, width)
-        if best is None or missed < best[0]:
-            best = (missed, width, noise)
-    assert best is not None
-    width = best[1]
+    width, noise = best_width(signal.t, signal.values, widths, CUBIC)
 
     def at(t: Array, derivative: int) -> Array:
-        return math.factorial(derivative) * _coefficients(signal, t, width)[0][:, derivative]
+        return local_polynomials(signal.t, signal.values, t, width, CUBIC).derivative(derivative)
 
     reach = 0.5 * width * float(np.median(np.diff(signal.t)))
-    return Smooth(at, best[2], float(width), reach)
-
-
-def _coefficients(signal: Signal, t: Array, width: int) -> tuple[Array, Array]:
-    """Return the polynomials' coefficients (s, 4) about each of *t* and the weight (s,) of a sample lying there."""
-    n = len(signal.t)
-    nearest = np.searchsorted(0.5 * (signal.t[1:] + signal.t[:-1]), t)
-    at = np.clip(nearest - width // 2, 0, n - width)[:, None] + np.arange(width)
-    span = signal.t[at[:, -1]] - signal.t[at[:, 0]]
-    z = (signal.t[at] - t[:, None]) / span[:, None]
-    degree = min(CUBIC, width - 1)
-    V = z[:, :, None] ** np.arange(degree + 1)
-    turned = V.transpose(0, 2, 1)
-    inverse = np.linalg.inv(turned @ V + 1e-12 * np.eye(degree + 1))
-    c = (inverse @ (turned @ signal.values[at][:, :, None]))[:, :, 0] / span[:, None] ** np.arange(degree + 1)
-    return c, inverse[:, 0, 0]
-
-
-def _left_out(signal: Signal, width: int) -> tuple[float, float]:
-    """Return the mean squared leave-one-out error and the noise of a sample."""
-    c, own = _coefficients(signal, signal.t, width)
-    residual = signal.values - c[:, 0]
-    rest = np.maximum(1.0 - own, 1e-6)
-    return float(np.mean((residual / rest) ** 2)), math.sqrt(float(residual @ residual) / max(float(rest.sum()), 1e-9))
+    return Smooth(at, noise, float(width), reach)
 
 
 def penalised_spline(signal: Signal, order: int, setting: float | None = None) -> Smooth:

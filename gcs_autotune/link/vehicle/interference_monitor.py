@@ -137,10 +137,10 @@ class InterferenceMonitor:
             self.modes = before
             self._unanswered.add(number)
 
-    def confirm_mode(self) -> None:
-        """What we ordered is in force."""
+    def confirm_mode(self, number: int) -> None:
+        """The order of the mode of that *number* was accepted: from now on no other is expected."""
         self._unanswered.clear()
-        self.modes = frozenset({self._session.custom_mode}) if self.is_ours else frozenset()
+        self.modes = frozenset({number}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
         """Return the first change of mode or armed state that we did not order, by the last heartbeat.
@@ -254,7 +254,8 @@ class InterferenceMonitor:
             if pause > _WORTH_A_WORD and not self._is_own_doing()
             else ""
         )
-        what = f"{change.what}, not by us{self._last_words()}: {self._who(change.kinds)}{copy}{short}"
+        who = self._lost_on_the_way(named, change) or self._who(change.kinds)
+        what = f"{change.what}, not by us{self._last_words()}: {who}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
             what,
@@ -272,6 +273,18 @@ class InterferenceMonitor:
     def _fitting(self, change: _Change) -> list[SetFailsafe]:
         has_receiver = bool(self._rc_monitor.has_receiver)
         return [f for f in self.failsafes if change.outcome in f.outcomes and not (f.by_overrides and has_receiver)]
+
+    def _lost_on_the_way(self, named: SetFailsafe | None, change: _Change) -> str:
+        """Return in words that the failsafe *named* itself although we went on sending; empty where another did it."""
+        since = self._session.clock.now() - _LOOK_BACK
+        if named is None or self._other_stations.has_ordered(change.kinds, since):
+            return ""
+        lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
+        return (
+            f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
+            f"paused for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better "
+            "link. Another station may have ordered the same"
+        )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
         """Return (failsafe, seconds without overrides, why, cure) where that time was long enough for it."""
@@ -357,7 +370,8 @@ class InterferenceMonitor:
         return self._other_stations.culprit(kinds, since, name)
 
     def _is_own_doing(self) -> bool:
-        return any(_OWN_DOING in text.casefold() for text in self._recent_texts())
+        words = (_OWN_DOING, *(failsafe.says for failsafe in self.failsafes))
+        return any(word in text.casefold() for text in self._recent_texts() for word in words)
 
     def _recent_texts(self) -> list[str]:
         return self._session.texts.recent(self._session.clock.now() - _LOOK_BACK, at_most=_MANY)

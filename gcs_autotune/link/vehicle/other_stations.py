@@ -201,10 +201,10 @@ class OtherStations:
         self._heard[ids] = self._session.clock.now()
         if frame.name == "HEARTBEAT":
             self.stations[ids] = type_name(int(frame.message.type))
+            if ids == (self._session.port.system, self._session.beacon):
+                return  # our own, which a router sent back
             if int(frame.message.custom_mode) == AT_WORK:
                 self._at_work = ids
-            elif ids == self._at_work:
-                self._at_work = None
         else:
             self.stations.setdefault(ids, "")
         if frame.name in ORDERS and self._is_for_our_vehicle(frame):

@@ -13,12 +13,12 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency import (
     FrequencyResponse,
     fit_nomoto,
-    frequency_plot,
     harmonic_response,
     spectral_response,
 )
 from gcs_autotune.identify.frequency.spectrum import STRONG
 from gcs_autotune.models import Nomoto1, Nomoto2
+from gcs_autotune.report import frequency_plot
 from gcs_autotune.trial import Channel, Trial
 
 ALPHA, BETA = 0.36, 0.12
