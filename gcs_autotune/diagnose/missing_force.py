@@ -339,6 +339,8 @@ def _shortfall_of(unnamed: Attested) -> str:
     fits = (
         f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
     )
+    if unnamed.unsound:
+        return f"{fits}, but {unnamed.unsound}: not named"
     if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
