@@ -65,7 +65,7 @@ class Ear(SilentWatcher):
         """Take what is said once all that comes before arming is over."""
         if text.startswith("will "):
             self.announced += f"{text} "
-        if text.startswith("found: mode"):
+        if text.startswith("State before the run: mode"):
             self.armed = True
             self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
@@ -118,11 +118,11 @@ class Told:
 
 def told_in(text: str, used: tuple[float, float]) -> Told:
     """Return what an announcement says."""
-    far = re.search(r"need up to ([\d.]+) m ", text)
+    far = re.search(r"(?:need|takes) up to ([\d.]+) m\b", text)
     metres = float(far[1]) if far else math.nan
-    whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
+    whole = re.search(rf"(?:and|takes) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about \d+ m and )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    usual = re.search(rf"usually (?:about .*? and )?(?=\d+ (?:min|s)\b){_TIME}", text)
     near = re.search(r"usually about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
     usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres

@@ -184,6 +184,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "command-coupling": ("experiment surge", "charlie", ".gain=0.2"),
     "gain-drift": (HEADING, "videoray", ".rate=0.003"),
     "speed-dependent-steering": ("fly zig-zag", "charlie", ".share=1"),
+    "propeller-wash": ("tune heading", "charlie", ".share=0.8"),
     "advance-speed-loss": (HEADING, "videoray", ".loss=0.5"),
     "linear-drag": (HEADING, "videoray", ".coefficient=0.01"),
     "quadratic-drag": (HEADING, "videoray", ".coefficient=0.02"),

@@ -38,6 +38,7 @@ CASES = {
     "command-coupling": ("N+X", {"gain": -0.15}),
     "gain-drift": ("N", {"rate": 0.01}),
     "speed-dependent-steering": ("N", {"share": 0.5, "U_ref": 0.7}),
+    "propeller-wash": ("N+X", {"share": 0.5, "X_ref": 3.5}),
     "advance-speed-loss": ("N", {"loss": 0.4}),
     "linear-drag": ("yaw", {"coefficient": 0.7}),
     "quadratic-drag": ("yaw", {"coefficient": 0.7}),
@@ -63,7 +64,7 @@ UNFORESEEN = {"wave-disturbance", "quantisation", "outliers"}
 """What no simulation foretells; the tests of both sides look at their statistics."""
 BOOK_ONLY = {"advance-speed-loss": {"gain": 1.0, "axis": 5.0}, "ground-effect": {"dives": 1.0}}
 """What the book reads off the form of the base model."""
-CONSTANTS = {"u_ref", "U_ref", "bottom"}
+CONSTANTS = {"u_ref", "U_ref", "X_ref", "bottom"}
 
 
 def plain_model():

@@ -15,6 +15,8 @@ adequacy          is anything left? would a law without a name do better?
 resonance_check   a wave, or the craft's own ringing
 numbers           which numbers of a given model are wrong
 simulation        somebody else's simulator, modelled
+two_records       its file beside the measured one: clock, order, signs and units
+command_match     the same by the commands that both files hold
 result            what comes out
 report_builder    from a finished search to a :class:`Diagnosis`
 workers           work shared among processes

@@ -83,11 +83,11 @@ def hints_of(
 def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
     """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
 
-    Left out are those too brief to be anything, and those of which the 95 % interval contains no effect.
+    Left out are those of which the 95 % interval contains no effect.
     """
     last_step = max((a.step for a in search.judged), default=0)
     told = {slug for group in search.alike for slug in group} | {a.effect.slug for a in search.named}
-    beside = [(a, _lack(a)) for a in search.judged if a.step == last_step and a.effect.slug not in told and not a.brief]
+    beside = [(a, _lack(a)) for a in search.judged if a.step == last_step and a.effect.slug not in told]
     own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
     found = []
     for one, lacks in own.values():
@@ -147,6 +147,8 @@ def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate],
 
 
 def _lack(one: Attested) -> Lack:
+    if one.brief:
+        return "brief"
     if one.gain <= one.needed:
         return "weak"
     return "not-sure" if one.interval[0] < 0.0 else "not-on-each"

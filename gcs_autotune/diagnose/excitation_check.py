@@ -15,7 +15,7 @@ from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["FEWEST", "MOTIONS", "check_alive", "check_excitation", "coherence", "held_share", "on_grid"]
+__all__ = ["COMMANDS", "FEWEST", "MOTIONS", "check_alive", "check_excitation", "coherence", "held_share", "on_grid"]
 
 Array = NDArray[np.float64]
 

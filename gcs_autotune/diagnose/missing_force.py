@@ -26,6 +26,9 @@ BINS, FEWEST = 9, 8
 WAY_ON = 0.1
 """Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
 
+MOVES = 2.0
+"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
+
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """What the missing force is told over -> its unit."""
 
@@ -37,8 +40,8 @@ TOLD = 0.1
 class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power, told by the other runs'
-    curve; below 0 when that curve tells nothing.
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power about its mean, predicted
+    by the other runs' curve; below 0 when that curve predicts less than their mean.
     """
 
     over: str
@@ -47,6 +50,11 @@ class MissingCurve:
     force: Array
     band: Array
     share: float
+
+    @property
+    def varies(self) -> bool:
+        """Whether no constant lies within the band everywhere: else it goes with nothing."""
+        return bool(np.max(self.force - self.band) > np.min(self.force + self.band))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,13 +168,19 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
             if name in original.measured and name != d.velocity:
                 own = original.measured[name]
                 known = np.isfinite(own.values)
-                if known.sum() > FEWEST:
+                if known.sum() > FEWEST and _moves(own.values[known]):
                     beside[name] = np.interp(t, own.t[known], own.values[known])
         if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
             beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
         found.append(_Estimate(original.run, t, force, std, beside))
     return found
+
+
+def _moves(values: Array) -> bool:
+    """Whether a measured velocity (n,) ranges beyond its own noise: a motion that did not happen explains nothing."""
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    return float(np.std(values)) > MOVES * noise
 
 
 def _places(x: Array) -> tuple[Array, Array]:
@@ -200,9 +214,10 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         others = [p for j, p in enumerate(pieces) if j != k]
         curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
         at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
-        told = np.nan_to_num(curve[at])
+        constant = float(np.mean(np.concatenate([p[1] for p in others])))
+        told = np.where(np.isfinite(curve[at]), curve[at], constant)
         left += float(np.sum((own_y - told) ** 2))
-        whole += float(np.sum(own_y**2))
+        whole += float(np.sum((own_y - constant) ** 2))
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
     count = np.sum(np.isfinite(each), axis=0)
@@ -263,7 +278,7 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        told = [c for c in missing.curves.values() if c.share > TOLD]
+        told = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
         for curve in told[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
@@ -316,8 +331,8 @@ def next_of(missing: MissingForce | None) -> str | None:
     """Return the manoeuvre that would tell what the missing force is."""
     if missing is None or not missing.curves:
         return None
-    best = next(iter(missing.curves.values()))
-    if best.share <= TOLD:
+    best = next((c for c in missing.curves.values() if c.varies), None)
+    if best is None or best.share <= TOLD:
         return (
             f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
             f"{_of(missing)} hides what is smaller than a fraction of it"

@@ -80,6 +80,12 @@ seed 463: one of 0.39 s, nearly three, which is worth 338)."""
 LATE = ("input-delay", "actuator-lag")
 """What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
+CONSTANT = ("input-bias", "net-buoyancy")
+"""The constant force of a degree of freedom, by the slugs that it may have."""
+
+SHRUNK = 0.3
+"""Chosen: share of its size and memory at which the process noise of a fit begins once a constant is beside it."""
+
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
 
@@ -146,13 +152,19 @@ def asked_of(problem: Problem) -> tuple[Form, str] | None:
 
 
 def search_under_process_noise(
-    problem: Problem, base: Fitted, slugs: Sequence[str], unseen: Sequence[Segment], say: Say
+    problem: Problem,
+    base: Fitted,
+    slugs: Sequence[str],
+    unseen: Sequence[Segment],
+    say: Say,
+    *,
+    in_blocks: bool = False,
 ) -> WeatherSearch | None:
     """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or no model
     of the craft was found beneath the weather.
 
     problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
-    apart, to judge on only.
+    apart, to judge on only. in_blocks : blocks of every run are left out in turn, not whole runs.
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
@@ -161,18 +173,21 @@ def search_under_process_noise(
     (form, signal), (wandering, plain) = asked, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
-    calm = _over_none(wandering, plain)
-    folds, words = _folds(wandering.segments, held)
+    calm = _over_constants(wandering, plain)
+    folds, words = _folds(wandering.segments, held, in_blocks=in_blocks)
     search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
     if calm < PRESENT or search.momentary:
         return search
     try:
+        search = _with_constant(search, slugs)
+        if search.named:
+            search = replace(search, still=_over_constants(wandering, search.fit))
         for _ in range(MOST_CAUSES):
             before, search = search, _one_more(search, slugs, say)
             if len(search.named) == len(before.named):
                 break
             search = replace(_without_idle(search), still=math.inf)
-            search = replace(search, still=_over_none(wandering, search.fit))
+            search = replace(search, still=_over_constants(wandering, search.fit))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
@@ -194,21 +209,78 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
     return search
 
 
-def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
-    """Return the log-likelihood that weather and waves of *fit* gain over none, inf where none runs away."""
-    still = replace(fit.water, size=1e-9, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
-    if problem.fit(fit.theta, fit.effects, still, rounds=0) is None:
-        return math.inf
-    fits = [problem.fit(fit.theta, fit.effects, replace(still, noise=still.noise * k), rounds=8) for k in (1.0, 10.0)]
-    return fit.total - max((f.total for f in fits if f is not None), default=-math.inf)
+def _over_constants(problem: WanderingProblem, fit: WanderingFit) -> float:
+    """Return the log-likelihood that the noise and waves of *fit* gain over the plainer laws of their family.
+
+    These are no force, one constant, and a constant of each run: with a long memory, a drifting force is a constant.
+    Beside the noise there may be a constant, too. Its number is paid for (Schwarz). inf where none of the plainer laws
+    can be evaluated.
+    """
+    still = fit.water.still
+    constants = _constants(problem, fit)
+    laws = [(fit.effects, still), *[((*fit.effects, own), still) for own in constants]]
+    if problem.runs > 1:
+        laws.append((fit.effects, replace(still, day_force=max(fit.water.size, fit.water.day_force))))
+    best = -math.inf
+    for effects, water in laws:
+        if problem.fit(fit.theta, effects, water, rounds=0) is None:
+            continue
+        fits = [problem.fit(fit.theta, effects, replace(water, noise=water.noise * k)) for k in (1.0, 10.0)]
+        best = max([best, *[f.total - _price_of_effects(f, fit) for f in fits if f is not None]])
+    noisy = [f for own in constants if (f := _beside(problem, fit, own)) is not None]
+    return max([fit.total, *[f.total - _price_of_effects(f, fit) for f in noisy]]) - best
+
+
+def _beside(problem: WanderingProblem, fit: WanderingFit, own: EffectInstance) -> WanderingFit | None:
+    """Return *fit* again with a constant force beside its noise, which is smaller and forgotten sooner without it."""
+    shorter = replace(fit.water, size=SHRUNK * fit.water.size, memory=SHRUNK * fit.water.memory)
+    tries = [problem.fit(fit.theta, (*fit.effects, own), water) for water in (fit.water, shorter)]
+    return max((f for f in tries if f is not None), key=lambda f: f.total, default=None)
+
+
+def _constants(problem: WanderingProblem, fit: WanderingFit) -> list[EffectInstance]:
+    """Return the constant force of this degree of freedom, to begin from; none where *fit* has one."""
+    dof = problem.form.dofs[0]
+    present = {(e.slug, e.place) for e in fit.effects}
+    return [
+        EffectInstance(slug, dof, dict(EFFECTS[slug].starts(dof, problem.data)[0]))
+        for slug in CONSTANT
+        if (slug, dof) not in present and dof in EFFECTS[slug].places(problem.data)
+    ]
+
+
+def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch:
+    """Return the search with a constant force named, where it is supported beside process noise; else unchanged.
+
+    A constant and a drifting force are nested laws, and a drifting force remembers a constant as well as it can. So the
+    constant is tried before any other cause, and as the only try.
+    """
+    problem = search.problem
+    offered = [e for e in _constants(problem, search.plain) if e.slug in slugs]
+    plain = differing(problem, search.plain) if offered else search.plain
+    for own in offered:
+        fit = _beside(problem, plain, own)
+        if fit is None:
+            continue
+        found = _attested(replace(search, tried=1), own, fit, plain, _unseen(search, plain))
+        if found.paid:
+            search = replace(search, named=(found,), judged=(found,), fit=fit)
+    return search
 
 
 def _folds(
-    segments: Sequence[Segment], held: Sequence[Segment]
+    segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: bool
 ) -> tuple[tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...], str]:
     runs = list(dict.fromkeys(s.run for s in segments))
     folds: list[tuple[tuple[Segment, ...], tuple[Segment, ...]]] = []
-    if len(runs) > 1:
+    if len(runs) > 1 and in_blocks:
+        pieces = [s.pieces(MOST_BLOCKS) for s in segments]
+        for k in range(max(map(len, pieces))):
+            own = tuple(b for blocks in pieces for b in blocks[k : k + 1])
+            rest = tuple(b for blocks in pieces for b in (*blocks[:k], *blocks[k + 1 :]))
+            folds.append((rest, own))
+        words = f"{len(folds)} blocks of every run left out in turn"
+    elif len(runs) > 1:
         for run in runs:
             folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
         words = f"each of {len(runs)} runs left out in turn"
@@ -403,6 +475,12 @@ def _price(fit: WanderingFit, present: WanderingFit) -> float:
     """Return what additional parameters cost (Schwarz), as log-likelihood."""
     samples = sum(len(e) for _, e, _ in fit.innovations)
     return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
+
+
+def _price_of_effects(fit: WanderingFit, present: WanderingFit) -> float:
+    """Return what the additional numbers of effects alone cost (Schwarz), as log-likelihood."""
+    samples = sum(len(e) for _, e, _ in fit.innovations)
+    return 0.5 * (len(fit.free_effects) - len(present.free_effects)) * math.log(max(samples, 2))
 
 
 TRACE = 0.1

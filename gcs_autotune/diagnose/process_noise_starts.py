@@ -37,6 +37,7 @@ __all__ = [
     "Say",
     "errs_after_commands",
     "momentary",
+    "per_inertia_of",
     "plain_under_process_noise",
 ]
 
@@ -119,7 +120,8 @@ def plain_under_process_noise(
 
     form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
     """
-    theta, pace = _from_base(base, form)
+    theta = per_inertia_of(base, form)
+    pace = _pace_of(theta)
     limits = np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
     wandering = _thinned(problem, form, signal, theta, pace, limits, pace / PACE)
     plain = None if wandering is None else _best_of_starts(wandering, theta, pace, say)
@@ -185,8 +187,8 @@ def _pace_of(theta: Array) -> float:
     return 1.0 / max(abs(float(theta[1])), 1e-3)
 
 
-def _from_base(base: Fitted, form: Form) -> tuple[Array, float]:
-    """Return gain and damping per inertia of the plain fit, and its time constant [s]."""
+def per_inertia_of(base: Fitted, form: Form) -> Array:
+    """Return gain and damping per inertia (2,) of a fit, in the degree of freedom of *form*."""
     d, model = DOFS[form.dofs[0]], base.model.base
     i = model.form.dofs.index(form.dofs[0])
     inertia = float(model.inertia[i, i])
@@ -196,8 +198,7 @@ def _from_base(base: Fitted, form: Form) -> tuple[Array, float]:
             if force == d.force:
                 gain = model[share.lstrip("-")] if isinstance(share, str) else abs(share)
     damping = model[f"{d.force}_{d.velocity}"] / inertia
-    theta = np.array([gain / inertia, damping])
-    return theta, _pace_of(theta)
+    return np.array([gain / inertia, damping])
 
 
 def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:

@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.candidates import (
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
-from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
+from gcs_autotune.diagnose.score import ALIKE, Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.executor import Executor, SerialExecutor
@@ -60,6 +60,9 @@ NOT_BEGUN = "not begun: "
 SHORT_LIST = 18
 """Candidates fitted roughly."""
 
+FOLLOWING = 12
+"""Chosen: trials of a fit in which an effect follows a command."""
+
 ASTRAY = 0.05
 """Whiteness below which errors of the data are also looked for from fits that leave out one signal."""
 
@@ -88,7 +91,8 @@ class Question:
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
     leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
     ``executor``: does what can be done at the same time.
-    ``weather``: whether a force that wanders may be blamed.
+    ``weather``: whether a force that wanders may be blamed. ``one_flight``: the runs complete each other (a step and a
+    relay of one tune), so that none of them predicts the other: blocks of all are left out in turn.
     """
 
     form: Form
@@ -101,6 +105,7 @@ class Question:
     progress: Progress | None = None
     executor: Executor = field(default_factory=SerialExecutor)
     weather: bool = True
+    one_flight: bool = False
 
     def say(self, stage: str, done: int, total: int) -> None:
         """Report progress.
@@ -258,7 +263,27 @@ class SearchState:
 
         executor = SerialExecutor() if quick else self.question.executor
         judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
-        return SearchStep(tuple(judged), None if quick else winner_of(judged, tried, present))
+        return SearchStep(tuple(judged), None if quick else self.pick(judged, tried, present))
+
+    def pick(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
+        """Return the winner; none that happens at a moment which a recorded command explains as well."""
+        left = list(judged)
+        while (winner := winner_of(left, tried, present)) is not None and self.follows_a_command(
+            winner.effect, winner.fitted
+        ):
+            left.remove(winner)
+        return winner
+
+    def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
+        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        others = tuple(e for e in fitted.effects if (e.slug, e.place) != (effect.slug, effect.place))
+        for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
+            if any((e.slug, e.place) == (own.slug, own.place) for e in others):
+                continue
+            fit = self.problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FOLLOWING, shift=fitted.shift)
+            if fit is not None and fit.cost + bic_penalty(fit, fitted) < fitted.cost + ALIKE:
+                return True
+        return False
 
     def judged(
         self,
@@ -336,7 +361,7 @@ def begin(question: Question) -> SearchState:
 
 def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: Fitted | None = None) -> SearchState:
     """Return the state of a search that begins at *fitted*; *given*: the model in question as it is."""
-    parts = parts_of(problem, question.unseen)
+    parts = parts_of(problem, question.unseen, in_blocks=question.one_flight)
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
     try:

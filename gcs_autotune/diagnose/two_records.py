@@ -1,19 +1,20 @@
-"""A simulation's record beside the measured one: clock, signs and units, looked for before anything is fitted.
+"""A simulation's record beside the measured one: clock, order, signs and units, looked for before anything is fitted.
 
-A wrong clock, a sign or a unit in the simulation's file would be taken for a wrong craft. Both records answer to the
-same commands, so what is between them shows whatever the craft is, and though weather moves either:
+A wrong clock, a sign or a unit in the simulation's file would be taken for a wrong craft. Inputs come first, outputs
+after that.
 
-**Offset of the clock.** Where both files hold the commands, from when these change; a simulation whose stamps lie
-elsewhere altogether (they begin at 0) is taken to begin with the run. Without commands a late clock is a delay, and is
-told as one.
+**By the commands.** Where both files hold commands that change alike (:mod:`.command_match`), these give the clock
+(seconds per second, and offset) and the order, sign and unit of every input exactly, whatever the craft is.
 
-**Scale of the clock.** The measured motion is regressed on the simulated one at many lags, before and after: that
-takes up gain, time constant and delay of both, whatever they are, for all of the record alike. A clock that runs fast
-is what is left: the shift grows from one end of the record to the other. What remains is whitened (autoregression), so
-that weather does not count for more than it tells; the shift is estimated in pieces too, and the scale is as uncertain
-as the pieces' disagreement says.
+**By the motion.** Without them a simulation whose stamps lie elsewhere altogether (they begin at 0) is taken to begin
+with the run, and a late clock is a delay, and is reported as one. For the scale of the clock the measured motion is
+regressed on the simulated one at many lags, before and after: that takes up gain, time constant and delay of both,
+whatever they are, for all of the record alike. A clock that runs fast is what is left: the shift grows from one end of
+the record to the other. What remains is whitened (autoregression), so that weather does not count for more than it
+shows; the shift is estimated in pieces too, and the scale is as uncertain as the pieces' disagreement makes it.
 
-**Signs and units.** The static gain of the same regression, signal by signal: negative, or that of degrees for radians.
+**Signs and units of the motion.** The static gain of the same regression, signal by signal: negative, or that of
+degrees for radians.
 """
 
 from __future__ import annotations
@@ -26,8 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from gcs_autotune.diagnose.command_line import Clock, MatchedCommand
+from gcs_autotune.diagnose.command_match import CommandMatch, match_commands
+from gcs_autotune.diagnose.excitation_check import COMMANDS
 from gcs_autotune.diagnose.result import Number
-from gcs_autotune.identify import INPUTS, Doubt
+from gcs_autotune.identify import Doubt
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
@@ -36,7 +40,6 @@ __all__ = ["TwoRecords", "compared"]
 Array = NDArray[np.float64]
 
 MOTIONS = ("r", "psi", "u", "v", "w", "z", "p", "q", "phi", "theta")
-COMMANDS = tuple(dict.fromkeys(c for channels in INPUTS.values() for c in channels))
 POSITIONS = frozenset({"psi", "z", "phi", "theta"})
 HEADING = "psi"
 
@@ -61,6 +64,9 @@ WORTH = 25.0
 SINGULAR = 1e-12
 """Share of the largest below which a direction of a regression is none."""
 
+RATE = "its seconds per second of these runs"
+"""What the scale of a clock is, in words."""
+
 LEAST_RATE = 0.002
 """Error of a clock's rate that nobody minds."""
 
@@ -71,6 +77,9 @@ LEAST_TIMES = 20.0
 """Static gain beyond which a signal is in another unit, not of another craft."""
 
 DEGREES = math.degrees(1.0)
+
+UNITS = (DEGREES, 100.0, 1000.0, 400.0, 500.0)
+"""Factors of an input's units: degrees, percent, thousandths, pulses [us] from neutral to full."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,31 +96,158 @@ def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
 
     They get the runs' own commands, whose stamps are the finer, wherever theirs are the same.
     """
-    rows: list[Number] = []
-    doubts: list[Doubt] = []
+    laid = _by_commands(simulations, runs) or _by_motion(simulations, runs)
+    placed, offsets, doubts = _shifted_to(laid, runs)
+    named, inputs, more = _inputs_set_right(laid.matches, placed, runs)
+    factors = _factors(named, runs)
+    outputs = [_factor_row(name, "what these runs record", *found) for name, found in factors.items()]
+    ready = [_divided(s, factors) for s in named]
+    doubts = [*doubts, *more]
+    driven = [_driven(s, r, doubts, m) for s, r, m in zip(ready, runs, laid.matches, strict=True)]
+    return TwoRecords(tuple(driven), (*laid.rows, *offsets, *inputs, *outputs), tuple(doubts))
+
+
+def _factor_row(name: str, of: str, factor: float, std: float) -> Number:
+    what = "sign" if abs(factor) == 1.0 else "unit"
+    return _row(f"{what} of {name}", "1", f"times {of}", factor, std, 1.0)
+
+
+# -- the clock
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Laid:
+    """Simulations with how the commands of each go with its run's; what is known of the scale of their clocks.
+
+    ``begins`` [s]: by how much each was shifted, or lies elsewhere altogether; 0 where it lies beside its run.
+    """
+
+    simulations: Sequence[Trial]
+    matches: Sequence[CommandMatch]
+    begins: Sequence[float]
+    rows: tuple[Number, ...] = ()
+
+
+def _by_commands(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid | None:
+    """Return simulations as they are, with clocks by their commands; None where these tell no scale of any."""
+    found = [match_commands(s, r) for s, r in zip(simulations, runs, strict=True)]
+    known = {k: m.clock for k, m in enumerate(found) if m.clock is not None and m.clock.has_scale}
+    if not known:
+        return None
+    weights = np.array([c.scale_std**-2.0 for c in known.values()])
+    usual, std = float(np.average([c.scale for c in known.values()], weights=weights)), float(weights.sum() ** -0.5)
+    scales = {f"clock scale of '{runs[k].name}'": (c.scale, c.scale_std) for k, c in known.items()}
+    if all(abs(c.scale - usual) <= SURE * c.scale_std for c in known.values()):
+        scales = {"clock scale": (usual, std)}
+        known = {k: replace(c, scale=usual, scale_std=std) for k, c in known.items()}
+    usual = usual if _is_off(usual, std) else 1.0
+    rows = [_row(name, "1", RATE, *scale, 1.0) for name, scale in scales.items() if _is_off(*scale)]
+    begins = [_begins_with(s, r) for s, r in zip(simulations, runs, strict=True)]
+    placed, matches = list(simulations), list(found)
+    for k, run in enumerate(runs):
+        clock = known.get(k)
+        if clock is None:
+            placed[k] = _reclocked(_shifted(simulations[k], begins[k]), usual)
+            matches[k] = match_commands(placed[k], run, steady=True)
+        elif _is_off(clock.scale, clock.scale_std):
+            matches[k] = replace(found[k], clock=clock)
+        else:
+            matches[k] = replace(found[k], clock=replace(clock, scale=1.0))
+    return _Laid(placed, matches, begins, tuple(rows))
+
+
+def _is_off(scale: float, std: float) -> bool:
+    """Whether a clock's rate is surely wrong, and by so much that anybody minds."""
+    return abs(scale - 1.0) > max(SURE * std, LEAST_RATE)
+
+
+def _by_motion(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid:
+    """Return simulations that begin with their runs, on clocks whose scale is by the motion in both."""
     begins = [_begins_with(s, r) for s, r in zip(simulations, runs, strict=True)]
     placed = [_shifted(s, by) for s, by in zip(simulations, begins, strict=True)]
     rate = _rate_of(placed, runs)
     if rate is not None:
-        scale, std = rate
-        rows.append(_row("clock scale", "1", "its seconds per second of these runs", scale, std, 1.0))
-        placed = [_reclocked(s, scale) for s in placed]
+        placed = [_reclocked(s, rate[0]) for s in placed]
+    rows = () if rate is None else (_row("clock scale", "1", RATE, *rate, 1.0),)
+    matches = [match_commands(s, r, steady=True) for s, r in zip(placed, runs, strict=True)]
+    return _Laid(placed, matches, begins, rows)
+
+
+def _shifted_to(laid: _Laid, runs: Sequence[Trial]) -> tuple[list[Trial], list[Number], list[Doubt]]:
+    """Return simulations on the runs' clocks, the offsets that were wrong, and what is doubtful about the clocks."""
+    placed: list[Trial] = []
     offsets: list[tuple[str, float, float]] = []
-    for k, (s, r) in enumerate(zip(placed, runs, strict=True)):
-        offset = _offset_of(s, r)
-        if offset is not None and abs(offset[0]) > SURE * offset[1]:
-            placed[k] = _shifted(s, offset[0])
-            offsets += [] if begins[k] else [(r.name, -offset[0], offset[1])]
-        if begins[k]:
-            doubts.append(_elsewhere(r.name, begins[k], by_commands=offset is not None))
-    rows += _offsets(offsets)
-    factors = _factors(placed, runs)
-    for name, (factor, std) in factors.items():
-        what = "sign" if abs(factor) == 1.0 else "unit"
-        rows.append(_row(f"{what} of {name}", "1", "times what these runs record", factor, std, 1.0))
-    ready = [_divided(s, factors) for s in placed]
-    driven = [_driven(s, r, doubts) for s, r in zip(ready, runs, strict=True)]
-    return TwoRecords(tuple(driven), tuple(rows), tuple(doubts))
+    doubts: list[Doubt] = []
+    for simulation, run, match, begins in zip(laid.simulations, runs, laid.matches, laid.begins, strict=True):
+        doubts += _doubts_of(match, run.name, holds_commands=any(n in simulation for n in COMMANDS))
+        if begins:
+            doubts.append(_elsewhere(run.name, begins, by_commands=match.clock is not None))
+        if match.clock is None:
+            placed.append(simulation)
+            continue
+        given, std = _offset_by(match.clock, simulation)
+        off = abs(given) > SURE * std
+        placed.append(_on(simulation, match.clock) if off or match.clock.scale != 1.0 else simulation)
+        if off and not begins:
+            offsets.append((run.name, given, std))
+        if match.period and (off or begins):
+            doubts.append(_ambiguous(run.name, match.period))
+    return placed, _offsets(offsets), doubts
+
+
+def _offset_by(clock: Clock, simulation: Trial) -> tuple[float, float]:
+    """Return how late the first stamp of a simulation is against its run's clock [s], with its standard error."""
+    first = _reach(simulation)[0]
+    given = first - float(clock.on_run(np.array([first]))[0])
+    far = abs(first - clock.theirs) / clock.scale**2
+    scale_std = clock.scale_std if clock.has_scale and clock.scale != 1.0 else 0.0
+    return given, math.hypot(clock.shift_std / clock.scale, far * scale_std)
+
+
+def _on(simulation: Trial, clock: Clock) -> Trial:
+    channels = {n: replace(c, t=clock.on_run(c.t)) for n, c in simulation.channels.items()}
+    return replace(simulation, channels=channels)
+
+
+def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[Doubt]:
+    """Return what the commands of both files leave open about the clock."""
+    doubts = []
+    if match.kind == "constant" and holds_commands:
+        cause = f"the commands in the simulation of '{run}' change too seldom to be matched with the run's"
+        cure = "take a run whose commands change often: the clock, order, signs and units of inputs are read off these"
+        doubts.append(Doubt("commands-constant", cause, cure))
+    if match.kind == "repeating":
+        cause = (
+            f"the commands of '{run}' and of its simulation repeat evenly, not at one pace or not as often: another "
+            "clock explains that, and so does a simulator that commands itself; the clock was taken as it is stamped"
+        )
+        doubts.append(Doubt("commands-repeat", cause, "drive the simulator by the run's own commands, to their end"))
+    if match.is_uneven:
+        cause = (
+            f"the clock in the simulation of '{run}' runs unevenly: commands change {match.scatter:.2g} s (rms) off it"
+        )
+        cure = "write the simulator's own time into its file, or step it at the run's own stamps"
+        doubts.append(Doubt("clock-uneven", cause, cure))
+    for name, clock in match.others:
+        cause = (
+            f"the changes of {name} in the simulation of '{run}' give another clock than those of all: "
+            f"{clock.scale:.4g} s per second of the run, where they give {_scale_of(match):.4g}, or another offset"
+        )
+        doubts.append(Doubt("commands-disagree", cause, f"check how {name} is written to the file, and when"))
+    return doubts
+
+
+def _scale_of(match: CommandMatch) -> float:
+    return 1.0 if match.clock is None else match.clock.scale
+
+
+def _ambiguous(run: str, period: float) -> Doubt:
+    return Doubt(
+        "clock-ambiguous",
+        f"the commands of '{run}' repeat every {period:.4g} s: the simulation matches as well a period earlier or "
+        "later, and was laid where its own stamps are nearest",
+        "compare a run whose commands do not repeat, or stamp both files by one clock",
+    )
 
 
 def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
@@ -148,14 +284,19 @@ def _begins_with(simulation: Trial, run: Trial) -> float:
     return ours[0] - theirs[0] if overlap < 0.5 * min(theirs[1] - theirs[0], ours[1] - ours[0]) else 0.0
 
 
-def _driven(simulation: Trial, run: Trial, doubts: list[Doubt]) -> Trial:
-    """Return a simulation with the inputs of its run where it has the same, or none."""
+def _driven(simulation: Trial, run: Trial, doubts: list[Doubt], match: CommandMatch) -> Trial:
+    """Return a simulation with the inputs of its run where it has the same, or none.
+
+    Where its clock runs unevenly its own commands are those that go with its motion.
+    """
+    matched = {c.ours for c in match.channels}
     channels = dict(simulation.channels)
     for name in (n for n in run.channels if n not in SIGNALS or n in COMMANDS):
         own = simulation.channels.get(name)
-        if own is None or not len(own) or _same(own, run[name]):
+        kept = match.kind == "repeating" or (match.is_uneven and name in matched)
+        if own is None or not len(own) or (_same(own, run[name]) and not kept):
             channels[name] = run[name]
-        else:
+        elif name not in matched:
             doubts.append(
                 Doubt(
                     "simulation-driven-otherwise",
@@ -183,54 +324,67 @@ def _shifted(trial: Trial, by: float) -> Trial:
     return replace(trial, channels={n: replace(c, t=c.t + by) for n, c in trial.channels.items()})
 
 
-def _offset_of(simulation: Trial, run: Trial) -> tuple[float, float] | None:
-    """Return how much earlier a simulation's commands change than the run's, [s], with its standard error; None where
-    not both hold commands that change alike.
-
-    A command changes somewhere between two rows of the simulation, and no row tells where.
-    """
-    found = []
-    for name in COMMANDS:
-        if name not in simulation or name not in run:
-            continue
-        theirs, ours = _changes(simulation[name]), _changes(run[name])
-        if min(len(theirs[0]), len(ours[0])) < 3:
-            continue
-        pairs = _paired(*theirs, *ours)
-        if pairs is not None:
-            row = float(np.median(np.diff(simulation[name].t)))
-            row = row if len(theirs[0]) < 0.5 * len(simulation[name]) else 0.0
-            std = math.hypot(float(np.std(pairs)) / math.sqrt(len(pairs)), row / math.sqrt(12.0))
-            found.append((float(np.mean(pairs)) + 0.5 * row, std))
-    return min(found, key=lambda f: f[1], default=None)
+# -- inputs: order, signs, units
 
 
-def _changes(channel: Channel) -> tuple[Array, Array]:
-    """Return when a command that is held changes by more than a tenth of its range, and by how much of it."""
-    good = np.isfinite(channel.values)
-    t, u = channel.t[good], channel.values[good]
-    span = float(np.ptp(u)) if len(u) else 0.0
-    if span == 0.0:
-        return np.zeros(0), np.zeros(0)
-    steps = np.diff(u) / span
-    at = np.flatnonzero(np.abs(steps) > 0.1)
-    return (t[at + 1], steps[at]) if len(at) < 0.5 * len(u) or len(u) < 50 else (np.zeros(0), np.zeros(0))
+def _inputs_set_right(
+    matches: Sequence[CommandMatch], simulations: Sequence[Trial], runs: Sequence[Trial]
+) -> tuple[list[Trial], list[Number], list[Doubt]]:
+    """Return simulations whose inputs are called, signed and scaled as the runs', and what was wrong with them."""
+    factors: dict[str, float] = {}
+    doubts: list[Doubt] = []
+    ready = []
+    for simulation, run, match in zip(simulations, runs, matches, strict=True):
+        channels = dict(simulation.channels)
+        moved = [c for c in match.channels if c.ours != c.theirs]
+        for c in moved:
+            channels.pop(c.theirs, None)
+        for c in match.channels:
+            own = simulation[c.theirs]
+            times = _times(c, simulation, run)
+            values = (own.values - c.zero) / c.factor if times and abs(times) != 1.0 else own.values * (times or 1.0)
+            channels[c.ours] = replace(own, name=c.ours, values=values)
+            if times not in (None, 1.0):
+                factors.setdefault(c.ours, times)
+            elif times is None:
+                doubts.append(_scaled(c, run.name))
+        if moved:
+            doubts.append(_exchanged(moved, run.name))
+        ready.append(replace(simulation, channels=channels))
+    rows = [_factor_row(name, "these runs' command", factor, 0.0) for name, factor in factors.items()]
+    return ready, rows, doubts
 
 
-def _paired(t: Array, steps: Array, t_run: Array, steps_run: Array) -> Array | None:
-    """Return the run's times less the simulation's of changes that are the same; None where too few are.
+def _times(command: MatchedCommand, simulation: Trial, run: Trial) -> float | None:
+    """Return 1, -1 or the factor of the unit by which a simulation's command differs; None where it is no unit's."""
+    size = abs(command.factor)
+    if abs(size - 1.0) < SAME:
+        return math.copysign(1.0, command.factor)
+    pulses = [
+        f"pulses-{n}" in {note[0] for note in t.meta.get("notes", ())}
+        for n, t in ((command.theirs, simulation), (command.ours, run))
+    ]
+    known = any(abs(size / unit - 1.0) < SAME for one in UNITS for unit in (one, 1.0 / one))
+    far = size > LEAST_TIMES or size < 1.0 / LEAST_TIMES
+    return command.factor if known or far or pulses[0] != pulses[1] else None
 
-    The shift under which most changes find one of the same size is the one; of every shift from one change to another.
-    """
-    shifts = (t_run[None, :] - t[:, None])[np.abs(steps_run[None, :] - steps[:, None]) < 0.1]
-    if not len(shifts):
-        return None
-    near = 0.25 * float(np.median(np.diff(t_run))) if len(t_run) > 1 else 0.1
-    counts = [int(np.sum(np.abs(shifts - s) < near)) for s in shifts]
-    most = max(counts)
-    best = min((s for s, c in zip(shifts, counts, strict=True) if c >= 0.95 * most), key=abs)
-    alike: Array = shifts[np.abs(shifts - best) < near]
-    return alike if len(alike) >= 0.6 * min(len(t), len(t_run)) else None
+
+def _scaled(command: MatchedCommand, run: str) -> Doubt:
+    return Doubt(
+        "command-scaled",
+        f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as far as {command.ours} of "
+        "the run",
+        "if that is another unit, write it in the unit of the run; the gain is compared for the command as written",
+    )
+
+
+def _exchanged(moved: Sequence[MatchedCommand], run: str) -> Doubt:
+    pairs = ", ".join(f"its {c.theirs} is {c.ours} of the run" for c in moved)
+    return Doubt(
+        "commands-exchanged",
+        f"inputs of the simulation of '{run}' are in another order: {pairs}; they were taken so",
+        "exchange the heads of these columns, or the wiring of the inputs in the simulator",
+    )
 
 
 # -- how fast it runs

@@ -19,6 +19,7 @@ from gcs_autotune.diagnose.process_noise import (
     may_be_weighed,
     search_under_process_noise,
 )
+from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
 from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
@@ -43,6 +44,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+LESS = 0.1
+"""Chosen: share of its size at which the process noise of a fit begins once causes are beside it."""
+
 NO_MODEL = "no-model"
 """Name of the doubt where no model of the craft was found to name a cause beside."""
 
@@ -56,7 +60,9 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     if question.given is not None or question.horizon is not None or not question.weather:
         return state, False
     if state.beneath is None or state.beneath[0] is not state.problem:
-        found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
+        found = search_under_process_noise(
+            state.problem, state.base, question.slugs, question.unseen, question.say, in_blocks=question.one_flight
+        )
         state = replace(state, beneath=(state.problem, found))
         assert state.beneath is not None
     search = state.beneath[1]
@@ -220,7 +226,11 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     scaled = [_per_inertia(e, search, state) for e in state.causes]
     if {(e.slug, e.place) for e in scaled} <= named:
         return False
-    other = search.problem.fit(search.fit.theta, scaled, search.fit.water)
+    # The noise took what the causes explain, so beside them there is less of it, and another craft.
+    own, water = per_inertia_of(state.fitted, search.problem.form), search.fit.water
+    starts = ((search.fit.theta, water), (own, water), (own, replace(water, size=LESS * water.size)))
+    fits = [search.problem.fit(theta, scaled, water) for theta, water in starts]
+    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
     if other is None:
         return False
     samples = sum(len(e) for _, e, _ in other.innovations)
@@ -276,8 +286,9 @@ def _scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstan
 
 
 def _per_inertia(effect: EffectInstance, search: WeatherSearch, state: SearchState) -> EffectInstance:
-    i = state.base.form.dofs.index(search.dof)
-    return _scaled(effect, 1.0 / float(state.base.model.base.inertia[i, i]), 1.0)
+    """Return *effect* of the present model per unit of that model's inertia: a base that is lost may have none."""
+    i = state.fitted.form.dofs.index(search.dof)
+    return _scaled(effect, 1.0 / float(state.fitted.model.base.inertia[i, i]), 1.0)
 
 
 def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:

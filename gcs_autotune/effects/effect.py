@@ -248,6 +248,10 @@ class Effect:
         """Return numbers to be read off the runs once."""
         return {}
 
+    def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
+        """Return what an effect that :attr:`happens_at` a time would be if it followed a recorded command instead."""
+        return ()
+
     # -- what it does
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:

@@ -18,7 +18,7 @@ from gcs_autotune.effects.summary import (
     sense,
     top_speed,
 )
-from gcs_autotune.models import DEPTH, PAYLOAD
+from gcs_autotune.models import DEPTH, FORCES, PAYLOAD
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -253,13 +253,24 @@ def _mean_inertia(data: DataSummary) -> float:
     return sqrt(inertia_scale("sway", data) * inertia_scale("yaw", data))
 
 
+FOLLOWED = 0.02
+"""Chosen: least range of a command, in shares of its largest, for the inertia to be able to follow it."""
+
 RATIOS, MOMENTS = (1.5, 0.67), 16
 """Ratios to begin from, at so many moments: between two changes of command nothing tells when, so moments have to lie
 about as close as commands do."""
 
 
+FOLLOWS, SIZE = "follows", "size"
+"""Constants of an inertia that follows a command: which of ``FORCES``, and its largest magnitude over the runs."""
+
+
 class MassChange(Effect):
-    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump."""
+    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump.
+
+    With the constants ``FOLLOWS`` and ``SIZE`` it has no moment: the inertia goes linearly with the size of a recorded
+    command, by ``ratio`` from none of it to the largest. That is the rival of a change in time (:meth:`followers`).
+    """
 
     slug = "mass-change"
     family = "hydrodynamics"
@@ -295,9 +306,41 @@ class MassChange(Effect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Add the payload, with a stamp where it changes."""
+        if FOLLOWS in effect.constants:
+            return self._following(effect, drive)
         change = drive.start + effect["time"]
         finer = drive.on(np.union1d(drive.t, [drive.start, change]))
         return finer.with_channel(PAYLOAD, np.where(finer.t >= change, effect["ratio"], 1.0))
+
+    def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
+        """Return what follows each recorded command that changes: the inertia, and the gain of each other input.
+
+        An inertia that changes alone and a gain that changes alone look alike, but for the drag.
+        """
+        found = []
+        for k, name in enumerate(FORCES):
+            low, high = data.extent.get(name, (0.0, 0.0))
+            size = max(abs(low), abs(high))
+            if name not in data.channels or high - low <= FOLLOWED * size:
+                continue
+            found.append(EffectInstance(self.slug, effect.place, {"ratio": 1.0}, {FOLLOWS: float(k), SIZE: size}))
+            others = [n for n in data.form.inputs if n != name and len(data.form.inputs[n]) == 1]
+            reference = {"X_ref": data.rms[name]}
+            found += [EffectInstance("propeller-wash", f"{n}+{name}", {"share": 0.0}, reference) for n in others]
+        return tuple(found)
+
+    def _following(self, effect: EffectInstance, drive: Drive) -> Drive:
+        name = FORCES[int(effect.constants[FOLLOWS])]
+        if name in drive.channels:
+            size = np.abs(drive.channels[name])
+        else:
+            own = drive.measured[name]
+            known = np.isfinite(own.values)
+            drive = drive.on(np.union1d(drive.t, own.t[known & (own.t > drive.t[0])]))
+            row = np.maximum(np.searchsorted(own.t[known], drive.t, side="right") - 1, 0)
+            size = np.abs(own.values[known][row])
+        share = size / effect.constants[SIZE]
+        return drive.with_channel(PAYLOAD, 1.0 + (effect["ratio"] - 1.0) * share)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Inertia over time."""

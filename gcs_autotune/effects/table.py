@@ -31,7 +31,7 @@ from gcs_autotune.effects.hydrodynamics import (
     QuadraticDrag,
     SwayYawCoupling,
 )
-from gcs_autotune.effects.inflow import AdvanceSpeedLoss, SpeedDependentSteering
+from gcs_autotune.effects.inflow import AdvanceSpeedLoss, PropellerWash, SpeedDependentSteering
 from gcs_autotune.effects.measured_flow import MunkMoment, SpeedDamping, SwayMoment
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
@@ -65,6 +65,7 @@ OURS: tuple[Effect, ...] = (
     CommandCoupling(),
     GainDrift(),
     SpeedDependentSteering(),
+    PropellerWash(),
     AdvanceSpeedLoss(),
     LinearDrag(),
     QuadraticDrag(),

@@ -19,9 +19,9 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 class SimulatedCoriolisCoupling(HiddenEffect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "coriolis-coupling"
-    meaning = "turning while moving pushes sideways (rigid body and added mass)"
+    meaning = "Coriolis force: turning while moving pushes sideways (rigid body and added mass)"
     parameters = (
         EffectParameter("X_vr", "kg", default=0.0),
         EffectParameter("Y_ur", "kg", default=0.0),
@@ -32,7 +32,7 @@ class SimulatedCoriolisCoupling(HiddenEffect):
         """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
-            raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
+            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this one has not")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -46,9 +46,9 @@ class SimulatedCoriolisCoupling(HiddenEffect):
 class SimulatedSwayYawCoupling(HiddenEffect):
     """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "sway-yaw-coupling"
-    meaning = "sway turns and turning makes sway (off-diagonal mass and damping, centre of gravity off the middle)"
+    meaning = "sway and yaw are coupled (off-diagonal mass and damping, off-centre mass)"
     parameters = (
         EffectParameter("Y_r", "N s/rad", default=0.0),
         EffectParameter("N_v", "N s", default=0.0),
@@ -58,7 +58,7 @@ class SimulatedSwayYawCoupling(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
         if not {"sway", "yaw"} <= set(setting.dofs):
-            raise BadEffect("sway-yaw-coupling needs a hull that sways and turns; this one does not")
+            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this one has not")
         if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
         self._state = setting.state
@@ -81,9 +81,8 @@ class MomentOfFlow(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull has these degrees of freedom."""
         if not self.needs <= set(setting.dofs):
-            does = {"sway": "sways", "surge": "moves ahead", "yaw": "turns"}
-            wanted = " and ".join(word for dof, word in does.items() if dof in self.needs)
-            raise BadEffect(f"{self.slug} needs a hull that {wanted}; this one does not")
+            wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
+            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this one has not")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -98,9 +97,9 @@ class MomentOfFlow(HiddenEffect):
 class SimulatedSwayMoment(MomentOfFlow):
     """``N += N_v v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "sway-moment"
-    meaning = "sliding sideways turns"
+    meaning = "Munk moment: drifting sideways turns the hull"
     parameters = (EffectParameter("N_v", "N s", default=0.0),)
     needs = frozenset({"sway", "yaw"})
 
@@ -114,7 +113,7 @@ class SimulatedSpeedDamping(MomentOfFlow):
 
     on_vehicles = "yaw"
     slug = "speed-damping"
-    meaning = "turning is harder (negative) or easier with way on"
+    meaning = "turning is harder (negative) or easier with speed"
     parameters = (EffectParameter("N_ur", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
@@ -126,9 +125,9 @@ class SimulatedSpeedDamping(MomentOfFlow):
 class SimulatedMunkMoment(MomentOfFlow):
     """``N += N_uv u v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "munk-moment"
-    meaning = "at an angle to its way the hull turns further"
+    meaning = "moment per drift angle"
     parameters = (EffectParameter("N_uv", "kg", default=0.0),)
     needs = frozenset({"surge", "sway", "yaw"})
 

@@ -12,6 +12,7 @@ from sitl.effects.actuator import (
     SimulatedCommandCoupling,
     SimulatedDeadZone,
     SimulatedGainDrift,
+    SimulatedPropellerWash,
     SimulatedQuadraticActuator,
     SimulatedRudderStall,
     SimulatedSaturation,
@@ -76,6 +77,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedCommandCoupling,
     SimulatedGainDrift,
     SimulatedSpeedDependentSteering,
+    SimulatedPropellerWash,
     SimulatedAdvanceSpeedLoss,
     SimulatedLinearDrag,
     SimulatedQuadraticDrag,
@@ -114,7 +116,7 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
     if slug not in EFFECTS:
         near = difflib.get_close_matches(slug, EFFECTS, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else "see --list-effects"
-        raise BadEffect(f"no effect called '{slug}'; {hint}")
+        raise BadEffect(f"unknown effect '{slug}'; {hint}")
     return EFFECTS[slug](place, **(values or {}))
 
 
@@ -134,5 +136,5 @@ def parse_effect(text: str) -> HiddenEffect:
         try:
             values[name.strip().removeprefix(f"{slug}.")] = number(value)
         except Refused as error:
-            raise BadEffect(f"--effect {text}: {error}; give SLUG.PARAMETER=NUMBER") from error
+            raise BadEffect(f"--effect {text}: {error}. Use SLUG.PARAMETER=NUMBER") from error
     return make_effect(slug.strip(), place.strip(), values)

@@ -104,13 +104,25 @@ def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
 
 
 def test_a_weak_cause_is_a_hint_and_no_name() -> None:
-    told = in_mild_weather(5, "input-bias")
+    told = in_mild_weather(7, "quadratic-drag")
     assert told.verdict == "unexplained" and not told.causes
     first = told.hints[0]
-    assert first.cause == "input-bias" and 3.0 < first.gained < 10.0 and first.lacks == "weak"
+    assert first.cause == "quadratic-drag" and 3.0 < first.gained < 10.0 and first.lacks == "weak"
     assert sum(first.unseen) > 0.0 and len(first.unseen) == 3
     assert first.needed == pytest.approx(first.seconds * 10.0 / first.gained)
     assert 0.0 < first.chance < 0.05
+
+
+def test_a_constant_force_beside_a_drifting_one_is_identified() -> None:
+    (cause,) = in_mild_weather(5, "input-bias").causes
+    assert cause.effect.slug == "input-bias" and cause.effect["bias"] == pytest.approx(1.25, rel=0.2)
+
+
+def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
+    """A sensor's filter looks the same, so that it is never named; what fits worse does not take its place."""
+    told = in_mild_weather(33, "actuator-lag", ["actuator-lag", "tether-pull"])
+    assert not told.causes
+    assert (told.hints[0].cause, told.hints[0].lacks) == ("actuator-lag", "brief")
 
 
 def test_no_hint_on_a_clean_craft() -> None:

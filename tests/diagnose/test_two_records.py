@@ -162,11 +162,11 @@ def test_signs_and_degrees_are_named_and_set_right(times, named):
 def test_a_simulation_gets_the_runs_own_commands_where_they_are_the_same_and_is_told_where_not():
     simulations, runs = two(5, commands=True, weather=(0.0, 0.0))
     assert compared(simulations, runs).simulations[0]["N"] is runs[0]["N"]
-    own = simulations[0]["N"]
-    others = [replace(s, channels={**s.channels, "N": replace(own, values=0.5 * own.values)}) for s in simulations]
+    halves = [replace(s["N"], values=0.5 * s["N"].values) for s in simulations]
+    others = [replace(s, channels={**s.channels, "N": half}) for s, half in zip(simulations, halves, strict=True)]
     found = compared(others, runs)
-    assert np.array_equal(found.simulations[0]["N"].values, 0.5 * own.values)
-    assert {d.slug for d in found.doubts} == {"simulation-driven-otherwise"}
+    assert np.array_equal(found.simulations[0]["N"].values, halves[0].values)
+    assert {d.slug for d in found.doubts} == {"command-scaled"}
 
 
 @pytest.mark.slow

@@ -103,7 +103,7 @@ def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
     assert shown(told).split("Columns that contradict")[-1].find(" ".join(lead.split())) < 400
     page = Page(render_diagnosis(told, "boat", WHEN)).text
     assert lead[:40] in page
-    assert page.index(lead[:40]) < page.index("What this rests on")
+    assert page.index(lead[:40]) < page.index("Basis of this result")
 
 
 def test_the_first_picture_stands_before_the_verdict() -> None:

@@ -389,7 +389,11 @@ class MavlinkCraft:
                 if self._is_taken():
                     return
                 raise
-        await_neutral(self.session, self.telemetry)
+        try:
+            await_neutral(self.session, self.telemetry)
+        except NotAsFound:
+            if not self._is_taken():  # in a mode that another station has just ordered the autopilot may steer
+                raise
 
     def _is_taken(self) -> bool:
         """Let go of the sticks, neutral, where another station has ordered a mode; return whether one has."""

@@ -1,4 +1,4 @@
-"""SNAME derivative names read as terms of the equations of motion.
+"""Parse SNAME derivative names as terms of the equations of motion.
 
 ============  ==========================================================  ==========================
 name          meaning                                                     term
@@ -130,7 +130,7 @@ def inertia_of(name: str) -> Inertia | None:
         return None
     state = match["rest"].removesuffix("dot")
     if state not in STATES:
-        raise BadFile(f"'{name}' is not a derivative: before 'dot' stands one of {', '.join(STATES)}")
+        raise BadFile(f"'{name}' is not a derivative: 'dot' must follow one of {', '.join(STATES)}")
     return Inertia(FORCES.index(match["force"]), STATES.index(state))
 
 
@@ -150,7 +150,7 @@ def term_of(name: str, inputs: Sequence[str]) -> Term:
         return Term(row, ())
     factors = _factors(name, rest, inputs)
     if not 1 <= len(factors) <= 3:
-        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are possible")
+        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are allowed")
     return Term(row, tuple(factors))
 
 
@@ -162,7 +162,7 @@ def _tokens(name: str, rest: str, inputs: Sequence[str]) -> list[tuple[str, bool
         rest = rest[1:] if modulus else rest
         word = next((w for w in words if rest.startswith(w)), None)
         if word is None or (modulus and not rest[len(word) :].startswith("|")):
-            raise BadFile(f"'{name}': cannot read '{rest}'; known there: {', '.join(words)}")
+            raise BadFile(f"'{name}': cannot read '{rest}'; allowed there: {', '.join(words)}")
         rest = rest[len(word) + modulus :]
         found.append((word, modulus))
     return found

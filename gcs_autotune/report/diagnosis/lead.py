@@ -149,6 +149,7 @@ LACKS: Mapping[Lack, str] = {
     "not-on-each": "It does not gain on each part left out.",
     "not-sure": "Its gain on data left out may be luck.",
     "no-gain": "It does not lower the error of a prediction on data left out.",
+    "brief": "Its time is shorter than the samples of these runs, where a sensor's filter looks the same.",
     "above-command": "The disturbance is larger than the commands, so no cause is identified beside it.",
 }
 

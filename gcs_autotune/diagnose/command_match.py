@@ -1,0 +1,466 @@
+"""Commands of a simulation's file matched with those of the measured run: clock, order, sign and unit of the channels.
+
+A simulation driven by the run's commands holds the same changes on its own clock. Where each lies in both files gives
+the clock whatever the craft is, to a fraction of a row; no model and no motion take part.
+
+**Changes.** A held command has switches. Rows do not show when between two of them a command changed: the middle is
+taken. A command that is never held (a joystick, a controller) is compared by its shape instead.
+
+**Search.** First as both files are stamped, then with their beginnings, and beginnings and ends, laid on one another.
+Otherwise every factor from 1/5 to 5 and every shift are tried, by correlation over what both files cover.
+
+**Line.** Changes of one size in both files are paired, nearest first, and a line is fitted to their times. Its scale
+and shift have the standard errors of that line, raised where neighbours lie off it the same way (a clock that runs
+unevenly). A match is believed when chance would rarely lay so many changes so close to one line.
+
+**Channels.** With the clock known each channel is regressed on each of the run's: that gives their order, signs and
+units. Channels that change often enough are given a line of their own, and are reported where these disagree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.optimize import linear_sum_assignment
+
+from gcs_autotune.diagnose.command_changes import Command, commands_of
+from gcs_autotune.diagnose.command_line import (
+    FASTEST,
+    FEWEST,
+    FREE,
+    MARGIN,
+    SLOWEST,
+    WINDOW,
+    Clock,
+    Guess,
+    Line,
+    MatchedCommand,
+    Pair,
+    agreement,
+    compared_commands,
+    fitted_line,
+    is_looked_for,
+)
+from gcs_autotune.diagnose.excitation_check import COMMANDS
+from gcs_autotune.trial import Trial
+
+__all__ = ["CommandMatch", "match_commands"]
+
+Array = NDArray[np.float64]
+
+FINE = 6.0
+"""Chosen: samples per change in the search by correlation."""
+
+SHARED = 0.35
+"""Chosen: share of the shorter record that both must cover."""
+
+PAIRED, ALIKE = 0.7, 0.85
+"""Chosen: share of the changes that must be paired; correlation from which on two commands are the same."""
+
+SURELY_OTHER = 2.0
+"""Chosen: log-likelihood per sample, for each of the channels exchanged, by which another order must be likelier."""
+
+CHANCE, CHANCE_USUAL = 1e-3, 1e-2
+"""Chosen: probability that changes which have nothing in common lie as close to a line."""
+
+AT_ONCE = 3.0
+"""Scatter, in that of rows alone, up to which a line is taken without looking for others."""
+
+EVEN = 0.15
+"""Median deviation of intervals, as a share of their median, below which changes repeat evenly."""
+
+UNEVEN = 3.0
+"""Scatter of changes about the clock, in that of rows alone, from which on the clock runs unevenly."""
+
+SAME_RATE = 0.002
+"""Difference of two clocks' rates that nobody minds."""
+
+APART = 5.0
+"""Standard errors from which on two channels disagree."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandMatch:
+    """What the commands of both files say of each other.
+
+    ``kind``: ``absent`` (one file holds no command), ``constant`` (they do not change, or too seldom), ``repeating``
+    (evenly in both, so that any clock would do), ``different`` (they change, but not alike), ``matched``.
+    ``scatter`` [s of the run]: of single changes about the clock, beyond what the rows account for; ``is_uneven``:
+    whether it is several rows. ``changes``: how many were paired. ``period`` [s of the run]: shifts by it match as
+    well, 0 where none does. ``others``: channels whose own changes give another clock.
+    """
+
+    kind: Literal["absent", "constant", "repeating", "different", "matched"]
+    clock: Clock | None = None
+    channels: tuple[MatchedCommand, ...] = ()
+    scatter: float = 0.0
+    is_uneven: bool = False
+    changes: int = 0
+    period: float = 0.0
+    others: tuple[tuple[str, Clock], ...] = ()
+
+
+def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> CommandMatch:
+    """Return how the commands of *simulation* go with those of *run*; *steady*: the clocks are known to run alike."""
+    both = [commands_of(trial) for trial in (simulation, run)]
+    if not all(any(n in t for n in COMMANDS) for t in (simulation, run)):
+        return CommandMatch("absent")
+    if not all(both):
+        return CommandMatch("constant")
+    theirs, ours = both
+    for pair in _candidates(theirs, ours):
+        found = _matched_pair(pair, _natural(simulation, run, pair), steady)
+        if found is not None:
+            return _whole(found, theirs, ours, steady)
+    few = max(max(len(c.times) for c in side.values()) for side in both) < FEWEST
+    even = any(_is_even(theirs[n].times) and _is_even(ours[n].times) for n in theirs if n in ours)
+    return CommandMatch("constant" if few else "repeating" if even else "different")
+
+
+def _candidates(theirs: Mapping[str, Command], ours: Mapping[str, Command]) -> Iterator[Pair]:
+    """Yield pairs to look for a clock with: of one name first, then any; those that change often first."""
+
+    def often(pair: Pair) -> int:
+        return -min(len(c.times) for c in pair)
+
+    same = [(theirs[n], ours[n]) for n in theirs if n in ours]
+    yield from sorted(same, key=often)[:2]
+    busiest = max(theirs.values(), key=lambda c: len(c.times))
+    yield from sorted([(busiest, c) for n, c in ours.items() if n != busiest.name], key=often)
+
+
+def _reach(trial: Trial) -> tuple[float, float]:
+    stamps = np.concatenate([c.t[np.isfinite(c.t)] for c in trial.channels.values() if len(c)])
+    return float(stamps.min()), float(stamps.max())
+
+
+def _natural(simulation: Trial, run: Trial, pair: Pair) -> list[Guess]:
+    """Return how two files usually lie beside each other: by their stamps, or their beginnings, or both ends."""
+    (s0, s1), (r0, r1) = _reach(simulation), _reach(run)
+    guesses: list[Guess] = []
+    overlap = min(s1, r1) - max(s0, r0) > SHARED * min(s1 - s0, r1 - r0)
+    if overlap:
+        guesses.append(Guess(1.0, max(s0, r0), max(s0, r0), is_usual=True, is_stamped=True))
+    guesses.append(Guess(1.0, r0, s0, is_usual=True, is_stamped=not overlap))
+    guesses.append(Guess((s1 - s0) / max(r1 - r0, 1e-9), r0, s0, is_usual=True))
+    theirs, ours = pair[0].times, pair[1].times
+    if len(theirs) == len(ours) > 1:
+        scale = float(np.ptp(theirs) / max(np.ptp(ours), 1e-9))
+        guesses.append(Guess(scale, float(ours[0]), float(theirs[0]), is_usual=True))
+    return [g for g in guesses if is_looked_for(g.scale)]
+
+
+def _matched_pair(pair: Pair, natural: Sequence[Guess], steady: bool) -> tuple[Line, Pair] | None:
+    """Return the clock by one channel, and that channel; None where its changes are not the run's."""
+    lines: list[Line] = []
+    for guess in natural:
+        line = fitted_line([pair], guess, steady) if not steady or guess.scale == 1.0 else None
+        if line is not None and _is_believed(line, pair, is_usual=True):
+            if line.scatter <= AT_ONCE * line.expected and _sign(line, pair) > 0.0:
+                return line, pair
+            lines.append(line)
+    for guess in _by_correlation(pair, steady):
+        line = fitted_line([pair], guess, steady)
+        if line is not None and _is_believed(line, pair, is_usual=False):
+            lines.append(line)
+    best = max(lines, key=lambda line: len(line.t) * agreement(compared_commands(*pair, line)), default=None)
+    return None if best is None else (_nearest_shift(best, pair, natural), pair)
+
+
+# -- where it may lie
+
+
+def _by_correlation(pair: Pair, steady: bool) -> list[Guess]:
+    """Return the likeliest scales and shifts of all, one window of the run after another until some are likely."""
+    theirs, ours = pair
+    usual = ours.usual
+    lasts = float(np.ptp(ours.t))
+    width = min(WINDOW * usual, lasts)
+    starts = [float(ours.t[0])]
+    if lasts > 1.2 * width:
+        starts += [float(ours.t[0]) + 0.5 * (lasts - width), float(ours.t[-1]) - width]
+    found: list[tuple[float, Guess]] = []
+    for start in starts:
+        found += _in_window(theirs, ours, start, width, usual / FINE, steady)
+    found.sort(key=lambda f: -f[0])
+    chosen: list[Guess] = []
+    for _, guess in found:
+        if all(
+            abs(g.scale / guess.scale - 1.0) > 0.3 * usual / width or abs(g.theirs - guess.theirs) > usual
+            for g in chosen
+        ):
+            chosen.append(guess)
+        if len(chosen) == 8:
+            break
+    return chosen
+
+
+def _in_window(
+    theirs: Command, ours: Command, start: float, width: float, step: float, steady: bool
+) -> list[tuple[float, Guess]]:
+    """Return score and guess of the best shift of every scale."""
+    t = start + step * np.arange(max(int(width / step), 8), dtype=np.float64)
+    y = ours.at(t)
+    y = y - y.mean()
+    busy = _busy(ours.times, t)
+    apart = 0.5 * ours.usual / width
+    many = 1 if steady else int(math.log(MARGIN**2 * FASTEST / SLOWEST) / apart) + 2
+    scales = np.array([1.0]) if steady else np.geomspace(SLOWEST / MARGIN, FASTEST * MARGIN, many)
+    found = []
+    for scale in scales.tolist():
+        at = float(theirs.t[0]) + scale * step * np.arange(max(int(np.ptp(theirs.t) / (scale * step)), 2))
+        x = theirs.at(at)
+        score, lag = _best_lag(x - x.mean(), _busy(theirs.times, at), y, busy)
+        if score > 0.0:
+            middle = 0.5 * (t[0] + t[-1])
+            found.append((score, Guess(scale, middle, float(theirs.t[0] + scale * (middle - t[0] - lag * step)))))
+    return found
+
+
+def _busy(times: Array, t: Array) -> Array:
+    """Return how many of *times* come before each of *t* (n,), and before the end, (n + 1,)."""
+    ends = np.append(t, t[-1] + (t[1] - t[0] if len(t) > 1 else 1.0))
+    return np.searchsorted(times, ends).astype(float)
+
+
+def _best_lag(x: Array, busy_x: Array, y: Array, busy_y: Array) -> tuple[float, int]:
+    """Return how surely *x* (m,), begun so many samples after *y* (n,), is the same but for a factor and a constant.
+
+    The score is the number of changes both cover times minus the logarithm of what correlation leaves.
+    """
+    m, n = len(x), len(y)
+    size = next_fast_len(m + n, real=True)
+    cross = irfft(rfft(y, size) * np.conj(rfft(x, size)), size)
+    lags = np.arange(-(m - 1), n)
+    cross = cross[lags % size]
+    first, last = np.maximum(lags, 0), np.minimum(n, lags + m)
+    begin, end = first - lags, last - lags
+    count = last - first
+    sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (y, y * y, x, x * x)]
+    sy, syy = (s[last] - s[first] for s in sums[:2])
+    sx, sxx = (s[end] - s[begin] for s in sums[2:])
+    both = np.maximum(count, 1)
+    vy, vx = syy - sy * sy / both, sxx - sx * sx / both
+    inside = np.minimum(busy_y[last] - busy_y[first], busy_x[end] - busy_x[begin])
+    moving = (vy > 1e-9 * sums[1][-1]) & (vx > 1e-9 * sums[3][-1]) & (inside >= FEWEST)
+    allowed = moving & (count >= SHARED * min(m, n))
+    if not allowed.any():
+        return 0.0, 0
+    square = np.where(allowed, (cross - sx * sy / both) ** 2 / np.where(moving, vx * vy, 1.0), 0.0)
+    score = inside * -np.log1p(-0.99 * np.minimum(square, 1.0))
+    k = int(np.argmax(np.where(allowed, score, 0.0)))
+    return float(score[k]), int(lags[k])
+
+
+# -- whether it is believed
+
+
+def _is_believed(line: Line, pair: Pair, *, is_usual: bool) -> bool:
+    """Whether so many changes so close to one line are no chance, and the commands between them are the same.
+
+    Changes that repeat evenly lie on some line in any case. They are believed where both clocks run alike, or both
+    files hold as many: then nothing but the commands of the run is likely to have driven the simulation.
+    """
+    paired, there = _coverage(line, pair)
+    if paired < FEWEST or paired < PAIRED * there:
+        return False
+    tries = 1 if is_usual else max(len(c.times) for c in pair)
+    if _nats(line) - math.log(tries) < -math.log(CHANCE_USUAL if is_usual else CHANCE):
+        alike = abs(line.clock.scale - 1.0) <= max(APART * _scale_std(line.clock), SAME_RATE)
+        whole = paired >= max(FREE, *(len(c.times) for c in pair))
+        if line.scatter > AT_ONCE * line.expected or not (alike or whole):
+            return False
+    compared = compared_commands(*pair, line)
+    return compared is not None and abs(compared.correlation) >= ALIKE
+
+
+def _scale_std(clock: Clock) -> float:
+    return clock.scale_std if clock.has_scale else 0.0
+
+
+def _nats(line: Line) -> float:
+    """Return how unlikely the changes lie on one line by chance: intervals that are all alike are no evidence."""
+    between = np.diff(np.unique(line.t))
+    if not len(between):
+        return 0.0
+    off = np.abs(between - np.median(between))
+    # An uneven clock is no excuse where any shift would do.
+    scatter = line.scatter if _is_even(np.unique(line.t)) else line.local_scatter
+    return float(np.sum(np.log(np.maximum(off * line.clock.scale / (1.5 * scatter), 1.0))))
+
+
+def _is_even(times: Array) -> bool:
+    """Whether changes at *times* (n,) repeat evenly."""
+    between = np.diff(times)
+    if len(between) < FEWEST:
+        return False
+    usual = float(np.median(between))
+    return float(np.median(np.abs(between - usual))) < EVEN * usual
+
+
+def _coverage(line: Line, pair: Pair) -> tuple[int, int]:
+    """Return how many changes were paired, and how many either file has where both do."""
+    theirs, ours = pair
+    placed = line.clock.on_run(theirs.times)
+    start = max(ours.t[0], float(line.clock.on_run(theirs.t[:1])[0]))
+    end = min(ours.t[-1], float(line.clock.on_run(theirs.t[-1:])[0]))
+    margin = 0.5 * pair[1].usual
+    inside = [int(np.sum((t > start + margin) & (t < end - margin))) for t in (placed, ours.times)]
+    return len(line.t), max(inside)
+
+
+def _nearest_shift(line: Line, pair: Pair, natural: Sequence[Guess]) -> Line:
+    """Return of the shifts that match as well that which is nearest to how the files lie, one without a change of sign
+    first: half a period and a change of sign look alike."""
+    own = [g for g in natural if g.is_stamped]
+    every = [line, *_equals(line, pair)]
+    upright = [shifted for shifted in every if _sign(shifted, pair) > 0.0]
+    best, least = line, math.inf
+    for shifted in upright or every:
+        off = min((abs(float(shifted.clock.in_simulation(np.array([g.ours]))[0]) - g.theirs) for g in own), default=0.0)
+        if off < least - 0.25 * pair[1].usual * line.clock.scale:
+            best, least = shifted, off
+    return best
+
+
+def _sign(line: Line, pair: Pair) -> float:
+    found = compared_commands(*pair, line)
+    return 0.0 if found is None else math.copysign(1.0, found.correlation)
+
+
+def _equals(line: Line, pair: Pair) -> list[Line]:
+    """Return lines of other shifts that pair as large a share of the changes that both files cover, nearest first."""
+    theirs, ours = pair
+    if not (theirs.is_held and ours.is_held):
+        return []
+    clock, least = line.clock, 0.8 * agreement(compared_commands(*pair, line))
+    apart = np.subtract.outer(ours.times, ours.times).ravel()
+    apart = apart[np.abs(apart) > 0.5 * ours.usual]
+    width = max(4.0 * line.scatter / clock.scale, 2.0 * ours.row, 0.02 * ours.usual)
+    tried, counts = np.unique(np.round(apart / width).astype(int), return_counts=True)
+    often = tried[counts >= 0.5 * counts.max(initial=0)]
+    found = []
+    for shift in (width * often[np.argsort(np.abs(often), kind="stable")]).tolist()[:60]:
+        guess: Guess = Guess(clock.scale, clock.ours, clock.theirs + clock.scale * shift)
+        other = fitted_line([pair], guess, steady=clock.scale == 1.0)
+        if other is None or abs(other.clock.scale / clock.scale - 1.0) > 0.02 or other.scatter > 1.5 * line.scatter:
+            continue
+        moved = abs(float(other.clock.in_simulation(np.array([clock.ours]))[0]) - clock.theirs)
+        paired, there = _coverage(other, pair)
+        far = moved > 0.5 * ours.usual * clock.scale
+        if (
+            far
+            and paired >= max(FREE, 0.9 * there, 0.5 * len(line.t))
+            and agreement(compared_commands(*pair, other)) >= least
+        ):
+            found.append(other)
+    return found
+
+
+# -- all channels
+
+
+def _whole(
+    found: tuple[Line, Pair], theirs: Mapping[str, Command], ours: Mapping[str, Command], steady: bool
+) -> CommandMatch:
+    """Return the match of all channels, begun with the clock of one."""
+    line, pair = found
+    channels = _ordered(theirs, ours, line)
+    pairs = [(theirs[c.theirs], ours[c.ours]) for c in channels] or [pair]
+    others = _on_other_clocks(pairs, line, theirs, ours, steady)
+    agreeing = [p for p in pairs if p[0].name not in others] or [pair]
+    clock = line.clock if pair[0].name not in others else _own(agreeing[0], line, steady).clock
+    whole = fitted_line(agreeing, Guess(clock.scale, clock.ours, clock.theirs), steady) or line
+    if len(agreeing) == len(pairs) and abs(whole.clock.scale / line.clock.scale - 1.0) > 0.05:
+        whole = line
+    channels = [c for c in _ordered(theirs, ours, whole) if c.theirs not in others]
+    channels += [
+        c for n, o in others.items() for c in (compared_commands(theirs[n], ours[o[1]], o[0]),) if c is not None
+    ]
+    here = np.array([whole.clock.theirs])
+    sign = _sign(whole, pair)
+    equal = [e.clock for e in _equals(whole, pair) if _sign(e, pair) == sign] if pair[0].name not in others else []
+    shifts = [abs(float(c.on_run(here)[0]) - whole.clock.ours) for c in equal]
+    scatter = math.sqrt(_beyond_rows(whole)) / whole.clock.scale if pair[0].is_held and pair[1].is_held else 0.0
+    return CommandMatch(
+        "matched",
+        whole.clock,
+        tuple(channels),
+        scatter,
+        scatter > UNEVEN * whole.expected / whole.clock.scale,
+        len(whole.t),
+        min(shifts, default=0.0),
+        tuple((name, other.clock) for name, (other, _) in others.items()),
+    )
+
+
+def _on_other_clocks(
+    pairs: Sequence[Pair],
+    line: Line,
+    theirs: Mapping[str, Command],
+    ours: Mapping[str, Command],
+    steady: bool,
+) -> dict[str, tuple[Line, str]]:
+    """Return channels of the simulation with the line of their own, and what they hold of the run, where it is not
+    that of most."""
+    told = {name for p in pairs for name in (p[0].name, p[1].name)}
+    rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in told]
+    own = [(p, _own(p, line, steady)) for p in [*pairs, *rest]]
+    known = [(p, o) for p, o in own if o is not line and len(o.t) >= max(FREE, 0.9 * _coverage(o, p)[1])]
+    if len(known) < 2:
+        return {}
+    alike = [[not _disagrees(o, other, p) for _, other in known] for p, o in known]
+    most = max(range(len(known)), key=lambda k: (sum(alike[k]), len(known[k][1].t)))
+    return {p[0].name: (o, p[1].name) for k, (p, o) in enumerate(known) if not alike[k][most]}
+
+
+def _own(pair: Pair, line: Line, steady: bool) -> Line:
+    """Return the line of one channel, begun at that of another; that itself where it has none."""
+    clock = line.clock
+    guess = Guess(clock.scale, clock.ours, clock.theirs)
+    own = fitted_line([pair], guess, steady)
+    if own is None or not _is_believed(own, pair, is_usual=True):
+        return line
+    return own
+
+
+def _beyond_rows(line: Line) -> float:
+    """Return the square [s^2 of the simulation] of how far changes lie off a line, less what rows account for."""
+    return max(float(np.mean(line.left**2)) - line.expected**2, 0.0)
+
+
+def _disagrees(own: Line, other: Line, pair: Pair) -> bool:
+    """Whether two channels' clocks differ by more than a clock that runs unevenly strays from a line."""
+    a, b = own.clock, other.clock
+    strays = math.sqrt(max(_beyond_rows(own), _beyond_rows(other)))
+    lasts = max(min(float(np.ptp(own.t)), float(np.ptp(other.t))), 1e-9)
+    std = math.sqrt(a.scale_std**2 + b.scale_std**2 + (2.0 * strays / lasts) ** 2)
+    if a.has_scale and b.has_scale and abs(a.scale - b.scale) > APART * std:
+        return True
+    off = abs(float(b.in_simulation(np.array([a.ours]))[0]) - a.theirs)
+    far = b.scale_std * abs(a.ours - b.ours) if b.has_scale else 0.0
+    row = max(pair[0].row, a.scale * pair[1].row)
+    return off > row + APART * math.sqrt(a.shift_std**2 + b.shift_std**2 + far**2 + strays**2)
+
+
+def _ordered(theirs: Mapping[str, Command], ours: Mapping[str, Command], line: Line) -> list[MatchedCommand]:
+    """Return which channel of the run each of the simulation's holds: that of its name unless others fit far better."""
+    rows, columns = list(theirs), list(ours)
+    found = {(s, o): compared_commands(theirs[s], ours[o], line) for s in rows for o in columns}
+    nats = {k: agreement(c) for k, c in found.items()}
+    table = np.array([[nats[s, o] for o in columns] for s in rows])
+    i, j = linear_sum_assignment(-table)
+    best = {rows[a]: columns[b] for a, b in zip(i, j, strict=True)}
+    same = {s: s for s in rows if s in ours}
+    moved = [s for s, o in best.items() if o != s]
+    gain = sum(nats[s, best[s]] - (nats[s, s] if s in same else 0.0) for s in moved)
+    if gain <= SURELY_OTHER * len(moved):
+        best = same
+    chosen = [found[s, o] for s, o in best.items()]
+    return [c for c in chosen if c is not None and abs(c.correlation) >= ALIKE]
