@@ -1,9 +1,9 @@
 """Accuracy of output error over noise seeds, against the Cramer-Rao bound: axes and coupled horizontal motion.
 
-Run from the repository root: ``python -m benchmarks.coupled_accuracy [seeds] [processes]``. Everything goes through
-:func:`gcs_autotune.identify.fit`. The runs are integrated here by SciPy from equations written out by hand; the bound
-is that of the true motion: sensitivities by central differences of the same integration, initial states unknown.
-Goals: rms error within 1.2 of the bound, 92-98 % of the 95 % intervals hold the truth, mean error within chance.
+Run from the repository root: ``python -m benchmarks.coupled_accuracy [seeds] [processes]``. All fits use
+:func:`gcs_autotune.identify.fit`. SciPy integrates the runs from hand-written equations. The bound is that of the true
+motion: sensitivities by central differences of the same integration, initial states unknown.
+Goals: rms error within 1.2 of the bound, 92 to 98 % of the 95 % intervals contain the truth, mean error within chance.
 """
 
 from __future__ import annotations

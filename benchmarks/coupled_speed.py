@@ -1,12 +1,12 @@
-"""Speed of coupled output error against the straightforward SciPy way, on the same runs, in the same process.
+"""Speed of coupled output error against a straightforward SciPy fit of the same runs, in the same process.
 
 Run from the repository root: ``python -m benchmarks.coupled_speed [evaluations]``. Three degrees of freedom, 14
-parameters, 3 runs of 600 samples. The straightforward way is what one writes first: ``solve_ivp`` at the tolerances
-that a fit needs, input looked up by its stamp, residuals over their noise, ``least_squares`` with its two-point
-Jacobian (in steps of 1e-4: with its own of 1e-8 the solver's noise leads it astray), the same free initial states, a
-start one per cent from the truth. It is slow, so by default only its first Jacobians are timed and
-the ratio given is a lower bound; give ``all`` to run it to the end. Times are processor seconds: both ways use one core
-(set OMP_NUM_THREADS=1), and on a busy machine wall time tells nothing.
+parameters, 3 runs of 600 samples. The SciPy fit uses ``solve_ivp`` at the tolerances that a fit needs, inputs looked up
+by stamp, residuals over their noise, ``least_squares`` with its two-point Jacobian, free initial states, and a start
+one percent from the truth. Steps are 1e-4, because at the default 1e-8 the solver's noise misleads it.
+
+By default only its first Jacobians are timed, so the ratio is a lower bound; ``all`` runs it to the end. Times are
+processor seconds of one core (set OMP_NUM_THREADS=1).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""How fast a diagnosis is over the whole book: yaw under 10 s, three degrees of freedom under 60 s; beneath weather,
-which is looked for as well, under 30 s and under 180 s.
+"""Duration of a diagnosis over the whole catalogue of effects.
 
-``python3 -m benchmarks.diagnosis_speed [--weather]``: each is three runs of 600 samples, with a dead zone hidden on
-every input (several passes over the book) and with nothing hidden; ``--weather``: only beneath a force that wanders.
-Wall seconds depend on what else the machine does; beside them stand CPU seconds, how many plain simulations by
-``scipy.integrate.solve_ivp`` of one such run take as long, and the work: samples passed over, the same everywhere.
+``python3 -m benchmarks.diagnosis_speed [--weather]``. Goals: yaw 10 s, three degrees of freedom 60 s; with process
+noise 30 and 180 s. Each is three runs of 600 samples, with a dead zone on every input and with nothing hidden.
+``--weather`` runs only the cases with process noise. Beside wall seconds it prints processor seconds, the number of
+plain simulations by ``scipy.integrate.solve_ivp`` that take as long, and the work in samples, which is the same on
+every machine.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""ZhaoUSV, table 3, again: percent errors of the coefficients of CyberShip II by filter, least squares, output error.
+"""ZhaoUSV, table 3: percent errors of CyberShip II's coefficients by filter, least squares and output error.
 
     python benchmarks/ekf_vs_ls.py [--seeds 3] [--noise 0.001] [--motions circle zigzag]
 
-The seed states neither its noise nor its circle. Here: u, v, r (and for least squares their derivatives) at 10 Hz for
-120 s with the noise printed; the circle is entered from rest and left by coasting, since in a steady circle every
-velocity is a constant and only three sums of the fifteen coefficients can be told. Started as in the seed, from +20 and
--20 for all coefficients, and from 20 % off.
+The paper states neither its noise nor its circle. Here u, v, r (and for least squares their derivatives) are sampled at
+10 Hz for 120 s with the printed noise. The circle starts from rest and ends by coasting: in a steady circle every
+velocity is constant, and only three sums of the fifteen coefficients can be determined. Fits start as in the paper,
+from +20 and -20 for all coefficients, and from 20 % off.
 """
 
 from __future__ import annotations

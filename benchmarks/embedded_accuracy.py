@@ -1,14 +1,13 @@
-"""How accurate: relay experiments flown over MAVLink on the embedded vehicles, against their hidden truth.
+"""Accuracy of relay experiments flown over MAVLink on the simulated vehicles, against their hidden truth.
 
 Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--first 1] [--workers 2] [--only videoray]``. For every
-vehicle and noise seed two relay experiments are flown and identified just as ``tune`` does it: once with the true
-drag structure given ("given"), where the fit must be unbiased and reach the bound, once with the structure decided.
+vehicle and seed two relay experiments are flown and identified as in ``tune``: with the true drag structure supplied
+("given"), where the fit must be unbiased and reach the bound, and with the structure chosen ("decided").
 
-Printed per parameter: mean error in its own standard error over the seeds, RMS error over the Cramer-Rao bound (goal
-1.3; between the lines: what chance alone makes of 1.0), the share of 95 % intervals that cover the truth, and plain
-IS-O's RMS error. The bound is that of the signals used, of the sensor's rounding and of the input stamps' unknown
-shift; beside it, in percent of it, stand the bound with the rounding taken for noise of q**2/12 (Gauss) and the bound
-if the input stamps were exact (which they are not).
+It prints per parameter the mean error in standard errors over the seeds, the rms error over the Cramer-Rao bound (goal
+1.3; the chance range is printed), the coverage of 95 % intervals, and the rms error of plain IS-O. The bound includes
+the signals used, the sensor's rounding and the unknown shift of input stamps. Beside it, in percent, are the bound with
+rounding as noise of q**2/12 (Gauss), and the bound for exact input stamps.
 """
 
 from __future__ import annotations

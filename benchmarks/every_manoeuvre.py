@@ -1,16 +1,15 @@
-"""Whether every manoeuvre of the table flies to its end at its usual sizes, on every simulated vehicle that can fly it,
-and in the water and the time that were announced.
+"""Every manoeuvre at its default sizes, on every simulated vehicle, against the announced space and time.
 
 Run: ``python3 -m benchmarks.every_manoeuvre [VEHICLE ...] [--only NAME,..] [--force X,..] [--tunes] [--seed S]
-[--quick]``. Each is flown over MAVLink inside the usual limits, by every force that it may drive. Printed: how each
-ended, what was made of it, what was said. Exit status 1 when one ended early without having been refused, or left the
-vehicle other than neutral and disarmed.
+[--quick]``. Each is flown over MAVLink inside the default limits, by every force that it may drive. It prints the
+ending, the result and the messages. Exit status 1 if one ended early without having been rejected, or left the vehicle
+other than neutral and disarmed.
 
-Then a table of announced against used: the greatest distance from where the vehicle lay (of its true hull, until it has
-stopped), and the time from arming until it is restored. Goal: never less than used, at most 1.5 times it. Where a loop
-is flown, two numbers are announced: used is held against the larger one, the usual one against 1.5 times used.
-``--tunes`` flies the tunes and experiments as well, ``--quick`` leaves figures and models out.
-``hand-release`` (somebody must push) and ``wall-relay`` (needs a wall) are flown where the vehicle has what they need.
+A table then compares announced and used: the greatest distance from the starting point (of the true hull, until it has
+stopped), and the time from arming until everything is restored. Goal: never less than used, at most 1.5 times it. For a
+loop two numbers are announced: used is compared with the larger one, and the usual one with 1.5 times used.
+``--tunes`` adds tunes and experiments, ``--quick`` leaves out figures and models.
+``hand-release`` (a person must push) and ``wall-relay`` (needs a wall) are flown if the vehicle has what they need.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Ear(SilentWatcher):
         """Take what is said once all that comes before arming is over."""
         if text.startswith("will "):
             self.announced += f"{text} "
-        if text.startswith("found: mode"):
+        if text.startswith("State before the run: mode"):
             self.armed = True
             self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
@@ -119,11 +118,11 @@ class Told:
 
 def told_in(text: str, used: tuple[float, float]) -> Told:
     """Return what an announcement says."""
-    far = re.search(r"need up to ([\d.]+) m ", text)
+    far = re.search(r"(?:need|takes) up to ([\d.]+) m\b", text)
     metres = float(far[1]) if far else math.nan
-    whole = re.search(rf"and up to {_TIME}", text) or re.search(rf"take about {_TIME}", text)
+    whole = re.search(rf"(?:and|takes) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about \d+ m and )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    usual = re.search(rf"usually (?:about .*? and )?(?=\d+ (?:min|s)\b){_TIME}", text)
     near = re.search(r"usually about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
     usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres

@@ -1,23 +1,23 @@
-"""Tunes on which things go wrong at random; afterwards the vehicle itself is asked how it was left.
+"""Whole tunes with random faults; afterwards the vehicle itself is asked for its state.
 
 Run: ``python3 -m benchmarks.faulted_tunes [--cases 1000] [--seed 1] [--jobs 2] [--only KIND,..] [--save FILE]``,
-or one case, shown whole: ``--case N [--keep DIR]``.
+or one case in full: ``--case N [--keep DIR]``.
 
-Every case is a whole tune on a simulated vehicle (all axes; mostly from a model with short steps, one in 50 with the
-experiments) with one or two faults of random kind, moment, length and size. A case is right when, fifteen seconds
-after the tool ended, the vehicle is neutral, in the mode and armed state it was found in, with its parameters as found
-or all as proved (the journal has the proof); or else when the tool said so, naming ``gcs-autotune restore``, and that
-command brings it back (in four of ten cases things go wrong in its first try as well; the second must do). Besides:
-every write that arrived was in the journal before, on disk, with the value that was really found; nobody overrides
-the sticks any more; no exception but the tool's own; no hang. A killed tool cannot say anything, so there only
-``restore`` counts. Of a craft found armed two things are not asked. One that has disarmed itself (a reboot, a failsafe)
-is not armed again by anybody but its operator, who must have been told. And in a mode in which its own loops steer they
-hold the outputs, sticks free: within a tenth of full.
+Every case is a whole tune of a simulated vehicle (all axes; mostly from a model with short steps, one in 50 with the
+experiments) with one or two faults of random kind, moment, length and size. A case is right if, fifteen seconds after
+the tool ended, the vehicle is neutral, in its earlier mode and armed state, with its earlier parameters or all those
+that the journal shows as proved. It is also right if the tool asked for ``gcs-autotune restore`` and that command
+restores it. In four of ten cases the first ``restore`` meets faults as well; the second must succeed.
 
-With ``--station`` every case has another ground station on a wire of its own instead: it orders a mode, disarms, steers
-under the tool's own id, writes a gain, or the autopilot restarts; half of the time the tool's computer stalls as well.
-There a case is right when nothing of this is undone, and the cause that is named is among those that were there. An
-order of the tool within 0.3 s after the station's was on its way already: a tie, which is counted.
+Further conditions: every write that arrived was in the journal on disk before, with the true old value; no overrides
+continue; no foreign exception; no hang. A killed tool cannot report, so only ``restore`` counts there. A craft that was
+armed before and disarmed itself (a reboot, a failsafe) need not be armed again, but its operator must be informed. In a
+mode in which its own loops steer, its outputs may be within a tenth of full.
+
+With ``--station`` every case has another ground station on its own wire instead: it orders a mode, disarms, steers
+under the tool's own id, writes a gain, or the autopilot restarts. In half of them the tool's computer also pauses. A
+case is right if none of this is undone and the reported cause is among the true ones. An order of the tool within 0.3 s
+after the station's was already on its way: a tie, which is counted.
 """
 
 from __future__ import annotations

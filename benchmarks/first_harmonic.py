@@ -1,7 +1,7 @@
-"""What the describing function costs: worst parameter error of the matrix algorithm, and with measured harmonics.
+"""Error of the describing function: the worst parameter error of the matrix algorithm, and with measured harmonics.
 
-Run from the repository root: ``python benchmarks/first_harmonic.py``. The processes are those of the tests, under a
-relay in exact simulation; no noise, then noise of 1 % of the amplitude.
+Run from the repository root: ``python -m benchmarks.first_harmonic``. The processes of the tests, under a relay in
+exact simulation, without noise and with noise of 1 % of the amplitude.
 """
 
 from __future__ import annotations

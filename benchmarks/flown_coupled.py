@@ -1,10 +1,10 @@
-"""How accurate: S-manoeuvres flown over MAVLink on the coupled VideoRay, read back as a coupled model.
+"""S-manoeuvres flown over MAVLink on the coupled VideoRay, identified as a coupled model.
 
 Run: ``python3 -m benchmarks.flown_coupled [--seeds 5] [--first 1] [--duration 60]``. Every seed flies one S-manoeuvre
-ahead and astern (half of full thrust, 40 % yaw moment) with the noise, the 2 degree compass and the link of her file.
-Printed: which terms are kept of the form ``horizontal`` beside Coriolis' forces, each parameter's error in standard
-errors and per cent of the truth (Miskovic2007, final matrix; goal 3 standard errors and 3 %), how often all of them are
-within, and what Coriolis' forces are where their products are free: rv in surge, ur in sway, uv in yaw.
+ahead and astern (half of full thrust, 40 % yaw moment) with the noise, the 2 degree compass and the link of its file.
+It prints the terms kept of the form ``horizontal``, each parameter's error in standard errors and percent of the truth
+(Miskovic2007, final matrix; goal 3 standard errors and 3 %), how often all are within, and the Coriolis products if
+they are free: rv in surge, ur in sway, uv in yaw.
 """
 
 from __future__ import annotations

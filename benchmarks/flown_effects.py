@@ -1,14 +1,13 @@
-"""Hidden effects, flown over MAVLink: an effect hidden in the simulator behind the wire, is it named from the record?
+"""Effects hidden behind the wire, flown over MAVLink and diagnosed from the record.
 
 Run: ``python3 -m benchmarks.flown_effects [--only videoray,asymmetric-thrust] [--seed 3] [--flights 2] [--keep DIR]``.
 
-Every case is flown as a user would (``gcs-autotune experiment --connect 'sitl:NAME?effect=...'``, lock-step), twice
-with two relay experiments each of different size, and the run directories are given to ``gcs-autotune diagnose`` with
-the plain base model: uncoupled, linear drag. The hulls have effects of their own (see ``sitl/vehicles``: quadratic
-drag, a constant force; a compass of two degrees, climb rates in whole centimetres per second), which are to be named
-as well. So a case counts as found when the hidden effect is among the causes, and clean
-when nothing is that neither was hidden nor is the hull's own. "alike" are causes the tool says these runs cannot tell
-apart.
+Every case is flown as by a user (``gcs-autotune experiment --connect 'sitl:NAME?effect=...'``, lock-step), twice with
+two relay experiments of different size. ``gcs-autotune diagnose`` gets the run directories with the plain base model:
+uncoupled, linear drag. The hulls have effects of their own (see ``sitl/vehicles``: quadratic drag, a constant force, a
+compass of two degrees, climb rates in whole centimetres per second), which must be found too. A case is found if the
+hidden effect is among the causes. It is clean if every cause is hidden or the hull's own. "Alike" are causes that the
+runs cannot distinguish.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""A million messages that no autopilot ever sent, and arbitrary bytes, into everything that listens to a vehicle.
+"""A million random messages and arbitrary bytes, into everything that listens to a vehicle.
 
 Run: ``python3 -m benchmarks.fuzzed_messages [--messages 1000000] [--seed 1] [--files 2000]``.
 
-A craft is opened on a simulated vehicle as for a tune (session, parameters with some watched, telemetry with a
-recording under way, rates, commands), then what it hears is replaced: messages of every type with random payloads and
-right check sums under the vehicle's own ids and others', numbers at and beyond the ends of their types, frames with
-flipped bits, cut off, run together, and plain noise. Besides, files of the link room (telemetry logs, parameter files,
-journals) are damaged and read. Right is: no exception but the package's own, every pump returns, and nothing leaves us
-but heartbeats, time requests and questions (``PARAM_REQUEST_READ``): no parameter, command, override or target.
+A craft is opened on a simulated vehicle as for a tune (session, parameters, telemetry with a recording, rates,
+commands). Its input is then replaced by messages of every type with random payloads and valid checksums, under the
+vehicle's own ids and others', numbers at and beyond the limits of their types, frames with flipped bits, cut off or
+run together, and noise. Damaged files (telemetry logs, parameter files, journals) are read too. Right is: no exception
+but the package's own, every pump returns, and only heartbeats, time requests and ``PARAM_REQUEST_READ`` are sent.
 """
 
 from __future__ import annotations

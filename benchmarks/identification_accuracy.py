@@ -1,7 +1,7 @@
-"""Accuracy of the identification over noise seeds, against the Cramer-Rao bound; and its speed.
+"""Accuracy of single-axis identification over noise seeds against the Cramer-Rao bound, and its speed.
 
-Run from the repository root: ``python benchmarks/identification_accuracy.py [seeds]``. The records are flown in
-the tests' own water (tests/plants/axis_plants.py), which shares nothing with the code under test.
+Run from the repository root: ``python -m benchmarks.identification_accuracy [seeds]``. The records come from the tests'
+own simulator (tests/plants/axis_plants.py), which shares nothing with the code under test.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""How long a log may be: time and peak memory of reading logs of hundreds of megabytes.
+"""Time and peak memory to read logs of hundreds of megabytes.
 
-Run as ``python3 -m benchmarks.long_logs --megabytes 500``. A piece of log with everything a boat tells (attitude,
-outputs, position, unread messages between them) is written once and repeated, each repetition a boot of its own, or,
-with ``--one-run``, one single run for hours. Each log is read and cut in a process of its own, whose peak memory the
-operating system tells.
+Run: ``python3 -m benchmarks.long_logs --megabytes 500``. A piece of log with all messages of a boat (attitude, outputs,
+position, unread messages between them) is repeated, each repetition as a boot of its own, or with ``--one-run`` as one
+run of hours. Each log is read and cut into runs in its own process, whose peak memory the operating system reports.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Do proposed manoeuvres bring what they promise? Monte-Carlo on water that shares nothing with the package.
+"""Standard errors predicted for proposed manoeuvres, against the scatter of a Monte-Carlo simulation.
 
     python -m benchmarks.next_manoeuvre [seeds]
 
-A small boat has flown a circle. For some of the manoeuvres proposed next, the standard errors foretold from the fit of
-that circle alone stand beside the scatter of estimates over many noisy repetitions of circle and manoeuvre, flown by
-the true boat under the proposed inputs.
+A small boat has flown a circle. For some of the manoeuvres proposed next it compares the standard errors, predicted
+from the fit of that circle, with the scatter of estimates over many noisy repetitions of circle and manoeuvre. The true
+boat flies them in a simulator that shares nothing with the package.
 """
 
 from __future__ import annotations

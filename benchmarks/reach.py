@@ -1,18 +1,16 @@
-"""How near do tunes come to the best gains there are? Whole tunes, beside a search that knows the craft.
+"""Whole tunes beside the best gains that a search of the simulator finds.
 
-Every craft is tuned over several seeds of its sensors' noise. Beside them stands the best of a Nelder-Mead search that
-may fly the simulator itself: each trial of gains is a step and a step back of the vehicle's own autopilot, held to the
-margins and the integral action that a design asks for, computed from the true hull and the true thrust curve. What is
-compared is the error over time (ITAE) as flown, by the ruler of a tune.
+Every craft is tuned over several seeds of its sensors' noise. The best gains come from a Nelder-Mead search that may
+fly the simulator itself. Each trial of gains is a step and a step back under the vehicle's own autopilot, within the
+margins and the integral action that a design requires, computed from the true hull and thrust curve. Compared is the
+ITAE as flown, measured as in a tune.
 
-A search takes minutes and depends on nothing but the simulator: what it found is written down below (``BEST``), and
-flown again on each seed. ``--search N`` looks again.
+A search takes minutes and depends only on the simulator: its result is in ``BEST`` below and flown again on each seed.
+``--search N`` repeats it. With ``--save FILE`` every tune is a line in FILE, and known ones are not flown again;
+``--seeds 0 --save FILE`` prints the table of a stopped run.
 
-With ``--save FILE`` every tune is a line in FILE as soon as it has ended, and one that is there is not flown again: a
-run that was stopped goes on, and ``--seeds 0 --save FILE`` prints the table of what there is.
-
-Goals: kept with at most 1.3 times the best in 95 % of tunes (of those left alone: the present gains within 1.3), and
-predicted within 25 % of flown in 90 %.
+Goals: at most 1.3 times the best in 95 % of tunes (if nothing was kept: the present gains within 1.3), and predicted
+within 25 % of flown in 90 %.
 """
 
 from __future__ import annotations

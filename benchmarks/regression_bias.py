@@ -1,7 +1,7 @@
-"""Least squares and its kin over noise seeds: bias, scatter and coverage on the VideoRay's S-manoeuvres (Miskovic2007).
+"""Bias, scatter and coverage of least squares and instrumental variables on the VideoRay's S-manoeuvres (Miskovic2007).
 
-Run from the repository root: ``python -m benchmarks.regression_bias [seeds] [noise]``. The runs are flown in the tests'
-own water (tests/plants/regression_plants.py), which shares nothing with the code under test.
+Run from the repository root: ``python -m benchmarks.regression_bias [seeds] [noise]``. The runs come from the tests'
+own simulator (tests/plants/regression_plants.py), which shares nothing with the code under test.
 """
 
 from __future__ import annotations

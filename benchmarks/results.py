@@ -25,7 +25,7 @@ from msgspec.structs import replace
 
 from gcs_autotune_files import conform, read
 
-__all__ = ["FOLDER", "PAGE", "Figure", "Result", "count", "headline", "load", "page"]
+__all__ = ["FOLDER", "PAGE", "RECORD", "Figure", "Result", "commit", "count", "headline", "load", "page"]
 
 FOLDER = Path(__file__).parent / "results"
 PAGE = Path(__file__).parent / "README.md"
@@ -124,7 +124,7 @@ def headline(benchmark: str, measures: str, figures: Sequence[Figure]) -> None:
     if not os.environ.get(RECORD):
         return
     now = datetime.datetime.now(datetime.UTC).date().isoformat()
-    result = Result(benchmark, measures, _command(), tuple(figures), now, _commit(), _machine())
+    result = Result(benchmark, measures, _command(), tuple(figures), now, STARTED_AT or commit(), _machine())
     print(f"kept in {save(result)}")
     PAGE.write_text(page(), encoding="utf-8")
 
@@ -161,17 +161,32 @@ def _command() -> str:
     return shlex.join(["python3", "-m", module, *sys.argv[1:]])
 
 
-def _commit() -> str:
-    """Return the commit of the tree, with a ``+`` if tracked files other than results differ from it."""
+CODE = (
+    "gcs_autotune",
+    "gcs_autotune_files",
+    "sitl",
+    "benchmarks",
+    "tests/plants",
+    ":!benchmarks/results",
+    ":!*.md",
+    ":!benchmarks/real_diagnosis/answers.json",
+)
+"""What a figure depends on."""
+
+
+def commit() -> str:
+    """Return the commit of the tree, with a ``+`` if tracked code differs from it."""
     root = Path(__file__).parents[1]
 
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
 
-    changed = git(
-        "status", "--porcelain", "--untracked-files=no", "--", ".", ":!benchmarks/results", ":!benchmarks/README.md"
-    )
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", *CODE)
     return git("rev-parse", "--short=8", "HEAD") + ("+" if changed else "")
+
+
+STARTED_AT = commit() if os.environ.get(RECORD) else ""
+"""The commit when the benchmark started: a long run may end on another one."""
 
 
 def _machine() -> str:

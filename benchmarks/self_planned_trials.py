@@ -1,10 +1,10 @@
-"""How much water a trial that plans itself saves: beside a fixed standard plan, on swaying craft drawn at random.
+"""Time that a self-planned trial saves against a fixed standard plan, on random swaying craft.
 
 Run: ``python3 -m benchmarks.self_planned_trials [--seeds 20] [--first 1]``. Each craft is the coupled VideoRay of
 ``sitl`` with every inertia and damping of surge, sway and yaw multiplied by a random factor between 0.6 and 1.7
-(logarithmically uniform), flown over MAVLink. The standard plan is zig-zag, turning circle, S-manoeuvre and steps. How
-well it tells ``ASKED`` in the end (1 % at best: nobody needs more) is the precision that the other trial is asked for.
-Printed: the seconds of runs until each has it, both identified after each run, and their ratio (goal 60 %).
+(logarithmically uniform), flown over MAVLink. The standard plan is zig-zag, turning circle, S-manoeuvre and steps. The
+precision that it reaches for ``ASKED`` (1 % at best) is required of the other trial. It prints the seconds of runs
+until each reaches it, both identified after each run, and their ratio (goal 60 %).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A whole tune over a serial link of 57600 or 115200 baud: a real port, the simulated vehicle, bytes counted.
+"""A whole tune over a pseudo-terminal with the rate of a serial radio; the bytes are counted.
 
 ``python3 -m benchmarks.serial_radio [--baud 57600 115200] [--vehicle charlie] [--axis heading]``
 """

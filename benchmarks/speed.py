@@ -1,13 +1,12 @@
-"""How fast: the lock-stepped vehicle against real time, a whole ``tune heading``, and the water a tune takes.
+"""Speed: the lock-stepped vehicle against real time, a whole ``tune heading``, and the duration of a tune.
 
 Run: ``python3 -m benchmarks.speed``. The first tune on a machine also compiles the kernels; both are shown.
 
-``python3 -m benchmarks.speed water [CASE ...] [--seeds 5] [--waves] [--save FILE]`` tunes each craft twice, with the
-stop rule that ends once the gains are known and with that of the five periods (``--stop-rule settled``), and prints the
-vehicle's seconds of both, how both ended, and the error over time that the gains proved: both steps read over what both
-recorded. A goal of seconds stands beside; the error may be 5 % more, the endings must be the same. With ``--save FILE``
-every pair is a line in FILE, and one that is there is not flown again (``--seeds 0`` prints the table of what there
-is). Quick: ``--seeds 1``, six pairs.
+``python3 -m benchmarks.speed water [CASE ...] [--seeds 5] [--waves] [--save FILE]`` tunes each craft twice: with the
+design rule (end once the gains are known) and with ``--stop-rule settled``. It prints the vehicle's seconds of both,
+both endings, and the ITAE of the proved gains over what both recorded. Goals: the seconds of each case, at most 5 %
+more ITAE, equal endings. With ``--save FILE`` every pair is a line in FILE, and known ones are not flown again
+(``--seeds 0`` prints their table). Quick: ``--seeds 1``, six pairs.
 """
 
 from __future__ import annotations

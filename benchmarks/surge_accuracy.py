@@ -1,10 +1,9 @@
-"""Are a boat's surge and its standard errors true? ``experiment surge`` flown on the simulated boats, over seeds.
+"""Surge of the simulated boats by ``experiment surge``: errors in their own standard errors, over seeds.
 
-Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. Printed of inertia, of the speed
-at half throttle's thrust and of the thrust curve's share of the square: the mean and rms of what is found less the
-hidden truth, in its own standard errors (1 where these are true), how many are beyond two, and the standard error.
-
-With ``--save FILE`` every flight is a line in FILE, and one that is there is not flown again.
+Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. For inertia, damping and the
+thrust curve's share of the square it prints the mean and rms error in standard errors (1 if these are true), how many
+are beyond two, and the standard error. With ``--save FILE`` every flight is a line in FILE, and known ones are not
+flown again.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The sequence of experiments of Erunsal2017 on its tugboat (table 1, errata mended): percent error of all 23
-parameters.
+"""Erunsal2017's sequence of experiments on its tugboat: percent error of all 23 parameters (table 1, errata applied).
 
     python -m benchmarks.tugboat_sequence [--seeds 3]
 
-The runs come from the tests' own water (``tests/plants/tug_plants.py``: the truth, the noise and why are there).
+The runs come from the tests' own simulator (``tests/plants/tug_plants.py`` has the truth and the noise).
 """
 
 from __future__ import annotations

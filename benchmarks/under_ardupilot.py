@@ -124,6 +124,7 @@ def show_station(seed: int, instance: int, port: int, keep: Path) -> bool:
     station = mavlink.MAVLink(None, srcSystem=255 if kind == "sticks" else 200, srcComponent=100)
     orders: list[Order] = []
     ours: list[Order] = []
+    os.environ["XDG_STATE_HOME"] = str(keep / f"state-{seed}")  # a run left open refuses the next on this vehicle
     sea = _open(vehicle, instance, port)
     began, told, until, next_stick = math.inf, 0, math.inf, 0.0
 
@@ -231,7 +232,10 @@ def main() -> int:
             good = min(show_tune(*case, args.instance, args.port, keep) for case in TUNES) and good
         if "station" in what:
             seeds = range(args.seed, args.seed + args.cases)
-            good = sum(show_station(seed, args.instance, args.port, keep) for seed in seeds) == args.cases and good
+            right = sum(show_station(seed, args.instance, args.port, keep) for seed in seeds)
+            good = right == args.cases and good
+            stands = count("tunes in which the order stands and its cause is reported", right, args.cases, least=1.0)
+            headline("under_ardupilot-station", "tunes on ArduPilot's firmware beside another station", [stands])
         if "hidden" in what:
             named = [show_hidden(*case, args.instance, args.port, keep) for case in HIDDEN]
             good = all(named) and good

@@ -1,12 +1,12 @@
-"""What the page costs: processor, lateness of the loop that holds the sticks, STOP to the first neutral override.
+"""Cost of the page: processor, lateness of the loop that holds the sticks, STOP to the first neutral override.
 
-``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4] [--browser]`` (goals: under 3 % of a core at
-10 Hz with four viewers, no tick late by more than 5 ms for it, STOP under 50 ms at worst of 200, page under 300 kB,
-memory level over an hour's lines). With ``--browser`` one more viewer is the page itself, in Chromium: its memory is
-told, too, and STOP counts from a click on it.
+``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4] [--browser]``. Goals: under 3 % of a core at
+10 Hz with four viewers, ticks at most 5 ms later, STOP under 50 ms at worst of 200, page under 300 kB, constant memory
+over an hour's ticks. With ``--browser`` one more viewer is the page in Chromium: its memory is printed, and STOP counts
+from a click on it.
 
-The server is the one of ``gcs-autotune serve``; what it starts is this file again, as a run: ticks at 25 Hz told to the
-real ``RemoteWatcher``; or, for STOP, the real craft on a real link to the simulator, flying by the real sequencer.
+The server is that of ``gcs-autotune serve``. It starts this file again as a run: ticks at 25 Hz to the real
+``RemoteWatcher``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""How accurate: zig-zags flown over MAVLink, against the craft's hidden truth and its own run without noise.
+"""Zig-zags flown over MAVLink, against the craft's hidden truth and its own run without noise.
 
-Run: ``python3 -m benchmarks.zig_zag_accuracy [--craft charlie] [--seeds 20] [--first 1] [--helm 20]``. Every seed flies
-one zig-zag of equal angles (a craft without rudder: ``--steering`` of full) with heading, gyro, speed and position
-noise as in its file, attitude at 10 Hz and servo outputs at 40 Hz. Printed: the largest and the RMS error of Nomoto's K
-and T of the fitted model against the truth's reduction (K = G(0), T = T_1 + T_2 - T_3 of sway and yaw at the steady
-speed ahead; goal 3 %), of the K that ``figures`` prints (per radian of rudder where the craft has one) against the same
-truth over the rudder angle of the vehicle file, and of every other figure against that of the run without noise (goal
-1 degree or 2 %).
+Run: ``python3 -m benchmarks.zig_zag_accuracy [--craft charlie] [--seeds 20] [--first 1] [--helm 20]``. Every seed
+flies one zig-zag of equal angles (without a rudder: ``--steering`` of full) with the noise of heading, gyro, speed and
+position of its file, attitude at 10 Hz and servo outputs at 40 Hz. It prints the largest and rms errors of:
+
+* Nomoto's K and T of the fitted model against the truth's reduction (K = G(0), T = T_1 + T_2 - T_3 of sway and yaw at
+  the steady speed ahead; goal 3 %),
+* the K that ``figures`` prints (per radian of rudder if there is one) against the same truth,
+* every other figure against that of the run without noise (goal 1 degree or 2 %).
 """
 
 from __future__ import annotations

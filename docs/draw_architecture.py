@@ -1,7 +1,7 @@
-"""Draw the picture of the rooms from the code's own imports: python3 docs/draw_architecture.py
+"""Draw the figure of the packages from the code's imports: python3 docs/draw_architecture.py
 
-Rooms stand in the layers of the import contract (pyproject.toml). An arrow says "imports"; one that a longer way says
-as well is left out. What nearly every room imports stands below without arrows.
+Packages are placed in the layers of the import contract (pyproject.toml). An arrow means "imports". Arrows that a
+longer path replaces are left out. Packages that nearly all others import are at the bottom, without arrows.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ def contracts() -> dict[str, dict[str, object]]:
 
 
 def layers() -> list[list[str]]:
-    """Return the rooms per layer, the highest first."""
+    """Return the packages per layer, the highest first."""
     rows = contracts()["Rooms import downwards only"]["layers"]
     assert isinstance(rows, list)
     return [[room.strip() for room in row.replace(":", "|").split("|")] for row in rows]
 
 
 def imports() -> dict[str, set[str]]:
-    """Return which rooms each room imports, wherever in a file it does."""
+    """Return the packages that each package imports, anywhere in its files."""
     rooms = {room for row in layers() for room in row}
     found: dict[str, set[str]] = {room: set() for room in rooms}
     for path in sorted((ROOT / "gcs_autotune").rglob("*.py")):
@@ -59,7 +59,7 @@ def _names(node: ast.AST) -> list[str]:
 
 
 def needed(graph: Mapping[str, set[str]]) -> list[tuple[str, str]]:
-    """Return the arrows that no longer way replaces."""
+    """Return the arrows that no longer path replaces."""
 
     def below(room: str) -> set[str]:
         return {far for near in graph[room] for far in {near} | below(near)}

@@ -1,4 +1,4 @@
-"""Draw the README's picture of the live page, from a tune flown over a link while it is looked at (needs Chromium):
+"""Draw the README's picture of the live page, during a tune flown over a link (needs Chromium):
 
 python3 docs/draw_page.py docs/pictures/page.png
 """

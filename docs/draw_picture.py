@@ -1,7 +1,7 @@
-"""Draw the README's picture from the run directory of a real tune:
+"""Draw the README's picture from the run directory of a tune:
 
 python3 docs/draw_picture.py runs/... docs/pictures/tune.png
-python3 docs/draw_picture.py --check runs/... docs/pictures/tune.png     # is it still what a tune comes to?
+python3 docs/draw_picture.py --check runs/... docs/pictures/tune.png     # does a tune still give these gains?
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def legs_in(run: Path, which: str) -> list[dict[str, np.ndarray | float]]:
 
 
 def figure_of(run: Path) -> Figure:
-    """Return the picture: heading and actuator of step and step back, before and after, as far as both were flown."""
+    """Return the figure: heading and actuator of step and step back, before and after, as far as both were flown."""
     summary = json.loads((run / "gains.json").read_text())
     before, after = (legs_in(run, which) for which in ("before", "after"))
     figure, grid = plt.subplots(

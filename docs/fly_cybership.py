@@ -1,10 +1,10 @@
-"""Fly zig-zag, circle and steps on the simulated CyberShip II without the check before a flight, which refuses her:
+"""Fly zig-zag, circle and steps on the simulated CyberShip II without the sign check, which rejects it:
 
 python3 docs/fly_cybership.py runs/cybership2
 python3 docs/draw_manoeuvres.py runs/cybership2 docs/pictures/cybership2.svg
 
-She is not stable on her course: no pulse of the check tells which way she answered to it. A zig-zag, a circle and steps
-she flies all the same. For a simulated vehicle only.
+The craft is not stable on its course, so the check cannot read its response to a pulse. It can still fly a zig-zag, a
+circle and steps. For a simulated vehicle only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sitl import open_vehicle
 
 ANY_HEADING = Envelope(heading_excursion=math.inf)
 ASKED = {"throttle": 0.2, "speed": 0.4, "side": 1.0, "keep-still": 0.0}
-"""A fifth of full thrust, 0.4 m/s at her scale."""
+"""A fifth of full thrust, 0.4 m/s at its scale."""
 
 
 def main(run: Path) -> None:

@@ -33,7 +33,7 @@ def plain(text: str) -> str:
 
 def commands() -> str:
     """Return the page of all commands and their options."""
-    lines = ["# Commands", "", "Made from the parsers: what `--help` says.", ""]
+    lines = ["# Commands", "", "Made from the parsers: the same as `--help`.", ""]
     for path, parser in _parsers(make_parser(), ()):
         lines += [f"{'#' * (1 + len(path))} {' '.join(path)}", "", plain(parser.description or ""), ""]
         for group in parser._action_groups:
@@ -71,13 +71,13 @@ def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
 def errors() -> str:
     """Return the page of exit codes and kinds of messages."""
     lines = ["# Messages and exit codes", "", "| code | meaning |", "|---|---|", "| 0 | done |"]
-    lines += ["| 8 | tuned, but the old gains proved better and are back (`tune`) |"]
+    lines += ["| 8 | tuned, but the old gains proved better and are restored (`tune`) |"]
     lines += [f"| {code} | {plain(meaning)} |" for _, code, meaning in sorted(EXIT_CODES, key=lambda row: row[1])]
     lines += [
         "",
-        "Every failure is one line on standard error: what happened, to what, and what to try. Each is one of",
-        "these kinds, which are also the exceptions of the Python interface (`gcs_autotune.errors`); the exit code is",
-        "that of the nearest family above it. `--verbose` adds where it came from.",
+        "Every failure is one line on standard error: what happened, to what, and what to do. The kinds below are also",
+        "the exceptions of the Python interface (`gcs_autotune.errors`). The exit code is that of the nearest family",
+        "above. `--verbose` adds where it came from.",
         "",
     ]
     lines += _family(AutotuneError, 0)
@@ -94,16 +94,16 @@ def parameters() -> str:
     lines = [
         "# Parameters written",
         "",
-        "A tune writes nothing but these, of the axis it tunes, after asking, and only with a journal of the old",
-        "values on disk. Ranges are those that ArduPilot documents; no value outside is proposed. Older and newer",
-        "firmwares call some of them otherwise; the vehicle is asked for what it has.",
+        "A tune writes only the parameters of its axis, after asking, and with the old values in a journal on disk.",
+        "Ranges are ArduPilot's documented ones. Values outside are proposed only with `--beyond-ranges`. Some names",
+        "differ between firmware versions; the tool asks the vehicle for the names that it has.",
         "",
     ]
     others = {name: ", ".join(f"`{a.name}`" for a in aliases) for name, aliases in ALIASES.items()}
     for firmware in FIRMWARE.values():
         lines += [f"## {firmware.name}", ""]
         for axis in firmware.axes.values():
-            lines += [f"### {axis.name}", "", "| parameter | range | what | also called |", "|---|---|---|---|"]
+            lines += [f"### {axis.name}", "", "| parameter | range | meaning | other names |", "|---|---|---|---|"]
             lines += [
                 f"| `{g.parameter}` | {g.low:g} to {g.high:g} | {plain(g.meaning)} | {others.get(g.parameter, '')} |"
                 for g in axis.gains
@@ -114,7 +114,7 @@ def parameters() -> str:
 
 def limits() -> str:
     """Return the page of every number's range."""
-    lines = ["# Numbers and their ranges", "", "| option | meaning | range | why it ends there |", "|---|---|---|---|"]
+    lines = ["# Numbers and their ranges", "", "| option | meaning | range | reason |", "|---|---|---|---|"]
     for row in LIMITS.values():
         name = f"`--{row.name}`" + (f" ({row.axis})" if row.axis else "")
         lines.append(f"| {name} | {plain(row.meaning)} | {plain(row.range)} | {plain(row.reason)} |")
@@ -151,14 +151,14 @@ def effects() -> str:
     """Return the page of effects that a diagnosis looks for."""
     from gcs_autotune.effects import EFFECTS
 
-    lines = ["# Effects", "", "What `diagnose` looks for and `identify --effects` fits.", ""]
+    lines = ["# Effects", "", "`diagnose` searches for these, and `identify --effects` fits them.", ""]
     for effect in EFFECTS.values():
         numbers = ", ".join(f"`{q.name}` [{plain(q.unit)}]" for q in effect.parameters) or "none"
         lines += [
             f"## {effect.slug}",
             "",
-            f"{plain(effect.meaning)}. Numbers: {numbers}. Shown by: {plain(effect.shown_by)}. "
-            f"Mistaken for: {', '.join(effect.mistaken_for) or 'nothing'}; told apart by: "
+            f"{plain(effect.meaning)}. Parameters: {numbers}. Shown by: {plain(effect.shown_by)}. "
+            f"Mistaken for: {', '.join(effect.mistaken_for) or 'nothing'}; distinguished by: "
             f"{plain(effect.separated_by)}.",
             "",
         ]
@@ -184,10 +184,12 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "command-coupling": ("experiment surge", "charlie", ".gain=0.2"),
     "gain-drift": (HEADING, "videoray", ".rate=0.003"),
     "speed-dependent-steering": ("fly zig-zag", "charlie", ".share=1"),
+    "propeller-wash": ("tune heading", "charlie", ".share=0.8"),
     "advance-speed-loss": (HEADING, "videoray", ".loss=0.5"),
     "linear-drag": (HEADING, "videoray", ".coefficient=0.01"),
     "quadratic-drag": (HEADING, "videoray", ".coefficient=0.02"),
-    "speed-damping": ("fly zig-zag", "charlie", ".N_ur=-20"),
+    "speed-damping": ("fly zig-zag", "charlie", ".N_|u|r=-20"),
+    "velocity-product": ("fly zig-zag", "charlie", "@N_u.coefficient=5"),
     "mass-change": (HEADING, "videoray", ".ratio=1.5,time=40"),
     "net-buoyancy": (DEPTH, "videoray", ".force=-2"),
     "ground-effect": (DEPTH, "videoray", ".strength=1,length=1,bottom=6"),
@@ -207,7 +209,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "sway-moment": ("fly turning-circle", "charlie-sway", ".N_v=100"),
     "munk-moment": ("fly turning-circle", "charlie-sway", ".N_uv=100"),
 }
-"""Effect -> what is flown to show it, the simulated vehicle, and where and how large it is hidden."""
+"""Effect -> the command that flies it, the simulated vehicle, and place and size of the effect."""
 
 
 def link_with(slug: str) -> str:
@@ -217,21 +219,23 @@ def link_with(slug: str) -> str:
 
 
 def hide_and_find() -> str:
-    """Return the page that says of every effect how it is hidden in a simulated vehicle, and looked for."""
+    """Return the page that shows how to hide each effect in a simulated vehicle, and how to find it."""
     from gcs_autotune.effects import EFFECTS
 
     lines = [
         "# Hide an effect, and find it",
         "",
-        "A simulated vehicle can hide any of these, so that one sees beforehand how it shows and whether it would be",
-        "found. The tuner does not know what is hidden: they meet on the wire only. `diagnose` without further options",
-        "tries all effects; what it cannot tell apart is said below each. Sizes are those of a craft of a few metres;",
-        "smaller ones drown. [How often it is right](../../benchmarks/README.md); a cause found step by step is in the",
-        "[tutorial](../tutorials/wrong-simulation.md), which runs when this site is built.",
+        "A simulated vehicle can hide any of these effects, to see how it shows and whether it would be found. The",
+        "tuner has no information about it: they meet on the wire only. `diagnose` without further options tries all",
+        "effects.",
+        "",
+        "Sizes are for a craft of a few metres; smaller ones vanish in the noise. The",
+        "[benchmarks](../../benchmarks/README.md) show how often it is right, and a",
+        "[tutorial](../tutorials/wrong-simulation.md) finds a cause step by step.",
         "",
     ]
     for effect in EFFECTS.values():
-        if effect.slug not in ABOARD:  # of somebody else's package
+        if effect.slug not in ABOARD:  # of another package
             continue
         what = ABOARD[effect.slug][0]
         others = ", ".join(f"[{name}](#{name})" for name in effect.mistaken_for)
@@ -246,7 +250,7 @@ def hide_and_find() -> str:
             "```",
             "",
             f"Shown by: {plain(effect.shown_by)}."
-            + (f" Mistaken for {others}; told apart by {plain(effect.separated_by)}." if others else ""),
+            + (f" Mistaken for {others}; distinguished by {plain(effect.separated_by)}." if others else ""),
             "",
         ]
     return "\n".join(lines) + "\n"

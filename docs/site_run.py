@@ -29,7 +29,7 @@ def executed(code: str, names: dict[str, Any]) -> tuple[str, Any]:
 
 
 class Run(SphinxDirective):
-    """Show a block of Python, execute it, and show what came of it."""
+    """Show a block of Python, execute it, and show its output."""
 
     has_content = True
     _names: ClassVar[dict[str, dict[str, Any]]] = {}

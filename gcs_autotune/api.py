@@ -1,4 +1,4 @@
-"""What a notebook needs, and nothing deeper: records to models, causes and gains.
+"""The Python interface for notebooks: from records to models, causes and gains.
 
 ::
 
@@ -7,7 +7,7 @@
     found = fit(load_runs("zigzag.csv"), dof="yaw")   # shown as a table
     plot(found)                                       # or plot(found, ax)
 
-SI units and radians throughout, but for columns whose heads name another unit (``psi[deg]``). Nothing here touches a
+SI units and radians, except for columns with another unit in their heads (``psi[deg]``). Nothing here connects to a
 vehicle.
 """
 
@@ -74,17 +74,17 @@ def load_runs(
 
     Parameters
     ----------
-    source : the path of a run directory, a log or a CSV file; or a table in memory whose columns are called
-        ``name[unit]``, one of them (or its index, or coordinate) the time: a pandas DataFrame, an xarray Dataset
+    source : the path of a run directory, a log or a CSV file; or a table in memory with columns ``name[unit]``,
+        one of them (or the index, or coordinate) the time: a pandas DataFrame, an xarray Dataset
         (units also by ``attrs["units"]``), a mapping of arrays, a structured numpy array; or a list of any of these.
     columns : name in the source -> ``channel[unit]``, e.g. ``{"heading": "psi[deg]"}``.
-    name : of a run that comes from memory.
-    pick, system, parameters : of a log: numbers of stretches, the vehicle's system id, its parameters.
+    name : name of a run from memory.
+    pick, system, parameters : for a log: segment numbers, the vehicle's system id, its parameters.
 
     Raises
     ------
     BadFile, NotInformative
-        It cannot be read, or nothing in it tells. UsageError: a name in *columns* that is not there.
+        It cannot be read, or nothing can be identified from it. UsageError: a name in *columns* does not exist.
 
     Examples
     --------
@@ -121,10 +121,10 @@ def fit(
     start: ExtendedModel | Mapping[str, float] | None = None,
     **options: Any,
 ) -> Fit:
-    """Identify a model from runs: :func:`gcs_autotune.identify.fit`, whose parameters and errors these are.
+    """Identify a model from runs; parameters and errors as in :func:`gcs_autotune.identify.fit`.
 
-    The answer shows itself as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It can
-    ``to_pandas()``, and knows its ``doubts``.
+    The result is displayed as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It has
+    ``to_pandas()`` and ``doubts``.
 
     Examples
     --------
@@ -205,10 +205,10 @@ def diagnose(
     horizon: float | None = None,
     jobs: int = 1,
 ) -> Diagnosis:
-    """Say what a simulation gets wrong, and why: :func:`gcs_autotune.diagnose.diagnose`.
+    """Identify what a simulation gets wrong and the cause: :func:`gcs_autotune.diagnose.diagnose`.
 
-    model : the simulation in question, also as a :class:`Fit` of other runs; without it the plain model fitted to the
-    runs is. The other parameters and errors are those of that function.
+    model : the simulation to examine, also as a :class:`Fit` of other runs; default the plain model fitted to the
+    runs. The other parameters and errors are those of that function.
 
     Examples
     --------
@@ -242,19 +242,19 @@ def design(
 
     Parameters
     ----------
-    source : a fit, or a model file that was read.
-    axis : ``heading``, ``yaw``, ``depth`` or ``speed``, as far as *firmware* (``ardurover``, ``ardusub``) has them.
-    present : the vehicle's parameters, or a file of NAME,VALUE lines: the gains of the loop, and what else is known of
-        it (limits, filters; the firmware's defaults stand in for the rest).
-    spec : the wish, see :class:`gcs_autotune.design.Spec`: ``speed`` [m/s] for a craft with a rudder, ``full_scale``
-        for a model whose input is not a share of full output, ``settling_time`` [s] ...
+    source : a fit, or a loaded model file.
+    axis : ``heading``, ``yaw``, ``depth`` or ``speed``, if *firmware* (``ardurover``, ``ardusub``) has it.
+    present : the vehicle's parameters, or a file of NAME,VALUE lines: the gains of the loop, its limits and
+        filters; firmware defaults replace missing ones.
+    spec : the specification, see :class:`gcs_autotune.design.Spec`: ``speed`` [m/s] for a craft with a rudder,
+        ``full_scale`` for a model whose input is not a normalised output, ``settling_time`` [s] ...
 
     Raises
     ------
     NoGainsMeetSpec
         No gains inside the documented ranges are acceptable.
     UsageError, UnknownName, ParameterMissing
-        The model is of another motion than the axis; full scale or speed is needed; there is no such axis; a gain of it
+        The model is of another degree of freedom; full scale or speed is missing; the axis is unknown; a gain of it
         is not in *present*.
 
     Examples
@@ -280,9 +280,9 @@ def design(
 
 
 def example_run(seed: int = 1, duration: float = 60.0) -> Trial:
-    """Return a made-up record to try things on: a craft swinging in heading under a relay, *duration* [s] at 10 Hz.
+    """Return a synthetic example record: a relay experiment in heading, *duration* [s] at 10 Hz.
 
-    Its truth: ``r_dot = N - 0.5 r``, the input a share of full output; noise of 0.1 deg and 0.1 deg/s by *seed*.
+    True model: ``r_dot = N - 0.5 r`` with normalised input; noise 0.1 deg and 0.1 deg/s from *seed*.
 
     Examples
     --------
@@ -316,15 +316,16 @@ def _table(source: Any) -> dict[str, ArrayLike]:
     if isinstance(source, Mapping):
         return {str(head): _seconds(np.asarray(values)) for head, values in source.items()}
     raise UsageError(
-        f"a {type(source).__name__} holds no runs: give a path, a pandas DataFrame, an xarray Dataset, a mapping of "
-        "arrays by name[unit], or a structured array"
+        f"a {type(source).__name__} is not a source of runs. Use a path, a pandas DataFrame, an xarray Dataset, a "
+        f"mapping "
+        "of name[unit] to arrays, or a structured array"
     )
 
 
 def _of_xarray(source: Any) -> dict[str, ArrayLike]:
     """Return the variables of an xarray Dataset along its one dimension."""
     if len(source.sizes) != 1:
-        raise BadFile(f"a Dataset along one dimension (time) is needed; this has {', '.join(map(str, source.sizes))}")
+        raise BadFile(f"the Dataset must have one dimension (time); it has {', '.join(map(str, source.sizes))}")
     (along,) = source.sizes
     found: dict[str, ArrayLike] = {_head(n, v): v.to_numpy() for n, v in source.data_vars.items()}
     time = source.coords.get(along, None)
@@ -337,7 +338,7 @@ def _head(name: object, variable: Any) -> str:
 
 
 def _with_time(found: Mapping[str, ArrayLike], head: str, index: NDArray[Any]) -> dict[str, ArrayLike]:
-    """Return the columns with the index among them where it is the time."""
+    """Return the columns, including the index if it is the time."""
     columns: dict[str, ArrayLike] = {name: _seconds(np.asarray(values)) for name, values in found.items()}
     dated = index.dtype.kind in "mM"
     if dated or head.partition("[")[0] in ("t", "time"):
@@ -346,7 +347,7 @@ def _with_time(found: Mapping[str, ArrayLike], head: str, index: NDArray[Any]) -
 
 
 def _seconds(values: NDArray[Any]) -> NDArray[Any]:
-    """Return dates and time differences as seconds since the first, anything else as it is."""
+    """Return dates and time differences as seconds since the first, other values unchanged."""
     if values.dtype.kind == "M":
         values = values - values[0]
     return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values

@@ -1,6 +1,6 @@
-"""What an axis is: the loop that is tuned, what is flown to identify it, and the words and numbers of both. Told once.
+"""The axes: the loop tuned, the experiment that identifies it, and the names and numbers of both.
 
-Which firmware has which loop, by which law and gains, is told by its profile (``Firmware.axes``).
+The firmware profile (``Firmware.axes``) contains the loops, laws and gains of each firmware.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ __all__ = [
 ]
 
 _SPEED = {"LOCAL_POSITION_NED": 10.0, "GLOBAL_POSITION_INT": 5.0}
-_PULSES = "a small pulse each way to see that it answers rightly, then "
+_PULSES = "a small pulse in each direction to check the response, then "
 
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """What one degree of freedom is identified by. Chosen for craft of half a metre to a few metres.
+    """How one degree of freedom is identified. Chosen for craft of half a metre to a few metres.
 
     Attributes
     ----------
-    signal : what a relay watches; ``x`` is speed ahead, integrated, ``y`` speed to the side.
+    signal : feedback signal of the relay; ``x`` is integrated speed ahead, ``y`` sideways.
     least_hysteresis : of a relay on it [rad or m].
-    title : what oscillates, to people.
-    check : what is said of the check of its actuator beforehand.
-    check_reach, check_time : a pulse of the check ends at this share of ``least_hysteresis``, or after so long [s].
-    by_throttle : what moves it is the throttle: a craft under way is told by steps of it, in the room that is left.
-    below_surface : it shows under water only.
+    title : name of the oscillating motion, for people.
+    check : announcement of the actuator check.
+    check_reach, check_time : a pulse of the check ends at this fraction of ``least_hysteresis``, or after this time
+    [s]. by_throttle : throttle drives it, so a craft under way is identified by throttle steps.
+    below_surface : it can only be excited under water.
     """
 
     dof: str
@@ -64,8 +64,8 @@ EXCITATIONS: Mapping[str, Excitation] = {
         # A yaw time constant of 8 s shows 0.4 of its rate in 4 s.
         Excitation("yaw", "psi", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0),
         Excitation("heave", "z", 0.15, "depth", _PULSES, below_surface=True),
-        Excitation("surge", "x", 0.3, "speed", "a pulse ahead to see that it answers rightly, then ", by_throttle=True),
-        Excitation("sway", "y", 0.3, "speed to the side", ""),
+        Excitation("surge", "x", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
+        Excitation("sway", "y", 0.3, "sideways speed", ""),
     )
 }
 """Degree of freedom -> how it is identified."""
@@ -73,16 +73,16 @@ EXCITATIONS: Mapping[str, Excitation] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisKind:
-    """One axis as commands name it.
+    """One axis of the commands.
 
     Attributes
     ----------
-    dof : the motion identified for it. stepped : the signal that proves its gains.
-    step, step_duration : size [SI, rad] and seconds each way of that step; NaN where the craft decides.
-    rates : messages that show it, beside ATTITUDE, with the rates [Hz] its experiments live on.
-    calmed : the stepped signal is so noisy that it is read through a centred mean of so many seconds.
-    guessed_duration : seconds each way that a step takes of which the craft decides, for what is told beforehand.
-    example : the simulated vehicle that stands in when none is given.
+    dof : its degree of freedom. stepped : the signal of the step that proves its gains.
+    step, step_duration : size [SI, rad] and duration [s] of the step, each way; NaN if chosen for the craft.
+    rates : messages that contain it, in addition to ATTITUDE, with the rates its experiments need [Hz].
+    calmed : width of the centred mean that smooths the noisy stepped signal [s].
+    guessed_duration : expected duration of a step, each way, if chosen for the craft [s]; for the announcement.
+    example : the simulated vehicle used by default.
     """
 
     name: str
@@ -102,7 +102,7 @@ class AxisKind:
 
     @property
     def angular(self) -> bool:
-        """Whether people give its steps and hystereses in degrees."""
+        """Whether its steps and hystereses are typed in degrees."""
         return DOFS[self.dof].angular
 
 
@@ -115,13 +115,13 @@ AXES: Mapping[str, AxisKind] = {
         AxisKind("yaw", "yaw", "r", guessed_duration=8.0),
     )
 }
-"""Name -> axis; adding one is one line here, and its law and gains in the firmwares that have it."""
+"""Name -> axis. To add one, add a line here, and its law and gains in the firmwares that have it."""
 
 OTHER_NAMES: Mapping[str, str] = {"surge": "speed"}
-"""What an axis is called too."""
+"""Alias -> name of an axis."""
 
 SIGNAL_FORCES: Mapping[str, str] = {a.stepped: DOFS[a.dof].force for a in AXES.values()}
-"""Signal that is stepped -> the actuator that does it."""
+"""Stepped signal -> the force that drives it."""
 
 
 def axis_kind(name: str) -> AxisKind:

@@ -1,4 +1,4 @@
-"""The chi-square distribution, from two special functions: the whole of scipy.stats takes seconds to import."""
+"""The chi-square distribution from two special functions, since scipy.stats takes seconds to import."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ def exceeded_by_chance(statistic: float, freedom: float) -> float:
 
 
 def threshold(probability: float, freedom: float) -> float:
-    """Return what a chi-square of *freedom* degrees exceeds with *probability*."""
+    """Return the value that a chi-square of *freedom* degrees exceeds with *probability*."""
     return float(chdtri(freedom, probability))
 
 
 def quantile(probability: float, freedom: float) -> float:
-    """Return what a chi-square of *freedom* degrees stays below with *probability*."""
+    """Return the value that a chi-square of *freedom* degrees stays below with *probability*."""
     return threshold(1.0 - probability, freedom)

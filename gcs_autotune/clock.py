@@ -1,8 +1,8 @@
-"""Time as the tuner sees it. Logic never reads the wall clock itself: it is handed a :class:`Clock`.
+"""Clocks and budgets. Logic never reads the wall clock; it receives a :class:`Clock`.
 
-A computation may be given an :class:`Budget`: an amount of work and a deadline. Every pass of a simulation or a filter
-calls :func:`spend`, which ends the computation by :class:`OutOfTime` when either is used up. Work is counted in
-samples, so it ends at the same pass on every machine and with any number of processes. Time is a stop valve.
+A computation may have a :class:`Budget` of work and a deadline. Every pass of a simulation or a filter calls
+:func:`spend`, which raises :class:`OutOfTime` once either is used up. Work is counted in samples, so the computation
+ends at the same pass on every machine and with any number of processes. The deadline is a safety stop.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = [
 
 
 class Clock(Protocol):
-    """Anything that tells monotonic seconds."""
+    """A source of monotonic seconds."""
 
     def now(self) -> float:
         """Return monotonic time [s]; the zero point is arbitrary."""
@@ -48,7 +48,7 @@ class WallClock:
 
 
 class ManualClock:
-    """A clock that moves only when told to: the lock-stepped simulator and the tests own one."""
+    """A clock that moves only on request, for the lock-stepped simulator and the tests."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -68,7 +68,7 @@ class ManualClock:
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """A moment on a clock by which something must have happened."""
+    """A deadline on a clock."""
 
     clock: Clock
     at: float
@@ -90,20 +90,20 @@ class Deadline:
 
 
 class OutOfTime(Exception):
-    """The deadline of an :class:`Budget` has passed. The message says what was under way."""
+    """The deadline of a :class:`Budget` has passed. The message names the interrupted step."""
 
 
 class OutOfWork(OutOfTime):
-    """The work of an :class:`Budget` is used up."""
+    """The work of a :class:`Budget` is used up."""
 
 
 @dataclass(slots=True, eq=False)
 class Budget:
-    """What a computation may use, and what it has used.
+    """The resources of a computation, and their use.
 
-    work : samples that simulations and filters may pass over. deadline : when to stop at the latest; None: never.
-    done : samples passed over so far. stopped : what was under way when it was stopped, empty while it may go on.
-    by_work : it was stopped by *work*, not by the deadline.
+    work : limit of samples processed by simulations and filters. deadline : latest end; None: none.
+    done : samples processed so far. stopped : the step that was interrupted, empty while running.
+    by_work : stopped by *work*, not by the deadline.
     """
 
     work: float = math.inf
@@ -113,7 +113,7 @@ class Budget:
     by_work: bool = field(default=False, init=False)
 
     def check(self) -> None:
-        """Do nothing while there is work and time left.
+        """Check that work and time are left.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class Budget:
             self.stop()
 
     def stop(self) -> NoReturn:
-        """Stop what is under way.
+        """Stop the computation.
 
         Raises
         ------
@@ -138,14 +138,14 @@ class Budget:
 
 
 _effort: ContextVar[Budget | None] = ContextVar("effort", default=None)
-"""Of this thread, and of what it forks: a fit deep inside need not be handed it by everyone above."""
+"""Budget of this thread and its forks, so that it need not be passed through every call."""
 
 _under_way: ContextVar[str] = ContextVar("under_way", default="a fit")
 
 
 @contextmanager
 def limited_to(effort: Budget | None) -> Iterator[None]:
-    """Limit what is computed inside to *effort*, None for no limit; it takes the place of any limit outside."""
+    """Limit computations inside to *effort*, None for no limit; replaces an outer limit."""
     token, words = _effort.set(effort), _under_way.set(_under_way.get())
     try:
         yield
@@ -155,13 +155,13 @@ def limited_to(effort: Budget | None) -> Iterator[None]:
 
 
 def current_effort() -> Budget | None:
-    """Return what this computation is limited to; None for no limit."""
+    """Return the budget of this computation; None without limit."""
     return _effort.get()
 
 
 @contextmanager
 def uncounted() -> Iterator[None]:
-    """Let work inside not count; the deadline holds."""
+    """Do not count work inside; the deadline still applies."""
     effort = _effort.get()
     done = 0.0 if effort is None else effort.done
     try:
@@ -172,12 +172,12 @@ def uncounted() -> Iterator[None]:
 
 
 def spend(samples: float) -> None:
-    """Count work of so many *samples*, about to be done.
+    """Count work of *samples* samples, before it is done.
 
     Raises
     ------
     OutOfTime
-        The work or the time given is used up.
+        Work or time is used up.
     """
     effort = _effort.get()
     if effort is not None:
@@ -186,12 +186,12 @@ def spend(samples: float) -> None:
 
 
 def check_effort(at: str = "") -> None:
-    """Do nothing, or stop what is being computed: *at* says in words what that is, empty: what was said last.
+    """Check the budget. *at* : the current step, for the message; empty: unchanged.
 
     Raises
     ------
     OutOfTime
-        The work or the time given is used up.
+        Work or time is used up.
     """
     if at:
         _under_way.set(at)

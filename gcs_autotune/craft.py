@@ -1,7 +1,6 @@
-"""What a craft shows and what it can be told: the words manoeuvres and link room share.
+"""Observations and commands of a craft, shared by ``manoeuvres`` and ``link``.
 
-Everything here is inert. A manoeuvre reads :class:`Observation` and returns a :data:`Command`; only the
-link room turns commands into messages.
+A manoeuvre reads an :class:`Observation` and returns a :data:`Command`; only ``link`` converts commands into messages.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
+    """The state of the craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
 
-    ``t`` is the vehicle's time stamp [s] of the attitude that made this observation; ``psi`` is unwrapped
+    ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped
     (continuous from the first one); ``d`` is the distance to a wall ahead [m]. ``output`` holds the *measured* actuator
     demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
     ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
@@ -108,11 +107,11 @@ Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
 
 @dataclass(frozen=True, slots=True)
 class Intervention:
-    """A change of mode or armed state, while a craft is ours, that we did not order.
+    """A change of mode or armed state during a run that this tool did not order.
 
-    ``what`` : in words, with its cause as far as that is known. ``mode_stands``, ``armed_stands`` : whether nobody here
-    may undo it. ``is_certain`` : False where a late copy of an order of ours may have done it. ``may_go_on`` : whether
-    the operator may be asked to go on, because a failsafe that waits for our overrides does just this.
+    ``what`` : in words, with its cause if known. ``mode_stands``, ``armed_stands`` : whether it must not be undone.
+    ``is_certain`` : False if a late copy of our own order may have caused it. ``may_go_on`` : whether the operator may
+    continue, because a failsafe that waits for our overrides causes it.
     """
 
     what: str
@@ -123,16 +122,16 @@ class Intervention:
 
     @property
     def stands(self) -> bool:
-        """Whether any of it stands."""
+        """Whether any part of it must not be undone."""
         return self.mode_stands or self.armed_stands
 
 
 class Craft(Protocol):
-    """A vehicle one can watch and command. Implemented by the link room, and by nobody else for real water."""
+    """A vehicle that can be observed and commanded. ``link`` implements it for real vehicles."""
 
     @property
     def firmware(self) -> Firmware:
-        """What kind of autopilot it is."""
+        """The firmware profile of the autopilot."""
         ...
 
     @property
@@ -142,39 +141,39 @@ class Craft(Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it is armed, as last heard."""
+        """Whether it is armed, from the last heartbeat."""
         ...
 
     @property
     def mode(self) -> str:
-        """Its flight mode, as last heard."""
+        """Its flight mode, from the last heartbeat."""
         ...
 
     def await_heartbeat(self) -> None:
-        """Wait for the next heartbeat, after which ``armed`` and ``mode`` are of now. Raises ``LinkLost``."""
+        """Wait for the next heartbeat, so that ``armed`` and ``mode`` are current. Raises ``LinkLost``."""
         ...
 
     def take_over(self) -> None:
-        """From now on mode and armed state are ours to change; any other change is an intervention."""
+        """Start controlling mode and armed state; any change from elsewhere is an intervention."""
         ...
 
     def give_back(self) -> None:
-        """End that: the craft is its owner's again."""
+        """Stop controlling mode and armed state."""
         ...
 
     def intervention(self) -> Intervention | None:
-        """Ask for mode and armed state, and return the first intervention since :meth:`take_over`; None without any."""
+        """Request mode and armed state, and return the first intervention since :meth:`take_over`; None without one."""
         ...
 
     def accept_intervention(self) -> None:
-        """Take mode and armed state as they are now; the next intervention counts as the first."""
+        """Accept the present mode and armed state; the next intervention counts as the first."""
         ...
 
     def observe(self) -> Observation:
         """Wait for the next control tick and return it.
 
-        Raises ``LinkLost`` when nothing comes, ``TelemetryFault`` when what comes cannot be trusted,
-        ``OperatorStopped`` when the operator asked to stop.
+        Raises ``LinkLost`` without messages, ``TelemetryFault`` for implausible ones, ``OperatorStopped`` after a
+        stop request.
         """
         ...
 
@@ -191,7 +190,7 @@ class Craft(Protocol):
         ...
 
     def disarm(self) -> None:
-        """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
+        """Disarm, wait until the heartbeat confirms it, and release the sticks."""
         ...
 
     def neutral(self) -> None:
@@ -199,11 +198,11 @@ class Craft(Protocol):
         ...
 
     def release(self) -> None:
-        """Let go of the sticks, if they are held."""
+        """Release the sticks, if held."""
         ...
 
     def start_recording(self, name: str) -> None:
-        """Begin a new trial; everything heard from now on belongs to it."""
+        """Start a new trial; all messages received from now on belong to it."""
         ...
 
     def mark(self, mark: Mark) -> None:
@@ -215,5 +214,5 @@ class Craft(Protocol):
         ...
 
     def shielded(self) -> AbstractContextManager[None]:
-        """While inside, the operator's stop is remembered but not raised: for clean-up."""
+        """Defer the operator's stop inside, for clean-up."""
         ...

@@ -1,8 +1,8 @@
-"""The text of a table with ``name[unit]`` heads to cells and numbers; what is no such table is refused by what it is.
+"""Parse tables with ``name[unit]`` heads; reject other files with a message that states what they are.
 
-Spreadsheets and loggers write separators, decimal marks, dates and encodings of their own. A guess at numbers may be
-wrong by a thousand, so such a file is refused in one line that says what it holds and how to convert it. What can mean
-one thing only is read: a head line in a remark (``numpy.savetxt``), units in a line of their own, text columns.
+Spreadsheets and loggers use their own separators, decimal marks, dates and encodings. A wrong guess could scale numbers
+by a thousand, so ambiguous files are rejected with a command that converts them. Unambiguous variants are read: a head
+line in a comment (``numpy.savetxt``), units on a separate line, text columns.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ _DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*$")
 _COMMA_IN_NUMBER = re.compile(r"\d,\d")
 _SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'"}
 _UNSEEN = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-"""Control characters that no text has; escape sequences (1b) are left to whoever shows them."""
+"""Control characters that no text contains; escape sequences (1b) are handled where text is shown."""
 SHOWN = 40
 """Chosen: characters quoted of a cell."""
 SAMPLE = 1 << 16
-"""Chosen: bytes looked at to tell an encoding."""
+"""Bytes examined to detect an encoding. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +73,9 @@ class TableNumbers:
 
     Attributes
     ----------
-    columns : indices of the columns that hold numbers. values : (n, k) of these, NaN where a cell is empty.
-    dropped : 1 when the last row was cut off. nans, infinite : of each of the columns, cells that say so.
-    texts : heads of the columns left out because they hold words only.
+    columns : indices of the columns with numbers. values : (n, k) of these, NaN where a cell is empty.
+    dropped : 1 if the last row was truncated. nans, infinite : such cells per column.
+    texts : heads of the columns skipped because they contain only words.
     """
 
     columns: list[int]
@@ -99,15 +99,14 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise BadFile(f"{path} cannot be read as a CSV run: {error.strerror or error}") from error
     if not data.strip():
-        raise BadFile(f"{path} is empty: it holds no samples")
+        raise BadFile(f"{path} is empty: it has no samples")
     wide = wide_encoding(data[:SAMPLE])
     if wide:
         raise BadFile(
-            f"{path} is written in {wide}: save it as UTF-8, as in: "
-            f"iconv -f {wide} -t UTF-8 {shlex.quote(path.name)} > run.csv"
+            f"{path} is in {wide}. Save it as UTF-8, e.g.: iconv -f {wide} -t UTF-8 {shlex.quote(path.name)} > run.csv"
         )
     if _UNSEEN.search(data[:SAMPLE]):
-        raise BadFile(f"{path} cannot be read as a CSV run: it is no text; what wrote it can export CSV")
+        raise BadFile(f"{path} cannot be read as a CSV run: it is not text. Export it as CSV")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -127,7 +126,7 @@ def wide_encoding(data: bytes) -> str:
 
 
 def cells_of(path: Path) -> Cells:
-    """Return the table at *path*: its head line and its rows, remarks (``#``) and blank lines left out.
+    """Return the table at *path*: its head line and rows, without comments (``#``) and blank lines.
 
     Raises
     ------
@@ -146,15 +145,15 @@ def cells_of(path: Path) -> Cells:
     if rows and all(_NUMBER.match(cell) for cell in rows[0]):
         above = [row for row in remarks if len(row) == len(rows[0])]
         if not above:
-            raise BadFile(f"{path} has no head line: write one above its numbers, like t[s],psi[rad],N[N m]")
+            raise BadFile(f"{path} has no head line. Add one above its numbers, like t[s],psi[rad],N[N m]")
         rows = [[above[-1][0].lstrip("# \t"), *above[-1][1:]], *rows]
     if len(rows) < 2:
-        raise BadFile(f"{path} holds no samples; a run needs a head line like t[s],psi[rad],N[N m] and rows")
+        raise BadFile(f"{path} has no samples. A run needs a head line like t[s],psi[rad],N[N m] and rows")
     head, body = rows[0], rows[1:]
     if len(head) == 1 < len(body[0]):
         raise BadFile(
-            f"{path}, row 1: {_short(head[0])} is a title above the head line: remove the lines above the one like "
-            "t[s],psi[deg],N[N m], or begin them with #"
+            f"{path}, row 1: {_short(head[0])} is a title above the head line. Remove the lines above the one like "
+            "t[s],psi[deg],N[N m], or start them with #"
         )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)
@@ -173,19 +172,19 @@ def _see_separator(path: Path, rows: Sequence[list[str]]) -> None:
         shown = "\\t" if found == "\t" else found
         command = f"sed 's/{',/./g; s/' if decimal else ''}{'[|]' if found == '|' else shown}/,/g' {name} > run.csv"
         raise BadFile(
-            f"{path} separates its columns by {_SEPARATORS[found]}{' and writes decimal commas' if decimal else ''}: "
-            f"put ',' between columns{' and . into numbers' if decimal else ''}, as in: {command}"
+            f"{path} separates its columns by {_SEPARATORS[found]}{' and writes decimal commas' if decimal else ''}. "
+            f"Use ',' between columns{' and . in numbers' if decimal else ''}, e.g.: {command}"
         )
     spaced = [row[0].split() for row in rows[1:4] if len(row) == 1]
     if len(head) == 1 and spaced and all(len(s) > 1 and all(_NUMBER.match(c) for c in s) for s in spaced):
-        raise BadFile(f"{path} separates its columns by spaces: put ',' between columns, in its head line as well")
+        raise BadFile(f"{path} separates its columns by spaces. Use ',' between columns, also in the head line")
     if len(head) > 1 and any(_DECIMAL_COMMA.match(cell) for row in rows[1:4] for cell in row):
-        raise BadFile(f"{path} writes decimal commas: put . into numbers (0.61) and ',' between columns only")
+        raise BadFile(f"{path} uses decimal commas. Use . in numbers (0.61), and ',' only between columns")
     halves = [row for row in rows[1:50] if len(row) == 2 * len(head)]
     if len(head) > 1 and len(halves) == len(rows[1:50]) > 1:
         raise BadFile(
-            f"{path} has {len(head)} heads and {2 * len(head)} cells in a row: it writes decimal commas and separates "
-            "columns by commas as well. Export it with . in numbers and ',' between columns"
+            f"{path} has {len(head)} heads and {2 * len(head)} cells in a row: it uses commas both as decimal signs "
+            "and between columns. Export it with . in numbers and ',' between columns"
         )
 
 
@@ -202,7 +201,7 @@ def _with_units(cells: Cells) -> Cells:
     if not any(_DATE.match(cell) for cell in filled):
         shown = ", ".join(_short(cell) for cell in filled[:3])
         raise BadFile(
-            f"{cells.path}, row 2: {shown} are words where numbers should begin. Keep one head line, with units in "
+            f"{cells.path}, row 2: {shown} are words instead of numbers. Keep one head line, with units in "
             "brackets: t[s],psi[deg],N[N m]"
         )
     return cells
@@ -254,7 +253,7 @@ def numbers_of(cells: Cells) -> TableNumbers:
     if not values:
         if len(cells.rows[-1]) == width:
             _refuse(cells, cells.first, cells.rows[-1], kept)
-        raise BadFile(f"{path} holds no complete row of samples")
+        raise BadFile(f"{path} has no complete row of samples")
     heads = [cells.head[i] for i in texts]
     return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
 
@@ -300,19 +299,19 @@ def _is_text(cells: Cells, i: int) -> bool:
 
 
 def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
-    """Say what is wrong with the first cell of *row* that is no number."""
+    """Return the error of the first cell of *row* that is not a number."""
     if len(row) != len(cells.head):
         raise BadFile(f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}")
     i = next(i for i in columns if _number(row[i]) is None)
     cell, head = row[i], cells.head[i]
     where = f"{cells.path}, row {number}, column {_short(head)}: {_short(cell)}"
     if _DATE.match(cell):
-        raise BadFile(f"{where} is a date or a time of day: seconds are wanted, as a number (t[s]: 0.00, 0.10, ...)")
+        raise BadFile(f"{where} is a date or a time of day. Use seconds as numbers (t[s]: 0.00, 0.10, ...)")
     if _DECIMAL_COMMA.match(cell):
-        raise BadFile(f"{where} has a decimal comma: put . into numbers")
+        raise BadFile(f"{where} has a decimal comma. Use . in numbers")
     if cell.strip() == head.strip():
-        raise BadFile(f"{where} repeats the head line: cut the file there, each part is a run")
-    raise BadFile(f"{where} is no number")
+        raise BadFile(f"{where} repeats the head line. Cut the file there; each part is a run")
+    raise BadFile(f"{where} is not a number")
 
 
 EPOCHS: tuple[tuple[float, float, str, float], ...] = (
@@ -329,8 +328,8 @@ def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
     typical = float(np.median(known)) if len(known) else 0.0
     for low, high, unit, factor in EPOCHS:
         if low < typical < high:
-            cause = f"the stamps of {file} have no unit and were read as {unit} since 1970"
-            return t * factor, [("epoch-stamps", cause, f"if that is right, call the column t[{unit}]")]
+            cause = f"the timestamps of {file} have no unit; they are read as {unit} since 1970"
+            return t * factor, [("epoch-stamps", cause, f"if this is correct, rename the column t[{unit}]")]
     return t, []
 
 
@@ -344,8 +343,10 @@ def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_
         absurd = np.isfinite(values) & (np.abs(values) > ABSURD)
     if not absurd.any():
         return np.isfinite(values), []
-    cause = f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are absurd, as {values[absurd][0]:.3g}"
-    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; those samples were left out")]
+    cause = (
+        f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are implausible, e.g. {values[absurd][0]:.3g}"
+    )
+    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; these samples were skipped")]
 
 
 def clock_notes(file: str, t: Array) -> list[Note]:
@@ -354,20 +355,20 @@ def clock_notes(file: str, t: Array) -> list[Note]:
     known = t[np.isfinite(t)]
     if 0 < len(t) - len(known):
         cause = f"{len(t) - len(known)} of {len(t)} rows of {file} have no time"
-        notes.append(("rows-without-time", cause, "check the logger; those rows were left out"))
+        notes.append(("rows-without-time", cause, "check the logger; these rows were skipped"))
     back = np.flatnonzero(np.diff(known) < 0.0)
     if len(back):
         first = int(back[0])
         times = f"{len(back)} times, first" if len(back) > 1 else "once,"
-        cause = f"the time of {file} runs back {times} from {known[first]:.10g} to {known[first + 1]:.10g} s"
-        notes.append(("time-runs-back", cause, "log with the vehicle's own time stamps, or cut the file there"))
+        cause = f"the time of {file} jumps back {times} from {known[first]:.10g} to {known[first + 1]:.10g} s"
+        notes.append(("time-runs-back", cause, "record the vehicle's own timestamps, or cut the file there"))
     return notes
 
 
 NEUTRAL, HALF_RANGE = 1500.0, 400.0
 """Pulse [us] of no output, and from there to full output, where nothing else is known: ArduPilot's defaults."""
 SHORTEST, LONGEST = 700.0, 2300.0
-"""Chosen [us]: an input whose values all lie between these is in pulses: no share of full, no rudder is so large."""
+"""Range of pulses [us]. An input with all values inside it is in pulses; outputs and angles are smaller. Chosen."""
 
 
 def is_pulses(unit: str, values: Array) -> bool:
@@ -381,7 +382,7 @@ def _are_pulses(values: Array) -> bool:
 
 
 def shares_of_pulses(name: str, values: Array, run: str) -> tuple[Array, Note]:
-    """Return pulses [us] as share of full output about their neutral; 0 us is no pulse, hence no output.
+    """Return pulses [us] as normalised output about neutral; 0 us is no pulse, hence no output.
 
     Raises
     ------
@@ -391,13 +392,13 @@ def shares_of_pulses(name: str, values: Array, run: str) -> tuple[Array, Note]:
     sent = values[values != 0.0]
     if len(sent) and not _are_pulses(values):
         raise BadFile(
-            f"{name} of run '{visible(run)}' is in pulses, but from {sent.min():g} to {sent.max():g}: pulses are "
-            f"about {NEUTRAL:g} us. Write its unit, or the share of full output without one"
+            f"{name} of run '{visible(run)}' is in pulses, but ranges from {sent.min():g} to {sent.max():g}; pulses "
+            f"are around {NEUTRAL:g} us. Add its unit, or use the normalised output (-1 to 1) without a unit"
         )
     size = f", {sent.min():g} to {sent.max():g} us" if len(sent) else ""
     cause = (
-        f"{name} of run '{visible(run)}' is in pulses{size}: it was read as share of full output, "
+        f"{name} of run '{visible(run)}' is in pulses{size}; it is read as normalised output, "
         f"(pulse - {NEUTRAL:g} us) / {HALF_RANGE:g} us"
     )
-    cure = "if neutral or full output are elsewhere, write the share itself: (pulse - trim) / (max - trim)"
+    cure = "for another neutral or full output, write the normalised output: (pulse - trim) / (max - trim)"
     return np.where(values == 0.0, 0.0, (values - NEUTRAL) / HALF_RANGE), (f"pulses-{name}", cause, cure)

@@ -66,9 +66,9 @@ def see_run_folder(path: Path) -> None:
         It already holds a run, or cannot be made.
     """
     if (path / "trials").exists():
-        raise UsageError(f"{path} already holds a run; give another --out")
+        raise UsageError(f"{path} already contains a run. Use another --out")
     above = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not above.is_dir():
-        raise UsageError(f"cannot make the run directory {path}: {above} is no directory; give another --out")
+        raise UsageError(f"cannot create the run directory {path}: {above} is not a directory. Use another --out")
     if not os.access(above, os.W_OK | os.X_OK):
-        raise UsageError(f"cannot make the run directory {path}: {above} may not be written to; give another --out")
+        raise UsageError(f"cannot create the run directory {path}: {above} is not writable. Use another --out")

@@ -32,7 +32,7 @@
     └── UsageError
         └── UnknownName             carries the nearest spellings (also a KeyError)
 
-A message says what happened, to what, and what to try. A poor answer is not an error: it is a result with
+A message states what happened, to what, and what to do. A poor result is not an error; it has
 doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
 """
 
@@ -88,7 +88,7 @@ class CannotOpenLink(LinkError):
 
 
 class NoVehicle(LinkError):
-    """The link is open, but no autopilot's HEARTBEAT was heard."""
+    """The link is open, but no autopilot's HEARTBEAT was received."""
 
 
 class SigningMismatch(LinkError):
@@ -108,7 +108,7 @@ class TelemetryFault(LinkError):
 
 
 class VehicleRefused(AutotuneError):
-    """The vehicle understood and said no."""
+    """The vehicle rejected a command."""
 
 
 class WrongVehicle(VehicleRefused):
@@ -165,7 +165,7 @@ class PreconditionFailed(ManoeuvreError):
 
 
 class OutputsUnassigned(PreconditionFailed):
-    """No output is known to be assigned to a force that is needed; ``told`` SERVOn_FUNCTION of ``of`` are known."""
+    """No known output drives a required force; ``told`` of ``of`` SERVOn_FUNCTION parameters are known."""
 
     def __init__(self, message: str, *, told: int = 0, of: int = 0) -> None:
         super().__init__(message)
@@ -174,7 +174,7 @@ class OutputsUnassigned(PreconditionFailed):
 
 
 class NotAchieved(ManoeuvreError):
-    """The manoeuvre ran, but what it was for did not come about."""
+    """The manoeuvre ran but did not reach its goal."""
 
 
 class GuardTripped(ManoeuvreError):
@@ -204,7 +204,7 @@ class OperatorStopped(ManoeuvreError):
 
 
 class NotAsFound(ManoeuvreError):
-    """Clean-up could not put everything back; :attr:`differences` lists what still differs."""
+    """Clean-up could not restore everything; :attr:`differences` lists what still differs."""
 
     def __init__(self, message: str, *, differences: Mapping[str, str] | None = None) -> None:
         super().__init__(message)
@@ -216,7 +216,7 @@ class DataError(AutotuneError):
 
 
 class BadFile(DataError):
-    """A file is truncated, unreadable or not what its name says."""
+    """A file is truncated, unreadable or of another type than its name."""
 
 
 class MissingChannel(DataError):
@@ -224,7 +224,7 @@ class MissingChannel(DataError):
 
 
 class NotInformative(DataError):
-    """The run cannot tell what was asked: too short, or nothing was excited."""
+    """The run does not determine the requested result: too short, or not excited."""
 
 
 class DesignError(AutotuneError):
@@ -252,11 +252,11 @@ class UnknownName(UsageError, KeyError):
 
 
 EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
-    (OperatorStopped, 130, "stopped by the operator; the vehicle was put back as found"),
-    (NotAsFound, 9, "clean-up incomplete: run `gcs-autotune restore`"),
-    (UsageError, 2, "the command was given wrongly"),
+    (OperatorStopped, 130, "stopped by the operator; the vehicle was restored"),
+    (NotAsFound, 9, "clean-up incomplete; run `gcs-autotune restore`"),
+    (UsageError, 2, "wrong usage of the command"),
     (LinkError, 3, "the link or its telemetry failed"),
-    (VehicleRefused, 4, "the vehicle refused"),
+    (VehicleRefused, 4, "the vehicle rejected a command"),
     (ManoeuvreError, 5, "a manoeuvre was aborted"),
     (DataError, 6, "the recorded data cannot be used"),
     (DesignError, 7, "no acceptable gains"),

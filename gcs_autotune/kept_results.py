@@ -1,7 +1,7 @@
-"""Results of long calculations kept in a file, so that a calculation that was stopped goes on where it ended.
+"""Store results of long calculations in a file, so that a stopped calculation can continue.
 
-A result is kept under a fingerprint of all it depends on: data, numbers to begin from, settings. Whoever repeats the
-calculation within :func:`keeping` gets it back instead of calculating it. The file holds one JSON line per result.
+A result is stored under a fingerprint of everything it depends on: data, start values, settings. A repeated
+calculation within :func:`keeping` returns the stored result. The file holds one JSON line per result.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class KeptResults:
         known = _lines(path)
         head = {"schema": SCHEMA, "subject": subject}
         if known and known[0].get("schema") != SCHEMA:
-            raise BadFile(f"{path} holds no kept results of a search")
+            raise BadFile(f"{path} contains no results of a search")
         if known and known[0] != head:
             raise BadFile(
-                f"{path} holds results of other runs, other options or another version; give the same command as "
-                "before, or begin again without --resume"
+                f"{path} contains results of other runs, other options or another version. Use the same command as "
+                "before, or start again without --resume"
             )
         for line in known[1:]:
             if isinstance(line.get("key"), str) and "result" in line:
@@ -110,7 +110,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
         if isinstance(one, dict):
             found.append(one)
     if text and not found:
-        raise BadFile(f"{path} holds no kept results of a search")
+        raise BadFile(f"{path} contains no results of a search")
     return found
 
 
@@ -139,9 +139,10 @@ def recalled(
     encode: Callable[[Result], Any],
     decode: Callable[[Any], Result],
 ) -> Result:
-    """Return what *calculate* returns, from what is kept where that holds it.
+    """Return the result of *calculate*, or the stored one if there is one.
 
-    asked : returns all that the result depends on, its kind first. encode, decode : to JSON's own types and back. What
+    asked : returns everything that the result depends on, its kind first. encode, decode : to JSON's own types and
+    back. What
         it takes to decode was counted as work when it was calculated.
     """
     kept = _kept.get()

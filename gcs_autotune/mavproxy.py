@@ -1,8 +1,8 @@
 """A MAVProxy module: ``module load gcs_autotune.mavproxy``, then ``autotune heading``, ``autotune stop``.
 
-MAVProxy imports a module by its dotted name where it has none of its own of that name, and calls :func:`init`. The tune
-runs in a thread of its own, over MAVProxy's link: what MAVProxy receives is handed to it, what it sends goes out beside
-MAVProxy's own messages. Everything else is as ``gcs-autotune tune`` has it: announced, asked, cleaned up after.
+MAVProxy imports a module by its dotted name if it has none of that name itself, and calls :func:`init`. The tune runs
+in a separate thread over MAVProxy's link: it reads what MAVProxy receives, and sends between MAVProxy's messages.
+Everything else, from announcement to clean-up, is as in ``gcs-autotune tune``.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ __all__ = ["AutotuneModule", "MavproxyLink", "init"]
 NAME = "gcs_autotune.mavproxy"
 """What MAVProxy must find the module by, to unload it."""
 USAGE = """usage: autotune AXIS [option ...]   tune a loop: heading, yaw, speed, depth (options: autotune AXIS --help)
-       autotune yes | no            answer the question asked last
-       autotune stop                end at once: neutral, mode and parameters as found
-       autotune restore [RUN]       put back what a run that was cut off left changed
-       autotune status              what is going on"""
+       autotune yes | no            answer the last question
+       autotune stop                stop now: actuators neutral, mode and parameters restored
+       autotune restore [RUN]       restore what an interrupted run left changed
+       autotune status              show the current state"""
 _LEAVING = 60.0
 """Chosen: seconds that the clean-up may take when MAVProxy ends."""
 _SLICE = 0.01
@@ -75,14 +75,14 @@ class MavproxyLink(Transport):
         try:
             self._send(data)
         except OSError as error:
-            raise self.lost(str(error), "look at `link` in MAVProxy") from error
+            raise self.lost(str(error), "check `link` in MAVProxy") from error
 
     def _close(self) -> None:
         """The link stays MAVProxy's."""
 
 
 class _Console:
-    """The person at MAVProxy's prompt: asked there, answers there."""
+    """The operator at MAVProxy's prompt."""
 
     def __init__(self, *, yes: bool) -> None:
         self._yes = yes
@@ -92,7 +92,7 @@ class _Console:
 
     @property
     def answered_beforehand(self) -> bool:
-        """Whether nobody is asked (``--yes``)."""
+        """Whether questions are answered by ``--yes``."""
         return self._yes
 
     def stop_requested(self) -> bool:
@@ -157,7 +157,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
             link.take(bytes(packet.get_msgbuf()))
 
     def unload(self) -> None:
-        """Stop and clean up before MAVProxy goes on without us, reading the link meanwhile: it no longer does."""
+        """Stop and clean up before MAVProxy unloads the module; reads the link, which MAVProxy no longer does."""
         if self.is_busy:
             self._stop()
             end = time.monotonic() + _LEAVING
@@ -173,7 +173,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _tune(self, words: Sequence[str]) -> None:
         args = make_parser(read_config(find_config())).parse_args(["tune", *words])
         if args.connect is not None or args.remote:
-            raise UsageError("link and console are MAVProxy's: leave --connect and --remote out")
+            raise UsageError("MAVProxy provides link and console. Omit --connect and --remote")
         now = datetime.now()
 
         def work(connection: Connection) -> None:
@@ -192,7 +192,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _restore(self, words: Sequence[str]) -> None:
         run = Path(words[0]) if words else None
         if is_settled(run):
-            _print("nothing to restore: the journal is settled")
+            _print("Nothing to restore: this run has already restored everything.")
             return
 
         def work(connection: Connection) -> None:
@@ -202,7 +202,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
             with TerminalWatcher(Console(force_terminal=False, width=100)) as watcher:
                 for name, (found, old) in restore_run(connection, run, self._person, watcher).items():
-                    _print(f"{name}: {found:g} -> {old:g}, verified by reading it back")
+                    _print(f"{name}: {found:g} -> {old:g}, verified by reading back")
 
         self._begin("restore", _Console(yes=False), work)
 
@@ -214,12 +214,12 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         signing = getattr(master.mav, "signing", None)
         if signing is not None and signing.sign_outgoing:
             raise UsageError(
-                "MAVProxy signs this link, and what is sent past it would not be signed: add an --out and run "
-                "`gcs-autotune tune` there with --signing-key"
+                "MAVProxy signs this link, and this module's messages would be unsigned. Add an --out to MAVProxy and "
+                "run `gcs-autotune tune` there with --signing-key"
             )
         sticks = self.module("rc")
         if sticks is not None and any(sticks.override):
-            raise UsageError("MAVProxy overrides the sticks: `rc all 0` first")
+            raise UsageError("MAVProxy overrides the sticks. Enter `rc all 0` first")
         uri = _as_typed(master)
         self._link, self._person = MavproxyLink(uri, master.write), person
 
@@ -240,7 +240,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
     def _answer(self, yes: bool) -> None:
         if not self._person.question:
-            raise UsageError("nothing was asked")
+            raise UsageError("there is no open question")
         self._person.answer = yes
 
     def _stop(self) -> None:
@@ -252,7 +252,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _status(self) -> str:
         if self._thread is None or not self.is_busy:
             return "nothing is running"
-        asked = f"; asked: {self._person.question}" if self._person.question else ""
+        asked = f"; open question: {self._person.question}" if self._person.question else ""
         return f"{self._thread.name} is running{asked}"
 
 
@@ -268,5 +268,5 @@ def _print(text: str) -> None:
 
 
 def init(mpstate: Any) -> AutotuneModule:
-    """Return the module, as MAVProxy asks for it."""
+    """Return the module, as MAVProxy expects."""
     return AutotuneModule(mpstate)

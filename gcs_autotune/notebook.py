@@ -13,7 +13,7 @@ __all__ = ["html_block", "html_table", "pandas_module"]
 
 
 def pandas_module() -> Any:
-    """Return pandas, imported when first wanted: nothing else here needs it.
+    """Return pandas, imported on first use; nothing else here needs it.
 
     Raises
     ------
@@ -23,9 +23,7 @@ def pandas_module() -> Any:
     try:
         import pandas
     except ImportError as error:
-        raise UsageError(
-            f"this makes a pandas table, and pandas is not installed: pip install pandas ({error})"
-        ) from None
+        raise UsageError(f"this needs pandas, which is not installed. Run pip install pandas ({error})") from None
     return pandas
 
 

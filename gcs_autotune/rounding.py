@@ -1,4 +1,4 @@
-"""Numbers as people read them: rounded to their standard error, or to so many digits."""
+"""Format numbers: rounded to their standard error, or to a number of digits."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 __all__ = ["EXACT", "UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
-"""Shown where a number is NaN: it is not known."""
+"""Shown for NaN, an unknown number."""
 
 
 EXACT, EXACT_DIGITS = 1e-12, 9
-"""Chosen: share of a number from which on its standard error is no measurement's but rounding, and digits shown then.
+"""Relative standard error below which it is only rounding error, and the digits shown then. Chosen.
 """
 
 
@@ -19,8 +19,8 @@ def format_value(value: float, std: float) -> str:
     """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
 
     The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
-    sixth). An error of 0 means the number was fixed: four digits and no ``±``. Nor has a number from exact data one,
-    whose error is that of the arithmetic. An error that is not known is shown as ``± ?``.
+    sixth). An error of 0 means a fixed number: four digits and no ``±``. Numbers from exact data, with only rounding
+    error, have none either. An unknown error is shown as ``± ?``.
     """
     if not math.isfinite(value):
         return UNKNOWN
@@ -63,7 +63,7 @@ def rounded_to(value: float, std: float) -> str:
 
 
 _POWERS = 1e6
-"""Chosen: from here on people read a power of ten more easily than zeros; below, "1e+02°" is no angle."""
+"""Magnitude from which a power of ten is easier to read than zeros. Chosen."""
 
 
 def format_number(value: float, digits: int = 4) -> str:

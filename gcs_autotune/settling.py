@@ -12,9 +12,9 @@ __all__ = ["LOOK", "TRIFLE", "is_at_rest"]
 LOOK = 3.0
 """Chosen [s]: so much is looked at."""
 TRIFLE = 0.01
-"""Chosen: share of the step, and of full output, that does not matter, ..."""
+"""Fraction of the step, and of full output, that is negligible. Chosen."""
 TRIFLE_NOISES = 2.0
-"""... nor do so many standard deviations of the noise."""
+"""Standard deviations of the noise that are negligible. Chosen."""
 
 
 def is_at_rest(
@@ -26,10 +26,10 @@ def is_at_rest(
     *,
     unseen: float = 0.0,
 ) -> bool:
-    """Return whether, as *x* (n,) went at *t* (n,) [s], it will not change in the *seconds* to come.
+    """Return whether *x* (n,) at *t* (n,) [s] has settled for the next *seconds*.
 
-    Neither the line through it, carried on, nor what scatters about that line (waves, a limit cycle) may be more than
-    a *trifle* or than the *noise* from sample to sample; both are in the unit of *x*, as is ``unseen``, the standard
+    Neither its extrapolated linear trend nor its scatter about that trend (waves, a limit cycle) may exceed
+    a *trifle* or the *noise* from sample to sample; both are in the unit of *x*, as is ``unseen``, the standard
     deviation of noise that a measured signal has and a simulated one lacks.
     """
     since, off = t - t.mean(), x - x.mean()

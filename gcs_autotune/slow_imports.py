@@ -1,4 +1,4 @@
-"""What takes a second or more to import and is seldom needed: imported when first used."""
+"""Modules that take a second or more to import and are seldom needed: imported on first use."""
 
 from __future__ import annotations
 

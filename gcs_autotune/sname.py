@@ -1,4 +1,4 @@
-"""The notation, once: SNAME states, forces, their units, and every sign convention of this package.
+"""The notation: SNAME states, forces, their units, and every sign convention of this package.
 
 Signs
 -----
@@ -75,7 +75,7 @@ _ALONG: dict[tuple[str, str], str] = {("surge", "x"): "distance ahead", ("sway",
 
 
 def signal_meaning(signal: str, dof: str = "") -> str:
-    """Return what a signal means in a model of *dof*; its name where it is none of :data:`SIGNALS`."""
+    """Return the meaning of a signal in a model of *dof*; its name if it is not in :data:`SIGNALS`."""
     return _ALONG.get((dof, signal)) or SIGNALS.get(signal, ("", signal))[1]
 
 
@@ -161,7 +161,7 @@ _REVOLUTIONS = ("1/s", "1/min")
 """Of a propeller (ITTC writes n in 1/s) these are revolutions; of an angular velocity they are radians."""
 
 OVERFULL = 1.5
-"""Chosen: a larger number is no share of full output; shares mixed from several actuators go somewhat beyond 1."""
+"""Largest normalised output; mixed from several actuators it can slightly exceed 1. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,10 +217,10 @@ _FORCES = frozenset(d.force for d in DOFS.values())
 _READ_BY_PREFIX = frozenset({*SIGNALS, "force"})
 """First words of further columns that are read: ``force_left``, ``delta_2``, ``u_ref``."""
 INPUTS = _FORCES | {"delta"}
-"""Names of what drives a craft."""
+"""Names of the forces and inputs."""
 
 _PULSES = ("pwm", "servo", "rc", "rudder", "throttle", "thruster", "motor", "esc", "force_")
-"""Beginnings of names, in small letters, whose microseconds are a pulse."""
+"""Prefixes of names, in lower case, whose microseconds are a pulse."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _BOXED = re.compile(r"^\s*\[[^\[\]]+\[[^\[\]]*\]\s*\]\s*$")
@@ -230,7 +230,7 @@ _ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
 def parse_header(header: str) -> tuple[str, str]:
     """Split ``"psi[deg]"`` or ``"psi (deg)"`` into ``("psi", "deg")``; no bracket gives the unit ``""``.
 
-    Round brackets around what is no unit belong to the name.
+    Round brackets around text that is not a unit belong to the name.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def parse_header(header: str) -> tuple[str, str]:
     if match is None or _plain(match["unit"]) not in _TO_SI:
         match = _HEADER.match(header)
     if match is None:
-        raise BadFile(f"column head {header!r} is not of the form name[unit]")
+        raise BadFile(f"column head {header!r} is not name[unit]")
     return match["name"], (match["unit"] or "").strip()
 
 
@@ -259,7 +259,7 @@ def to_si(unit: str) -> tuple[str, float]:
         return _TO_SI[_plain(unit)]
     except KeyError:
         known = ", ".join(u for u in _TO_SI if u)
-        raise BadFile(f"unit [{unit}] is not known; known units: {known}") from None
+        raise BadFile(f"unit [{unit}] is unknown; known units: {known}") from None
 
 
 def _plain(unit: str) -> str:
@@ -277,11 +277,11 @@ def wrap(angle: float) -> float:
 
 
 def column_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return :func:`to_si` of a column's unit; ``us`` of a pulse is no time.
+    """Return :func:`to_si` of a column's unit; ``us`` of a pulse is not a time.
 
-    A pulse is what begins with one of ``_PULSES``, and an input: no force is a time. A column without
-    a unit that is a signal by its name has that signal's, but of a force a share of full output. ``1/s`` are radians of
-    an angular velocity, revolutions of a propeller. A column that is no signal keeps a unit that is not known.
+    A pulse is a column with one of ``_PULSES`` as prefix, or an input. A column without a unit has that of its signal;
+    a force without one is a normalised output. ``1/s`` means radians for an angular velocity, revolutions for a
+    propeller. A column that is not a signal keeps an unknown unit.
 
     Raises
     ------

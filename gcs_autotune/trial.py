@@ -55,8 +55,7 @@ __all__ = [
 SCHEMA = 1
 
 Purpose = Literal["identification", "proof", "check", "transit", ""]
-"""What a manoeuvre was flown for: to tell the craft from, to prove gains, to see that an actuator acts and the right
-way, to get somewhere; empty when the record does not say."""
+"""Purpose of a manoeuvre: identification, proof of gains, check of an actuator, positioning; empty if not recorded."""
 
 _FLOWN_FOR: Mapping[str, Purpose] = {
     "step": "proof",
@@ -64,11 +63,11 @@ _FLOWN_FOR: Mapping[str, Purpose] = {
     "turn-about": "transit",
     "dive": "transit",
 }
-"""Manoeuvres of records that do not say their purpose yet; all others were flown to identify."""
+"""Purpose of manoeuvres in old records without one; all others were flown for identification."""
 
 
 HALF_A_STAMP = 0.5e-6
-"""Stamps are written to a microsecond [s]: one read back may lie so much before the one that was meant."""
+"""Resolution of written timestamps [s]: one read back may be this much earlier than the original."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,14 +162,14 @@ class Trial:
 
     @property
     def by_relay(self) -> bool:
-        """Whether a relay drove the input: its switches are marked, or the record's manoeuvre says so."""
+        """Whether a relay drove the input, from its marked switches or the recorded manoeuvre."""
         return self.meta.get("manoeuvre") == "relay" or any(m.kind == "switch" for m in self.marks)
 
     @property
     def proper(self) -> Trial:
-        """The manoeuvre proper: from ``meta["from_t"]`` to ``meta["to_t"]`` [s], each as far as there is one.
+        """The manoeuvre itself: from ``meta["from_t"]`` to ``meta["to_t"]`` [s], if present.
 
-        What comes before is the lead-in; what comes after was flown while an answer was awaited.
+        Before it is the lead-in; after it the craft waited for an answer of the operator.
         """
         start, end = self.meta.get("from_t"), self.meta.get("to_t")
         begins = start - HALF_A_STAMP if isinstance(start, float) and start > self.start else self.start
@@ -178,14 +177,14 @@ class Trial:
         return self if (begins, ends) == (self.start, self.end) else self.between(begins, ends)
 
     def with_full_scale(self, full: Mapping[str, float]) -> Trial:
-        """Return the trial with forces recorded as shares of full output in N and N m.
+        """Return the trial with forces recorded as normalised output converted to N and N m.
 
         full : force letter -> force or moment at full output [N or N m].
 
         Raises
         ------
         MissingChannel
-            It has no such channel. UsageError: one is no share of full.
+            It has no such channel. UsageError: a channel is not a normalised output.
 
         Examples
         --------
@@ -198,7 +197,7 @@ class Trial:
         for name, size in full.items():
             share = self[name]
             if share.unit != "1":
-                raise UsageError(f"{name} of run '{self.name}' is in {share.unit} already, no share of full output")
+                raise UsageError(f"{name} of run '{self.name}' is already in {share.unit}, not a normalised output")
             unit = "N" if name in "XYZ" else "N m"
             forces[name] = replace(share, unit=unit, values=size * share.values)
         return replace(self, channels={**self.channels, **forces})
@@ -286,13 +285,13 @@ def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:
 
 
 def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
-    """Read a CSV run written by :func:`save_trial` or by anybody using ``name[unit]`` heads.
+    """Read a CSV run written by :func:`save_trial` or any CSV file with ``name[unit]`` heads.
 
-    columns : head (or its name) in the file -> the head it should have, for files with names of their own.
+    columns : head (or its name) in the file -> the head it should have, for files with other names.
 
     The time column is ``t`` (or the first column whose unit is a time). Empty cells and ``nan`` are missing
-    samples. Units are converted to SI, inputs in pulses to shares of full output. Columns of unknown name are kept when
-    they hold numbers. What was left out or assumed is in ``meta["notes"]``.
+    samples. Units are converted to SI, inputs in pulses to normalised output. Columns of unknown name are kept if they
+    contain numbers. ``meta["notes"]`` lists what was skipped or assumed.
 
     Raises
     ------
@@ -323,7 +322,7 @@ def _noted(trial: Trial, notes: Sequence[Note]) -> Trial:
 
 
 def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[Note]:
-    """Return what the cells of a table hold besides numbers."""
+    """Return notes about the cells of a table that are not numbers."""
     notes: list[Note] = []
     bad = [
         f"{count} of {name} {'is' if count == 1 else 'are'} {what}"
@@ -332,14 +331,14 @@ def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[No
         if count
     ]
     if bad:
-        cure = "check the sensor and the logger; those samples were left out"
+        cure = "check the sensor and the logger; these samples were skipped"
         notes.append(("no-numbers", f"of {len(table.values)} samples in run '{visible(run)}' {', '.join(bad)}", cure))
     if table.texts:
         notes.append(
             (
                 "text-columns",
-                f"columns of run '{visible(run)}' that hold words were left out: {', '.join(table.texts[:5])}",
-                "none is needed, if they are no signals",
+                f"columns of run '{visible(run)}' with words were skipped: {', '.join(table.texts[:5])}",
+                "no action needed if they are not signals",
             )
         )
     return notes
@@ -360,9 +359,9 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
     try:
         values = np.column_stack([np.asarray(column, dtype=np.float64) for column in table.values()])
     except (TypeError, ValueError) as error:
-        raise BadFile(f"{name}: columns must be numbers, all of one length: {error}") from error
+        raise BadFile(f"{name}: columns must be numbers of equal length: {error}") from error
     if len(values) == 0:
-        raise BadFile(f"{name} holds no samples")
+        raise BadFile(f"{name} has no samples")
     channels, notes = _channels(source, heads, values)
     return _noted(
         Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())}), notes
@@ -400,12 +399,12 @@ def _channels(
 
 
 def as_share(channel: Channel, run: str) -> tuple[Channel, list[Note]]:
-    """Return an input in pulses [us] as share of full output about their neutral, with a note; else it as it is.
+    """Return an input in pulses [us] as normalised output about neutral, with a note; other channels unchanged.
 
     Raises
     ------
     BadFile
-        It is said to be in pulses, and holds what none can be.
+        Its unit is pulses, but its values cannot be.
     """
     if channel.name not in INPUTS or not is_pulses(channel.unit, channel.values):
         return channel, []
@@ -444,7 +443,7 @@ def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[t
         if unit == "s":
             return i
     found = ", ".join(name for name, _ in heads)
-    raise BadFile(f"{path} has no time column t[s]; it has {found}. Say what the columns mean: --columns OLD=t[s],...")
+    raise BadFile(f"{path} has no time column t[s]; it has {found}. Map the columns with --columns OLD=t[s],...")
 
 
 _BEGINNING = re.compile(rb'\s*\{\s*"schema":\s*\d+,\s*"name":')
@@ -452,18 +451,18 @@ _BEGINNING = re.compile(rb'\s*\{\s*"schema":\s*\d+,\s*"name":')
 
 
 def _with_side_file(trial: Trial, path: Path) -> Trial:
-    """Return *trial* with what the file beside it says; one that is no side file of ours is left alone."""
+    """Return *trial* with the contents of its meta file; other files are ignored."""
     if not path.is_file():
         return trial
     try:
-        data = load_json(path, "the side file of a run")
+        data = load_json(path, "the meta file of a run")
     except BadFile:
         if not _BEGINNING.match(path.read_bytes()[:200]):
             return trial
         raise  # torn: its marks would be missed
     if not (isinstance(data, dict) and ("marks" in data or {"ending", "meta"} <= set(data))):
         return trial
-    side = conformed(data, _SideFile, f"{path} beside the run cannot be read")
+    side = conformed(data, _SideFile, f"{path}, the meta file of the run, cannot be read")
     marks = tuple(Mark(m.t, m.kind, m.detail) for m in side.marks)
     meta = {**trial.meta, **side.meta}
     name, reason = visible(side.name), visible(side.reason)
@@ -479,7 +478,7 @@ class _MarkData(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _SideFile(Struct, frozen=True, forbid_unknown_fields=True):
-    """What :func:`save_trial` writes beside the samples."""
+    """Contents of the meta file of :func:`save_trial`."""
 
     name: str
     ending: Literal["completed", "stopped", "aborted", "imported"]

@@ -1,7 +1,7 @@
-"""Text that is not ours (a vehicle's, a file's), made fit to be shown: no control character of it reaches a terminal.
+"""Make untrusted text (from a vehicle or a file) safe to show: no control character reaches a terminal.
 
-A terminal obeys escape sequences: they clear the screen, move the cursor, retitle the window. Left raw, a vehicle's
-message or a column's name could write our own verdict. Characters that turn the direction of writing do so on a page.
+Terminals execute escape sequences, which clear the screen, move the cursor or retitle the window. A vehicle's message
+or a column name could forge our output. Characters that change the writing direction can do the same on a page.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def quoted(texts: Iterable[str]) -> str:
-    """Return sentences of somebody else as his words: each once, in quotation marks, the last few, none endless."""
+    """Return untrusted sentences in quotation marks: each once, the last few, each shortened."""
     found = list(dict.fromkeys(visible(text).replace('"', "'") for text in texts))
     shown = [f'"{text if len(text) <= LONGEST else text[:LONGEST] + "..."}"' for text in found[-MOST_SHOWN:]]
     more = len(found) - len(shown)

@@ -1,8 +1,8 @@
-"""How a running manoeuvre tells people how it goes, without knowing who they are.
+"""Progress reports of a running manoeuvre.
 
-The sequencer and the workflow hand a :class:`Progress` to a :class:`Watcher` at every control tick, and a :data:`Fact`
-when there is one; what becomes of it (a live line, a log, a page, nothing) is the business of who watches. A watcher
-returns at once: the loop that holds the sticks is the one that tells.
+The sequencer and the workflow pass a :class:`Progress` to a :class:`Watcher` at every control tick, and a :data:`Fact`
+when there is one. The watcher shows it as a live line, a log or a page. It must return at once, because the calling
+loop holds the sticks.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Progress:
     actuator demand [fraction of full]; ``periods`` and ``periods_needed`` count oscillations that satisfy
     the stop rule, ``scatter`` their relative spread; ``guard`` and ``guard_share`` name the safety limit
     nearest to tripping and how much of it is used (0..1). ``step`` of ``steps`` is the stage under way (0: not known),
-    ``elapsed`` and ``left`` are seconds since the start and to the end, as far as that can be told. ``rate`` is the
+    ``elapsed`` and ``left`` are seconds since the start and to the end, if known. ``rate`` is the
     derivative of the controlled signal by time, ``x``, ``y`` [m] north and east and ``psi`` [rad] where the craft is.
     """
 
@@ -67,7 +67,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Where the manoeuvre under way may go.
+    """The limits of the current manoeuvre in space.
 
     ``x``, ``y`` [m north, east] is what ``distance`` [m] counts from; ``zones`` are (corners [m north, east], radius
     [m], whether it is stayed inside), circles having one corner; ``bounds`` signal -> (least, greatest), in SI and
@@ -103,7 +103,7 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Intentions:
-    """What is going to be done, a sentence without its "will" each, told before anybody is asked and anything moves."""
+    """The announcement, one sentence without its "will" per entry, before any question or motion."""
 
     texts: tuple[str, ...]
 
@@ -120,10 +120,10 @@ class NewValue:
 
 @dataclass(frozen=True, slots=True)
 class ProposedGains:
-    """What is about to be written, told before anybody is asked.
+    """The proposed parameters, before the question whether to write them.
 
-    ``cost_before``, ``cost_after`` are the ITAE of the step per unit step [s^2] that the model promises; NaN where no
-    model does. ``cost_worst`` is the latter at the worst of the 95 % region of the model.
+    ``cost_before``, ``cost_after`` are the ITAE of the step per unit step [s^2] predicted by the model; NaN without
+    model. ``cost_worst`` is ``cost_after`` at the worst point of the 95 % region of the model.
     """
 
     values: tuple[NewValue, ...]
@@ -134,7 +134,7 @@ class ProposedGains:
 
 @dataclass(frozen=True, slots=True)
 class PredictedCost:
-    """What the gains that would be designed by now promise: ITAE of the step per unit step [s^2].
+    """Predicted ITAE of the step per unit step [s^2] with the gains that would be designed now.
 
     ``nominal`` by the model fitted so far, ``worst`` over the 95 % region of its parameters.
     """
@@ -145,10 +145,10 @@ class PredictedCost:
 
 @dataclass(frozen=True, slots=True)
 class PredictedTrack:
-    """The preview of a run, told before it is flown.
+    """The preview of a run, before it is flown.
 
     ``x``, ``y`` [m north, east] and ``psi`` [rad] are where the craft was then; ``ahead``, ``abeam`` [m] the track as
-    seen from there, bow ahead. ``told`` is time, room and turning in words, ``trouble`` why it had better not be flown.
+    seen from there, bow ahead. ``told`` is time, space and turning in words, ``trouble`` the reason not to fly it.
     """
 
     run: str
@@ -163,7 +163,7 @@ class PredictedTrack:
 
 @dataclass(frozen=True, slots=True)
 class LeftAs:
-    """How the craft was left: mode and armed state by its heartbeat, and what ``differs`` from how it was found."""
+    """The final state of the craft: mode and armed state from its heartbeat, and what ``differs`` from the original."""
 
     mode: str
     armed: bool
@@ -171,27 +171,27 @@ class LeftAs:
 
 
 Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
-"""What is told besides ticks and sentences."""
+"""Facts reported in addition to ticks and sentences."""
 
 
 class Watcher(Protocol):
-    """Somebody who wants to know."""
+    """Receiver of progress reports."""
 
     def update(self, progress: Progress) -> None:
-        """Take note of one control tick."""
+        """Receive one control tick."""
         ...
 
     def say(self, text: str) -> None:
-        """Take note of something that happened, in one sentence."""
+        """Receive an event, in one sentence."""
         ...
 
     def note(self, fact: Fact) -> None:
-        """Take note of a fact; who shows none may ignore it."""
+        """Receive a fact; may be ignored."""
         ...
 
 
 class SilentWatcher:
-    """Nobody is watching."""
+    """A watcher that ignores everything."""
 
     def update(self, progress: Progress) -> None:
         """Ignore it."""

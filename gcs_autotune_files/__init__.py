@@ -86,12 +86,12 @@ def number(text: str) -> float:
     """
     stripped = text.strip(" \t")
     if stripped.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-        raise Refused(f"{shown(text)} is no finite number")
+        raise Refused(f"{shown(text)} is not a finite number")
     if len(stripped) > _LONGEST_NUMBER or _NUMBER.fullmatch(stripped) is None:
-        raise Refused(f"{shown(text)} is no number")
+        raise Refused(f"{shown(text)} is not a number")
     value = float(stripped)
     if abs(value) > LARGEST:
-        raise Refused(f"{shown(text)} is no finite number")
+        raise Refused(f"{shown(text)} is not a finite number")
     return value
 
 
@@ -104,7 +104,7 @@ def whole(text: str, most: int) -> int:
         It is written in another way, or larger.
     """
     if not (text.isascii() and text.isdecimal() and len(text) <= _LONGEST_WHOLE and int(text) <= most):
-        raise Refused(f"{shown(text)} is no whole number from 0 to {most}")
+        raise Refused(f"{shown(text)} is not a whole number from 0 to {most}")
     return int(text)
 
 
@@ -184,7 +184,7 @@ def _json(text: str) -> Any:
 
 
 def _constant(text: str) -> float:
-    raise Refused(f"{text} is no number of JSON")
+    raise Refused(f"{text} is not a JSON number")
 
 
 def _from_json(text: str) -> float:
@@ -201,7 +201,7 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise Refused(f"{shown(twice)} is named twice")
+        raise Refused(f"{shown(twice)} appears twice")
     return table
 
 
@@ -230,10 +230,10 @@ def _see_value(place: str, value: object) -> None:
         try:
             value.encode("utf-8")
         except UnicodeEncodeError:
-            raise Refused(f"{at}{shown(value)} holds half a character (a lone surrogate)") from None
+            raise Refused(f"{at}{shown(value)} contains half a character (a lone surrogate)") from None
     elif isinstance(value, (int, float)) and not abs(value) <= LARGEST:
         large = "a whole number of more than 100 digits" if isinstance(value, int) else f"{value:g}"
-        raise Refused(f"{at}{large} is no finite number")
+        raise Refused(f"{at}{large} is not a finite number")
 
 
 def conform(data: Any, form: type[T]) -> T:

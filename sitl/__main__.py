@@ -53,17 +53,17 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "vehicle", nargs="?", help=f"one of {', '.join(VEHICLES)}, or the path of a vehicle file (.toml)"
     )
-    parser.add_argument("--list", action="store_true", help="show the vehicles there are")
+    parser.add_argument("--list", action="store_true", help="list the vehicles")
     parser.add_argument(
         "--listen",
         metavar="ADDRESS",
         default=_DEFAULT_ADDRESS,
-        help="udp:HOST:PORT (waits to be called), udpout:HOST:PORT (calls), tcp:HOST:PORT (server), "
+        help="udp:HOST:PORT (waits for messages), udpout:HOST:PORT (sends first), tcp:HOST:PORT (server), "
         f"serial:DEVICE[,BAUD]; default {_DEFAULT_ADDRESS}",
     )
     parser.add_argument("--speedup", default="1", help="simulated seconds per second; default 1")
-    parser.add_argument("--lockstep", action="store_true", help="time by grants on standard input (decision 1)")
-    parser.add_argument("--seed", default="0", help="of the sensors' noise; default 0")
+    parser.add_argument("--lockstep", action="store_true", help="take simulated time from standard input (decision 1)")
+    parser.add_argument("--seed", default="0", help="seed of the sensor noise; default 0")
     parser.add_argument(
         "--param",
         action="append",
@@ -75,28 +75,28 @@ def _make_parser() -> argparse.ArgumentParser:
         "--firmware-names",
         choices=list(GENERATIONS),
         default="own",
-        help="whose parameter names and units it uses (values scaled as the real one does); own: of mid-2025",
+        help="firmware version of the parameter names and units (values scaled alike); own: mid-2025",
     )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="SLUG[@PLACE].PARAM=VALUE[,...]",
-        help="hide an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1; inputs are shares of full, all "
-        "else SI; repeatable",
+        help="add an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1; inputs are normalised output, "
+        "other values SI; repeatable",
     )
     parser.add_argument(
         "--model",
         type=Path,
         metavar="FILE",
-        help="fly hull dynamics and effects from a model file (as 'gcs-autotune diagnose' writes it)",
+        help="simulate hull dynamics and effects of a model file (of 'gcs-autotune diagnose')",
     )
-    parser.add_argument("--list-effects", action="store_true", help="show the effects there are and their parameters")
+    parser.add_argument("--list-effects", action="store_true", help="list the effects and their parameters")
     parser.add_argument(
         "--signing-key",
         type=Path,
         metavar="FILE",
-        help="obey only who signs with the key in FILE: 32 bytes, or a passphrase in one line",
+        help="obey only messages signed with the key in FILE: 32 bytes, or a passphrase in one line",
     )
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
     add_options(parser)
@@ -114,7 +114,7 @@ def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
         try:
             presets[name] = number(value)
         except Refused as error:
-            raise _Usage(f"--param {clipped(argument)}: give NAME=VALUE with a finite number") from error
+            raise _Usage(f"--param {clipped(argument)}: not NAME=VALUE with a finite number") from error
     return presets
 
 
@@ -126,14 +126,15 @@ def _speedup(text: str) -> float:
     except Refused:
         pass
     raise _Usage(
-        f"--speedup {clipped(text)}: give {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second; it runs as fast "
-        "as this machine can where that is less"
+        f"--speedup {clipped(text)}: use {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second. A slow computer "
+        f"runs "
+        "as fast as it can"
     )
 
 
 def _open(args: argparse.Namespace) -> Server:
     if args.vehicle is None:
-        raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
+        raise _Usage(f"no vehicle given. Use one of {', '.join(VEHICLES)}")
     args.speedup = _speedup(args.speedup)
     args.seed = _seed(args.seed)
     load_vehicle(args.vehicle)
@@ -176,10 +177,10 @@ def _run(args: argparse.Namespace) -> None:
 def _run_under_ardupilot(args: argparse.Namespace) -> None:
     """Serve the bare hull to ArduPilot's own firmware, or write what that needs."""
     if args.vehicle is None:
-        raise _Usage(f"which vehicle? there are {', '.join(VEHICLES)}")
+        raise _Usage(f"no vehicle given. Use one of {', '.join(VEHICLES)}")
     strange = [name for name in ("param", "eeprom", "lockstep") if getattr(args, name)]
     if strange:
-        raise _Usage(f"--{strange[0]} is for our own autopilot; ArduPilot has its own (--ardupilot-params FILE)")
+        raise _Usage(f"--{strange[0]} applies to this simulator's autopilot. For ArduPilot use --ardupilot-params FILE")
     data = load_vehicle(args.vehicle)
     if args.ardupilot_params:
         write_parameters(data, args.ardupilot_params)

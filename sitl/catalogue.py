@@ -60,8 +60,8 @@ class UnknownVehicle(KeyError):
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(VEHICLES)}"
-        super().__init__(f"no vehicle called '{name}'; {hint}")
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(VEHICLES)}"
+        super().__init__(f"unknown vehicle '{name}'; {hint}")
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -147,7 +147,7 @@ class VehicleData:
         curve = ThrustCurve(**_values(self.tables["thruster"])) if "thruster" in self.tables else None
         others = [_values(self.tables.get(dof, {})).get("authority", 0.0) for dof in ("sway", "pitch")]
         if others[1] and not any(motor.M for motor in motors):
-            raise ValueError(f"no thrusters of frame '{self.tables['actuators']}' pitch it; leave out [pitch]")
+            raise ValueError(f"frame '{self.tables['actuators']}' has no pitch thrusters. Remove [pitch]")
         return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, *others)
 
 
@@ -181,11 +181,11 @@ def load_vehicle(name: str) -> VehicleData:
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:
-        raise BadVehicle(f"the vehicle file {name} lacks {error}; begin with a copy of one in {_FOLDER}") from error
+        raise BadVehicle(f"the vehicle file {name} lacks {error}. Start with a copy of one in {_FOLDER}") from error
     except (ValueError, TypeError, ArithmeticError) as error:
-        raise BadVehicle(f"{name} is no vehicle file: {error}") from error
+        raise BadVehicle(f"{name} is not a vehicle file: {error}") from error
     if data.firmware not in _FIRMWARE:
-        raise BadVehicle(f"the vehicle file {name} has firmware '{data.firmware}'; there are {', '.join(_FIRMWARE)}")
+        raise BadVehicle(f"the vehicle file {name} has firmware '{data.firmware}'. Use one of {', '.join(_FIRMWARE)}")
     return data
 
 

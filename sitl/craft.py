@@ -55,7 +55,7 @@ class Craft:
         self.effects = (*(model.effects if model else ()), *effects)
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
-            raise BadModel("a model replaces the vehicle's own hull; leave out one of plant and model")
+            raise BadModel("a model replaces the vehicle's own hull. Use either plant or model")
         hull = data.make_plant()
         self.plant: Plant = plant or hull
         if model is not None:
@@ -147,7 +147,7 @@ def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Ac
     """
     lacking = [dof for dof in model.axes if dof not in (*actuators.full, "sway")]
     if lacking:
-        raise BadModel(f"the model moves in {', '.join(lacking)}, which this vehicle does not")
+        raise BadModel(f"the model has {', '.join(lacking)}, which this vehicle does not have")
     known = actuators.read([0] * 16)
     driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS or channel in known]
     strange = [channel for channel in driven if channel not in known]

@@ -28,7 +28,7 @@ def read_parameters(path: Path) -> Mapping[str, float]:
             values[name] = number(value)
         except Refused as error:
             raise ValueError(
-                f"{path}, line {row}: {shown(line)} is not NAME,VALUE; delete the file or the line"
+                f"{path}, line {row}: {shown(line)} is not NAME,VALUE. Delete the file or the line"
             ) from error
     return values
 

@@ -157,7 +157,7 @@ class SerialLink:
             self._port = serial.Serial(device, baud, timeout=0, write_timeout=0)
         except (OSError, ValueError) as error:
             raise CannotListen(
-                f"cannot open {device}: {error}; is it there, and is no other program using it?"
+                f"cannot open {device}: {error}. Check that it exists and that no other program uses it"
             ) from error
 
     def read(self) -> bytes:
@@ -165,7 +165,7 @@ class SerialLink:
         try:
             return bytes(self._port.read(_CHUNK))
         except serial.SerialException as error:
-            raise CannotListen(f"the serial device {self._port.port} has gone: {error}") from error
+            raise CannotListen(f"the serial device {self._port.port} was disconnected: {error}") from error
 
     def write(self, data: bytes) -> None:
         """Send what the device takes; the rest is lost, as on a real wire."""
@@ -174,7 +174,7 @@ class SerialLink:
         except serial.SerialTimeoutException:
             return
         except serial.SerialException as error:
-            raise CannotListen(f"the serial device {self._port.port} has gone: {error}") from error
+            raise CannotListen(f"the serial device {self._port.port} was disconnected: {error}") from error
 
     def close(self) -> None:
         """Close the device."""
@@ -187,9 +187,9 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
     except OSError as error:
         bound.close()
         if error.errno == errno.EADDRINUSE:
-            reason = "the port is in use; stop the other program or choose another port"
+            reason = "the port is in use. Stop the other program or choose another port"
         else:
-            reason = f"{error.strerror}; check the address"
+            reason = f"{error.strerror}. Check the address"
         raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
 
 
@@ -235,7 +235,7 @@ def open_link(address: str) -> Link:
     """
     scheme, _, rest = address.partition(":")
     if scheme not in LINKS:
-        raise AddressError(f"'{address}': an address begins with {', '.join(f'{name}:' for name in LINKS)}")
+        raise AddressError(f"'{address}': an address starts with {', '.join(f'{name}:' for name in LINKS)}")
     return LINKS[scheme](rest)
 
 

@@ -105,7 +105,7 @@ def _model_from(data: ModelData) -> FlownModel:
     left = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
     coupling = _coupling(left, values, form.coriolis) if "sway" in dofs else None
     if coupling is None and left:
-        raise BadModel(f"the simulator cannot fly {', '.join(left)} without sway")
+        raise BadModel(f"the simulator cannot simulate {', '.join(left)} without sway")
     effects = [*_built_in(values, swing), *(_effect_from(e, swing) for e in data.effects)]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
     return FlownModel(axes, forces, gains, tuple(effects), coupling, swing)

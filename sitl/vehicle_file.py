@@ -162,13 +162,13 @@ def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             min(linear if isinstance(linear, list) else [linear], default=0.0) < 0.0
             and not entries["beta2"]["value"] > 0.0
         ):
-            raise ValueError(f"{heading}: drag below 0 makes it run away; give beta of 0 or more, or beta2 above 0")
+            raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
-        raise ValueError("thruster.odd: the coefficients sum to the thrust at full command; that must be above 0")
+        raise ValueError("thruster.odd: the sum of the coefficients, the thrust at full command, must be above 0")
     for name, entry in tables.get("coupling", {}).items():
         if isinstance(entry["value"], bool) != (name == "coriolis"):
-            raise ValueError(f"coupling: coriolis is true or false, every other entry a number; {name} is not")
+            raise ValueError(f"coupling: coriolis must be true or false, every other entry a number; {name} is not")
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
         raise ValueError("start: depth is not above the bottom")
@@ -180,4 +180,4 @@ def _see_units(own: Any) -> None:
         for name, entry in table.items() if isinstance(table, dict) else ():
             unit = entry.get("unit") if isinstance(entry, dict) else None
             if name in rows and isinstance(unit, str) and unit not in (*rows[name].units, "SI"):
-                raise ValueError(f"{heading}.{name} is in {shown(unit)}; give it in {' or '.join(rows[name].units)}")
+                raise ValueError(f"{heading}.{name} is in {shown(unit)}. Use {' or '.join(rows[name].units)}")

@@ -90,12 +90,12 @@ def test_a_dataset_is_a_run_with_units_by_attribute():
     ("source", "error", "words"),
     [
         ({"psi": [1.0]}, BadFile, "no time column"),
-        ({"t[s]": [0.0, 1.0], "psi": [1.0]}, BadFile, "all of one length"),
+        ({"t[s]": [0.0, 1.0], "psi": [1.0]}, BadFile, "of equal length"),
         ({"t[s]": ["a"], "psi": ["b"]}, BadFile, "columns must be numbers"),
         ({"t[s]": [0.0], "psi[furlong]": [1.0]}, BadFile, "furlong"),
         ({"t[s]": [], "psi": []}, BadFile, "no samples"),
-        (7, UsageError, "a int holds no runs"),
-        ("/nowhere/at.csv", BadFile, "no such file"),
+        (7, UsageError, "a int is not a source of runs"),
+        ("/nowhere/at.csv", BadFile, "does not exist"),
     ],
 )
 def test_what_is_no_run_is_refused_in_words(source, error, words):

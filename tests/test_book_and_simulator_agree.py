@@ -38,14 +38,16 @@ CASES = {
     "command-coupling": ("N+X", {"gain": -0.15}),
     "gain-drift": ("N", {"rate": 0.01}),
     "speed-dependent-steering": ("N", {"share": 0.5, "U_ref": 0.7}),
+    "propeller-wash": ("N+X", {"share": 0.5, "X_ref": 3.5}),
     "advance-speed-loss": ("N", {"loss": 0.4}),
     "linear-drag": ("yaw", {"coefficient": 0.7}),
     "quadratic-drag": ("yaw", {"coefficient": 0.7}),
     "coriolis-coupling": ("surge+sway+yaw", {"X_vr": 3.0, "Y_ur": -4.0, "N_uv": -1.0}),
     "sway-yaw-coupling": ("sway+yaw", {"Y_r": 0.7, "N_v": -0.6, "Y_rdot": 0.8}),
     "sway-moment": ("yaw", {"N_v": -0.6}),
-    "speed-damping": ("yaw", {"N_ur": -0.5}),
+    "speed-damping": ("yaw", {"N_|u|r": -0.5}),
     "munk-moment": ("yaw", {"N_uv": -0.7}),
+    "velocity-product": ("N_|v|r", {"coefficient": -0.9}),
     "mass-change": ("all", {"ratio": 1.7, "time": 13.3}),
     "net-buoyancy": ("heave", {"force": 0.5}),
     "ground-effect": ("heave", {"strength": 2.0, "length": 2.0, "bottom": 6.0}),
@@ -63,7 +65,7 @@ UNFORESEEN = {"wave-disturbance", "quantisation", "outliers"}
 """What no simulation foretells; the tests of both sides look at their statistics."""
 BOOK_ONLY = {"advance-speed-loss": {"gain": 1.0, "axis": 5.0}, "ground-effect": {"dives": 1.0}}
 """What the book reads off the form of the base model."""
-CONSTANTS = {"u_ref", "U_ref", "bottom"}
+CONSTANTS = {"u_ref", "U_ref", "X_ref", "bottom"}
 
 
 def plain_model():

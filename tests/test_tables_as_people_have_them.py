@@ -31,34 +31,34 @@ COMMAS = PLAIN.replace(",", ";").replace(".", ",")
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (COMMAS, "separates its columns by ';' and writes decimal commas.*sed 's/,/./g; s/;/,/g' mine.csv > run.csv"),
-        (PLAIN.replace(",", ";"), r"separates its columns by ';': put ',' between"),
+        (COMMAS, "separates its columns by ';' and decimal commas.*sed 's/,/./g; s/;/,/g' mine.csv > run.csv"),
+        (PLAIN.replace(",", ";"), r"separates its columns by ';'. Use ',' between"),
         (PLAIN.replace(",", "\t"), r"separates its columns by tabs.*sed 's/\\t/,/g'"),
         (PLAIN.replace(",", "|"), "separates its columns by '|'"),
         ("t psi N\n0 1 2\n1 1 2\n2 1 2\n", "separates its columns by spaces"),
-        ("t,psi,N\n0,00,0,5,1,0\n0,10,0,6,1,0\n", "3 heads and 6 cells in a row: it writes decimal commas"),
-        ('t,psi\n"0,00","0,5"\n"0,10","0,6"\n', "writes decimal commas"),
-        (PLAIN.encode("utf-16"), "is written in UTF-16: save it as UTF-8"),
-        (PLAIN.encode("utf-16-le"), "is written in UTF-16LE: save it as UTF-8"),
-        (PLAIN.encode("utf-16-be"), "is written in UTF-16BE: save it as UTF-8"),
-        (PLAIN.encode("utf-32"), "is written in UTF-32: save it as UTF-8"),
-        ("time,psi\n2024-05-02 10:00:00.000,1\n2024-05-02 10:00:00.100,1\n", "is a date .*seconds are wanted"),
-        ("time,psi\n02.05.2024 10:00,1\n02.05.2024 10:01,1\n", "is a date or a time of day: seconds are wanted"),
-        ("time,psi\n10:00:01.5,1\n10:00:01.6,1\n", "is a date or a time of day: seconds are wanted"),
-        ("2024-05-02T10:00:00Z,1\n", "holds no samples"),
+        ("t,psi,N\n0,00,0,5,1,0\n0,10,0,6,1,0\n", "3 heads and 6 cells in a row: it uses commas"),
+        ('t,psi\n"0,00","0,5"\n"0,10","0,6"\n', "decimal commas"),
+        (PLAIN.encode("utf-16"), "is in UTF-16. Save it as UTF-8"),
+        (PLAIN.encode("utf-16-le"), "is in UTF-16LE. Save it as UTF-8"),
+        (PLAIN.encode("utf-16-be"), "is in UTF-16BE. Save it as UTF-8"),
+        (PLAIN.encode("utf-32"), "is in UTF-32. Save it as UTF-8"),
+        ("time,psi\n2024-05-02 10:00:00.000,1\n2024-05-02 10:00:00.100,1\n", "is a date .*Use seconds"),
+        ("time,psi\n02.05.2024 10:00,1\n02.05.2024 10:01,1\n", "is a date or a time of day. Use seconds"),
+        ("time,psi\n10:00:01.5,1\n10:00:01.6,1\n", "is a date or a time of day. Use seconds"),
+        ("2024-05-02T10:00:00Z,1\n", "has no samples"),
         ("", "is empty"),
         (" \n\n", "is empty"),
-        (HEAD + "\n", "holds no samples"),
-        ("0,1,2\n1,2,3\n", "has no head line: write one above its numbers"),
+        (HEAD + "\n", "has no samples"),
+        ("0,1,2\n1,2,3\n", "has no head line. Add one above its numbers"),
         ("t,psi\nseconds,heading angle\n0,1\n1,2\n", "row 2: 'seconds', 'heading angle' are words"),
-        ("Trial of 2 May\n" + PLAIN, "row 1: 'Trial of 2 May' is a title above the head line: remove"),
+        ("Trial of 2 May\n" + PLAIN, "row 1: 'Trial of 2 May' is a title above the head line. Remove"),
         (PLAIN + PLAIN, r"row 5, column 't\[s\]': 't\[s\]' repeats the head line"),
-        ("t[s],N[N m]\n0,1_0\n1,2\n", "row 2, column 'N.N m.': '1_0' is no number"),
-        ("t[s],N[N m]\n0,١٢\n1,2\n", "is no number"),
-        ("t[s],N[furlong]\n0,1\n1,2\n", r"unit \[furlong\] is not known"),
-        ("t[s],psi[deg\n0,1\n1,2\n", "is not of the form name"),
-        ("t[s],N[us]\n0,0.5\n1,0.2\n", "N of run 'mine' is in pulses, but from 0.2 to 0.5"),
-        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "it is no text"),
+        ("t[s],N[N m]\n0,1_0\n1,2\n", "row 2, column 'N.N m.': '1_0' is not a number"),
+        ("t[s],N[N m]\n0,١٢\n1,2\n", "is not a number"),
+        ("t[s],N[furlong]\n0,1\n1,2\n", r"unit \[furlong\] is unknown"),
+        ("t[s],psi[deg\n0,1\n1,2\n", "is not name"),
+        ("t[s],N[us]\n0,0.5\n1,0.2\n", "N of run 'mine' is in pulses, but ranges from 0.2 to 0.5"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "it is not text"),
     ],
 )  # fmt: skip
 def test_what_is_no_plain_table_is_refused_in_one_line_by_its_name(tmp_path: Path, text: str, words: str) -> None:
@@ -144,7 +144,7 @@ def test_nan_inf_and_times_that_run_back_are_counted(tmp_path: Path) -> None:
     found = notes(run)
     assert found["no-numbers"].endswith("1 of t is nan, 2 of psi are nan, 1 of psi is inf, 1 of N is inf")
     assert found["rows-without-time"] == "1 of 8 rows of mine.csv have no time"
-    assert found["time-runs-back"] == "the time of mine.csv runs back 2 times, first from 2 to 1.5 s"
+    assert found["time-runs-back"] == "the time of mine.csv jumps back 2 times, first from 2 to 1.5 s"
     assert len(run["psi"]) == 3
 
 

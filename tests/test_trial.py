@@ -93,7 +93,7 @@ def test_a_truncated_last_row_is_dropped_and_noted_and_one_before_it_is_not(path
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("t[s],N[N m]\n", "holds no samples"),
+        ("t[s],N[N m]\n", "has no samples"),
         ("t[s],N[N m]\n0\n", "no complete row"),
         ("x[m],N[N m]\n0,1\n", r"no time column t\[s\]; it has x, N\. .*--columns OLD=t\[s\]"),
         ("t[s],N[N m],N[kN m]\n0,1,1\n", "more than one column called N"),
@@ -214,7 +214,7 @@ def test_shares_of_full_output_become_forces_and_moments() -> None:
     assert full["X"].values.tolist() == [20.0, -40.0]
     assert full["N"].values.tolist() == [1.0, -2.0]
     assert (full["Y"].unit, full["r"].unit, run["X"].unit) == ("1", "N m", "1")
-    with pytest.raises(UsageError, match="X of run 'run' is in N already"):
+    with pytest.raises(UsageError, match="X of run 'run' is already in N"):
         full.with_full_scale({"X": 2.0})
     with pytest.raises(MissingChannel):
         run.with_full_scale({"Q": 2.0})
@@ -236,9 +236,9 @@ def test_arrays_by_heads_are_a_run_too() -> None:
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"t[s]": [0.0, 1.0], "N": [1.0]}, "mine: columns must be numbers, all of one length"),
+        ({"t[s]": [0.0, 1.0], "N": [1.0]}, "mine: columns must be numbers of equal length"),
         ({"t[s]": [0.0], "N": ["much"]}, "must be numbers"),
-        ({"t[s]": [], "N": []}, "mine holds no samples"),
+        ({"t[s]": [], "N": []}, "mine has no samples"),
         ({"N": [1.0]}, "no time column"),
     ],
 )
@@ -254,7 +254,7 @@ def test_remarks_blank_lines_and_a_byte_order_mark_are_no_samples(path: Path) ->
     with pytest.raises(BadFile, match="cannot be read as a CSV run"):
         load_trial(path.with_name("none.csv"))
     path.write_bytes(b"t[s],N\n0,\x00\xff\n")
-    with pytest.raises(BadFile, match="cannot be read as a CSV run: it is no text"):
+    with pytest.raises(BadFile, match="cannot be read as a CSV run: it is not text"):
         load_trial(path)
 
 

@@ -1,4 +1,4 @@
-"""The blind suite by one command: ``python3 -m benchmarks.blind``; see ``--help``."""
+"""Effects hidden at random in simulated runs, and diagnosed: ``python3 -m benchmarks.blind``; see ``--help``."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""The search under process noise alone, on cases in weather: seconds a case where a whole diagnosis takes tens.
+"""The search with process noise alone: seconds per case instead of tens for a whole diagnosis.
 
-``python3 -m benchmarks.blind.beneath [--kind weather|rough] [--seeds 101 102] [--only SLUG,..] [--whole] [--oracle]
-[--save F]`` draws from every seed the first case of each effect and three clean ones, of kind ``rough`` three pairs
-besides. Told are: the right name first (in its group), of all effects, of those worth ten in log-likelihood, of those
-in weather of up to 40 % of full command; wrong names; names on clean craft; pairs; and the same by circumstances. Where
-the heading lags, names of :data:`.rough.EXCUSED` are left out of what is judged, and counted by themselves. What an
-effect is worth is what the search found for it; with ``--oracle`` besides what it is worth to who knows the weather
+``python3 -m benchmarks.blind.beneath [--kind weather|mild|rough] [--seeds 101 102] [--only SLUG,..] [--whole]
+[--oracle] [--save F]`` draws from every seed the first case of each effect and three clean ones; ``rough`` adds three
+pairs. It prints how often the true cause is first (in its group): of all effects, of those worth ten in log-likelihood,
+and of those in noise up to 40 % of full command. It also prints wrong causes and causes on clean craft; the first hint,
+if no cause is reported and the effect is worth three to ten; hints on clean craft beside the number that chance
+implies; pairs; and the same by circumstances. If the heading lags, the causes of :data:`.rough.EXCUSED` are counted
+apart. The worth of an effect is that found by the search; ``--oracle`` adds its worth with the disturbance known
 (:mod:`.oracle`).
 """
 
@@ -22,10 +23,12 @@ from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.oracle import visible
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
-from benchmarks.blind.weather import CALM, HIDDEN
+from benchmarks.blind.weather import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
+from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_under
 from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
+from gcs_autotune.diagnose.weathered import supported
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 
@@ -42,7 +45,8 @@ Row = dict[str, Any]
 
 def _cases(kind: str, seeds: Sequence[int], only: Sequence[str]) -> Iterator[tuple[str, int, int, str]]:
     for seed in seeds:
-        for slug in (*HIDDEN, CALM, *([PAIR] if kind == "rough" else [])):
+        hidden = MILD_HIDDEN if kind == "mild" else HIDDEN
+        for slug in (*hidden, CALM, *([PAIR] if kind == "rough" else [])):
             if not only or slug in only:
                 yield from ((kind, seed, index, slug) for index in range(OFTEN.get(slug, 1)))
 
@@ -60,6 +64,19 @@ def _gain(found: WeatherSearch | None, slug: str) -> float | None:
     return max((a.gain for a in judged if a.step == 1 and a.effect.slug == slug), default=None)
 
 
+def _answer(found: WeatherSearch | None) -> Row:
+    """Return names, groups and hints of a search, as a diagnosis gives them, and how often chance gives a hint."""
+    if found is None:
+        return {"named": [], "groups": [], "hints": [], "chance": 0.0}
+    told, refused, _ = supported(found)
+    return {
+        "named": [a.effect.slug for a in told.named],
+        "groups": [list(g) for g in told.alike],
+        "hints": [w.one.effect.slug for w in weak_under(told, refused)],
+        "chance": chance_of(FAINT, 1, found.tried),
+    }
+
+
 def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
     """Return what the search, or the *whole* diagnosis, says of one case."""
     case = draw_case(kind, seed, index, slug)
@@ -71,13 +88,12 @@ def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
             "verdict": told.verdict,
             "named": [c.effect.slug for c in told.causes],
             "groups": [list(g) for g in told.indistinguishable],
+            "hints": [h.cause for h in told.hints],
+            "chance": chance_of(FAINT, 1, told.tried),
         }
     else:
         found = _searched(case, list(EFFECTS))
-        answer = {
-            "named": [] if found is None else [a.effect.slug for a in found.named],
-            "groups": [] if found is None else [list(g) for g in found.alike],
-        }
+        answer = _answer(found)
     seconds = time.process_time() - begun
     worth = []
     for true in case.slugs:
@@ -150,6 +166,7 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
     yield _told("a wrong name first", _count(single, "wrong"), len(single))
     yield _told("a wrong name after the right one", _count(single, "beside"), len(single))
     yield _told("a name on a clean craft", _count(clean, "wrong"), len(clean), "at most 3 %")
+    yield from _hints(single, clean)
     if pairs:
         seen = [r for r in pairs if r["worth"] >= WORTH]
         yield _told("of two both, and nothing else", _count(pairs, "right"), len(pairs))
@@ -174,20 +191,36 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
         )
 
 
+def _hints(single: Sequence[Row], clean: Sequence[Row]) -> Iterator[str]:
+    """Tell how often the first hint is right where the effect is too weak to be named, and hints on clean craft."""
+    weak = [r for r in single if FAINT <= r["worth"] < WORTH and not r["named"]]
+    given, silent = [r for r in weak if r["hints"]], [r for r in clean if not r["named"]]
+    right = sum(r["hints"][0] in r["truth"] for r in given)
+    yield _told(f"worth {FAINT:g} to {WORTH:g} and not named: a hint is given", len(given), len(weak))
+    yield _told("  of these the first hint right", right, len(given), "90 %")
+    yield _told("a hint on a clean craft", sum(bool(r["hints"]) for r in silent), len(silent))
+    yield f"  by chance alone at most {sum(r['chance'] for r in silent):.1f} would have one"
+
+
 def _line(row: Row) -> str:
     mark = next((m for m in ("wrong", "right", "one") if row[m]), "-")
     sight = f" to be seen {row['visible']:6.1f}" if row.get("visible") is not None else ""
     return (
         f"{mark:5} {'+'.join(row['truth']) or CALM:32} {row['seed']:4d}.{row['index']} x{row['weather']:.2f} "
         f"worth {row['worth']:6.1f}{sight} {','.join(row['circumstances']):24} "
-        f"-> {', '.join(row['named']) or 'nothing':30} {row['seconds']:5.1f} s"
+        f"-> {_outcome(row):30} {row['seconds']:5.1f} s"
     )
+
+
+def _outcome(row: Row) -> str:
+    hint = f"hint {row['hints'][0]}" if row["hints"] else "nothing"
+    return ", ".join(row["named"]) or hint
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line per case, then the rates."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.beneath", description=__doc__)
-    parser.add_argument("--kind", choices=("weather", "rough"), default="weather")
+    parser.add_argument("--kind", choices=("weather", "mild", "rough"), default="weather")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
     parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden, {PAIR} for two")
     parser.add_argument("--whole", action="store_true", help="whole diagnoses, tens of seconds each")
@@ -222,7 +255,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 MEASURES = {
     "weather": "the search with process noise alone",
-    "rough": "the same with waves, a lagging heading, a helm, runs that differ",
+    "mild": "hints: a drifting moment of 25 to 35 % of full command",
+    "rough": "the search with process noise alone, in rough water",
 }
 
 

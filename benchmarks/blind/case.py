@@ -9,7 +9,7 @@ sensors and large ones with poor, and what counts is known without asking the di
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from benchmarks.blind.rough import draw_rough
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from benchmarks.blind.voyage import Case, File, Flown, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
-from benchmarks.blind.weather import CALM, drawn_weather, smoothed
+from benchmarks.blind.weather import CALM, drawn_weather, mild_weather, smoothed
 
 __all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
 
@@ -58,7 +58,7 @@ class NoCase(RuntimeError):
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
-    ``clean-track``, ``weather``, ``rough``, or of :data:`GIVEN`.
+    ``clean-track``, ``weather``, ``mild``, ``rough``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
 
@@ -76,6 +76,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         "track": _track,
         "clean-track": _clean_track,
         "weather": _weather,
+        "mild": _mild,
         "rough": draw_rough,
         **GIVEN,
     }
@@ -161,21 +162,37 @@ def _double(rng: Rng, slug: str) -> Case | None:
 
 
 def _weather(rng: Rng, slug: str) -> Case | None:
-    """An effect (or none) beneath a moment that wanders; how much that hides it is not chosen."""
+    """An effect (or none) with a drifting moment; how much that hides it is not chosen."""
+    return _in_weather(rng, slug, drawn_weather)
+
+
+MILD = ("relay", "relay", "steps")
+"""Manoeuvres in mild weather."""
+
+
+def _mild(rng: Rng, slug: str) -> Case | None:
+    """An effect (or none) with a drifting moment of some 30 % of full command, in two relays and steps."""
+    return _in_weather(rng, slug, mild_weather, MILD)
+
+
+def _in_weather(
+    rng: Rng, slug: str, weather_of: Callable[[Rng, Craft], Mapping[str, float]], names: Sequence[str] = ()
+) -> Case | None:
+    """Return a case in such weather; its last run is flown besides *names* and thrown away."""
     craft = draw_craft("yaw", rng)
     hidden = [] if slug == CALM else [RECIPES[slug].draw(rng, craft)]
     if any(map(_cannot_be, hidden)):
         return None
-    voyage = draw_voyage(rng, hidden or [Hidden("", "", {}, craft)])
+    voyage = draw_voyage(rng, hidden or [Hidden("", "", {}, craft)], (*names, "steps") if names else ())
     noise = log_uniform(rng, LEAST_NOISE, 0.1 * MOST_NOISE)
     levels = {"psi": noise * craft.scale["psi"]}
-    weather = Hidden("weather", craft.input, drawn_weather(rng, craft), craft)
+    weather = Hidden("weather", craft.input, weather_of(rng, craft), craft)
     width = int(rng.integers(1, 4))
     everything = (*hidden, weather)
     flown = Flown(voyage, everything, tuple(fly(voyage, everything, levels)))
     files = [smoothed(f, width) for f in flown.files]
     rough = weather.values["spread"] / craft.full[craft.input]
-    case = case_of(rng, voyage, hidden, files, rough, noise, levels)
+    case = case_of(rng, voyage, hidden, files, rough, noise, levels, **({"keeps": 0.0} if names else {}))
     return replace(case, runs=(*case.runs, *case.unseen), unseen=(), flown=flown)
 
 

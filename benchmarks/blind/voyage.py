@@ -101,12 +101,15 @@ class Flown:
         return replace(self, voyage=fewer, files=self.files[:runs])
 
 
-def draw_voyage(rng: Rng, hidden: Sequence[Hidden]) -> Voyage:
-    """Draw manoeuvres and beginnings of the three or four runs that the last of *hidden* is flown in."""
+def draw_voyage(rng: Rng, hidden: Sequence[Hidden], names: Sequence[str] = ()) -> Voyage:
+    """Draw manoeuvres and beginnings of the three or four runs that the last of *hidden* is flown in.
+
+    names : of the manoeuvres, drawn as well when empty.
+    """
     craft = hidden[-1].craft
     turns = any(h.turns for h in hidden)
-    count = int(rng.integers(2, 4)) + 1
-    names = tuple(str(n) for n in rng.choice(list(MANOEUVRES), count, replace=False))
+    count = len(names) or int(rng.integers(2, 4)) + 1
+    names = tuple(names) or tuple(str(n) for n in rng.choice(list(MANOEUVRES), count, replace=False))
     commands = [draw_commands(rng, craft, name, turns=turns) for name in names]
     initial = []
     for k in range(count):

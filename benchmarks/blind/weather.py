@@ -19,7 +19,7 @@ from benchmarks.blind.foreign import Foreign
 from sitl.effects import EffectParameter, Setting
 from sitl.sensors import SensorReading
 
-__all__ = ["BURSTS", "CALM", "HIDDEN", "WEATHER", "Weather", "drawn_weather", "smoothed"]
+__all__ = ["BURSTS", "CALM", "HIDDEN", "MILD_HIDDEN", "WEATHER", "Weather", "drawn_weather", "mild_weather", "smoothed"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -35,6 +35,9 @@ HIDDEN = (
     "quadratic-actuator",
 )
 """Effects hidden beneath it, by turns; between them ``CALM``."""
+
+MILD_HIDDEN = (*HIDDEN, "backlash")
+"""Effects hidden in mild weather."""
 
 CALM = "clean"
 """Stands for no effect at all."""
@@ -214,6 +217,13 @@ def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
         "burst": spread * rng.uniform(1.0, 3.0) if rng.random() < 0.5 else 0.0,
         "every": craft.duration * rng.uniform(0.1, 0.3),
     }
+
+
+def mild_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
+    """Return weather of 25 to 35 % of full command, remembered for half to five time constants, without bursts."""
+    spread = craft.full[craft.input] * rng.uniform(0.25, 0.35)
+    memory = craft.pace * log_uniform(rng, 0.5, 5.0)
+    return {"spread": spread, "memory": memory, "burst": 0.0, "every": craft.duration}
 
 
 def smoothed(file: Mapping[str, Array], width: int) -> dict[str, Array]:

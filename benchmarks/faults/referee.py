@@ -119,7 +119,7 @@ class _Stage:
         self.ear.hear = self._hear  # type: ignore[method-assign]
 
     def _hear(self, text: str) -> None:
-        if text.startswith("found: mode"):
+        if text.startswith("State before the run: mode"):
             self.found_at = self.vehicle.server.now
 
     @property

@@ -142,7 +142,7 @@ BLAME: Mapping[str, tuple[str, ...]] = {
         "the link was silent",
         "another station may have ordered",
         "failsafe of its own",
-        "lost on the way",
+        "what it sent was lost",
     ),
 }
 """Kind of fault -> words by which it is told."""

@@ -1,12 +1,12 @@
-"""Small faults put into the files that matter, one at a time: how many do the tests that mirror the file notice?
+"""Small faults put into the code one at a time: how many do the tests that mirror the file notice?
 
 Run: ``python3 -m benchmarks.mutations [--count 110] [--seed 1] [--jobs 1] [--budget 20] [--only PART,..]``.
 
 Faults (comparisons, signs, constants, dropped calls, ...: ``mutant.py``) are drawn by seed from the areas of
-``areas.py``, as many from each file of an area as from the next, and put into a scratch copy of the tree. The tests
-that mirror the file (``mirror.py``) run to the first that fails, for ``--budget`` processor seconds at most: the share
-counts what ran out of time as not noticed, and the table tells the two apart. A fault that nobody notices and that is
-none (``EQUIVALENT``, judged by hand, with the reason) counts for neither side. Ends with 1 below the goal of 90 %.
+``areas.py``, equally from the files of an area, and put into a scratch copy of the tree. The tests that mirror the file
+(``mirror.py``) run until the first failure, for at most ``--budget`` processor seconds. A run out of time counts as not
+noticed and is listed apart. A change that is no fault (``EQUIVALENT``, judged by hand, with its reason) does not count.
+Exit status 1 below the goal of 90 %.
 """
 
 from __future__ import annotations

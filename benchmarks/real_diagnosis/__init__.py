@@ -1,6 +1,6 @@
-"""What a plain simulation misses of real craft, and what the published tables contradict themselves in.
+"""What a plain simulation lacks of real craft, and where published tables contradict themselves.
 
     python3 -m benchmarks.real_diagnosis [--case blueboat-yaw ...] [--max-seconds S] [--no-tables]
 
-Every case is diagnosed on some runs and measured on others. Nothing in the package was set by looking at these numbers.
+Every case is diagnosed on some runs and evaluated on others. Nothing in the package was chosen by these numbers.
 """

@@ -5,15 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 from collections.abc import Sequence
 
 import benchmarks.real_diagnosis as package
+from benchmarks.real_diagnosis.answers import answer_of, keep
+from benchmarks.real_diagnosis.by_hand import by_hand, lines_by_hand
 from benchmarks.real_diagnosis.cases import CASES, DATA
 from benchmarks.real_diagnosis.published import lines_of, tables_of
-from benchmarks.results import Figure, headline
+from benchmarks.results import RECORD, Figure, headline
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.report import hint_stories, lead_sentence
+from gcs_autotune.trial import Trial
 
 __all__ = ["main", "told"]
 
@@ -25,7 +30,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     parser.add_argument("--no-tables", action="store_true")
     parser.add_argument("--max-seconds", type=float, default=math.inf, help="stop a case after so long (no limit)")
+    parser.add_argument("--page", action="store_true", help="renew docs/measured-data.md from what is kept, and end")
     chosen = parser.parse_args(arguments)
+    if chosen.page:
+        keep({})
+        return 0
     if not DATA.is_dir():
         print(f"no measured runs at {DATA}", file=sys.stderr)
         return 2
@@ -35,15 +44,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         unseen_words = ", ".join(case.unseen) or "each in turn"
         print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
         runs, unseen = case.load()
+        found = None
         try:
-            diagnosis = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
-            lines = told(diagnosis)
-            if diagnosis.causes:
-                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in diagnosis.gains]
+            found = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
+            lines, answer = told(found), answer_of(found)
+            if found.causes:
+                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in found.gains]
         except AutotuneError as error:
-            lines = [f"refused: {error}"]
+            lines, answer = [f"refused: {error}"], answer_of(str(error))
+        if case.dof == "yaw":
+            lines += beside([*runs, *unseen], found)
         print("\n".join(f"  {line}" for line in lines), flush=True)
-    headline("real_diagnosis", "what a plain simulation lacks of real craft, on held-out runs", figures)
+        if os.environ.get(RECORD):
+            keep({name: answer})
+    if set(chosen.case) == set(CASES):
+        headline("real_diagnosis", "what a plain simulation lacks of real craft, on held-out runs", figures)
     if not chosen.no_tables:
         published = json.loads((DATA / "published_tables.json").read_text(encoding="utf-8"))
         for table in tables_of(published):
@@ -51,9 +66,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+AHEAD = 5.0
+"""Seconds ahead of the fit by hand where a diagnosis tells none."""
+
+
+def beside(runs: Sequence[Trial], found: Diagnosis | None) -> list[str]:
+    """Return what a plain fit by hand predicts of each run, left out, beside what the diagnosis does."""
+    gains = [] if found is None else [g for g in found.gains if g.signal == "psi" and g.each]
+    ours = {run: (math.degrees(a), math.degrees(b)) for g in gains for run, (a, b) in g.each.items()}
+    words = gains[0].metric.split() if gains else []
+    seconds = next((float(w) for w in words if w.replace(".", "").isdigit()), AHEAD)
+    return lines_by_hand(by_hand(runs, seconds), ours)
+
+
 def told(diagnosis: Diagnosis) -> list[str]:
     """Return a diagnosis in a few lines."""
-    lines = [f"{diagnosis.verdict}, {diagnosis.seconds:.0f} s, {diagnosis.tried} candidates"]
+    lines = [lead_sentence(diagnosis)]
+    lines.append(f"{diagnosis.verdict}, {diagnosis.seconds:.0f} s, {diagnosis.tried} candidates")
     for cause in diagnosis.causes:
         numbers = ", ".join(f"{n} = {v.value:.3g} +- {v.std:.1g} {v.unit}" for n, v in cause.parameters.items())
         lines.append(f"{cause.effect.slug} at {cause.effect.place}: {numbers}")
@@ -65,8 +94,10 @@ def told(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.gains:
         lines.append(diagnosis.gains[0].held_out)
+    for story in hint_stories(diagnosis):
+        lines += [f"hint: {story.title}", *(f"  {label}: {said}" for label, said in story.remarks)]
     lines += [f"left: {words}" for words in diagnosis.left.findings]
-    lines += [] if diagnosis.next_manoeuvre is None else [f"next: {diagnosis.next_manoeuvre}"]
+    lines += [] if not diagnosis.next_manoeuvre else [f"next: {diagnosis.next_manoeuvre}"]
     lines += [f"doubt: {d.cause}" for d in diagnosis.doubts]
     return lines
 

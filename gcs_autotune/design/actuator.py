@@ -19,9 +19,8 @@ Array = NDArray[np.float64]
 MIN_SLOPE = 0.25
 """Local gains below this are not held against the margins: the loop is then all but open, as the simulation shows."""
 USED = 0.5
-"""Chosen [fraction of full output]: margins are to hold up to this size, however large the relays were that told the
-curve. The gain of a square law at most doubles from here to full output, which is passed through and not dwelt at: the
-gain margin of 2.5 leaves 1.25 there."""
+"""Largest output for which margins must hold [normalised], independent of the relay sizes. Chosen: the gain of a square
+law at most doubles from here to full output, which is only passed through; the gain margin of 2.5 leaves 1.25 there."""
 
 
 class ActuatorStep(NamedTuple):
@@ -161,7 +160,7 @@ def _output_for(actuator: Actuator, force: float) -> float:
     reach = actuator.static(grid) * math.copysign(1.0, force)
     if reach[-1] < abs(force):
         raise NoGainsMeetSpec(
-            f"a constant force of {force:.2f} of full cannot be held: the actuator gives {reach[-1]:.2f} at most"
+            f"a constant force of {force:.2f} of full cannot be held: the actuator reaches at most {reach[-1]:.2f}"
         )
     first = int(np.argmax(reach >= abs(force)))
     share = (abs(force) - reach[first - 1]) / max(reach[first] - reach[first - 1], 1e-300)

@@ -1,7 +1,7 @@
-"""How a design treats each effect, and what a parameter or a screwdriver can do about it.
+"""Treatment of each effect in a design, and what a parameter or a repair can do about it.
 
 MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM: ArduRover's motor library (the last two for thrusters only); ArduSub's
-thrusters take output to pulse in a straight line, whatever MOT_THST_EXPO says.
+thrusters map output linearly to pulse, independent of MOT_THST_EXPO.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WEAKEST = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """What the design makes of one effect: ``treated`` how, ``advice`` what can be done besides (may be empty)."""
+    """Remark about one effect: ``treated``: its treatment in the design; ``advice``: further action, if any."""
 
     slug: str
     place: str
@@ -65,11 +65,11 @@ def take(draft: Draft, own: EffectInstance) -> None:
         treated, advice = _LEFT_OUT[own.slug]
     elif own.place in draft.channel.split("+"):
         treated, advice = (
-            "it sits on one of several thrusters, so the design leaves it out",
-            "prove the gains with care",
+            "it acts on one of several thrusters; the design omits it",
+            "prove the gains carefully",
         )
     else:
-        treated, advice = "it does not act in this loop, so the design leaves it out", ""
+        treated, advice = "it does not act in this loop; the design omits it", ""
     draft.remarks.append(Remark(own.slug, own.place, treated, advice))
 
 
@@ -80,14 +80,14 @@ def _concerns(own: EffectInstance, draft: Draft) -> bool:
 
 def _delay(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["delay"] += own["delay"]
-    return f"the delay of {own['delay']:.2f} s is part of the loop, which is made slower for it", ""
+    return f"the delay of {own['delay']:.2f} s is part of the loop, which is slower because of it", ""
 
 
 def _late(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if not {draft.dof.position, draft.dof.velocity} & set(own.place.split("+")):
-        return "it does not act in this loop, so the design leaves it out", ""
+        return "it does not act in this loop; the design omits it", ""
     treated, _ = _delay(draft, own)
-    return treated, "if it lies in the telemetry and not in the sensor, give it as link delay: the loop may be faster"
+    return treated, "if it is in the telemetry and not in the sensor, set it as link delay for a faster loop"
 
 
 def _lag(draft: Draft, own: EffectInstance) -> tuple[str, str]:
@@ -97,20 +97,20 @@ def _lag(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 def _limit(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["limit"]))
-    return "the step is simulated with the output clipped there", "look at SERVOn_MIN and SERVOn_MAX"
+    return "the step is simulated with the output clipped there", "check SERVOn_MIN and SERVOn_MAX"
 
 
 def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, rate=min(draft.actuator.rate, own["rate"]))
-    advice = "on thrusters look at MOT_SLEWRATE" if draft.law.startswith("rover") else ""
-    return "the step is simulated with the output as slow as that", advice
+    advice = "for thrusters check MOT_SLEWRATE" if draft.law.startswith("rover") else ""
+    return "the step is simulated with this slew rate", advice
 
 
 def _play(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, play=own["width"])
     return (
-        "the gains are chosen with the play in the loop, so that it hunts as little as it can",
-        "no parameter takes play out: mend the linkage",
+        "the gains are chosen with the backlash in the loop, for the smallest limit cycle",
+        "no parameter removes backlash; repair the linkage",
     )
 
 
@@ -121,21 +121,21 @@ def _dead(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 
 _MEND_DEAD_ZONE: Mapping[str, str] = {
-    "rover-heading": "with thrusters let MOT_THR_MIN lift small outputs over it (percent of full, 20 at most), then "
-    "diagnose and tune again; behind a rudder servo no parameter does: mend the linkage",
-    "sub-heading": "ArduSub has no parameter that lifts small outputs: calibrate the ESCs",
-    "sub-depth": "ArduSub has no parameter that lifts small outputs: calibrate the ESCs",
+    "rover-heading": "for thrusters raise small outputs with MOT_THR_MIN (percent of full, at most 20), then "
+    "diagnose and tune again; for a rudder servo repair the linkage, since no parameter helps",
+    "sub-heading": "calibrate the ESCs; ArduSub has no parameter that raises small outputs",
+    "sub-depth": "calibrate the ESCs; ArduSub has no parameter that raises small outputs",
 }
 
 
 def _bent(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, square=own["share"], reference=own.constants.get("u_ref", 1.0))
-    advice = "ArduSub has no parameter against it"
+    advice = "ArduSub has no parameter for it"
     if draft.law.startswith("rover"):
         expo = float(np.clip(own["share"], -1.0, 1.0))
-        advice = f"with thrusters MOT_THST_EXPO about {expo:.2f} straightens it; then tune again"
+        advice = f"for thrusters set MOT_THST_EXPO to about {expo:.2f} to linearise it, then tune again"
     return (
-        "margins hold from small outputs to half of full, whose gains differ; at full it is twice as strong at most",
+        "margins cover outputs from small to half of full; at full output it is at most twice as strong",
         advice,
     )
 
@@ -143,8 +143,8 @@ def _bent(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 def _stall(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["angle"]))
     return (
-        f"the step is simulated as if the rudder stopped at {math.degrees(own['angle']):.0f} deg",
-        "beyond that it steers worse: narrow SERVOn_MIN and SERVOn_MAX to that angle, then tune again",
+        f"the step is simulated with a rudder limit of {math.degrees(own['angle']):.0f} deg",
+        "steering is worse beyond; narrow SERVOn_MIN and SERVOn_MAX to that angle, then tune again",
     )
 
 
@@ -154,39 +154,39 @@ def _lopsided(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
     if draft.law.startswith("rover"):
         stronger = max(ratio, 1.0 / ratio)
-        advice += f"; if each thruster pushes weaker astern, MOT_THST_ASYM about {stronger:.2f} evens that out"
-    return "margins hold for both directions, and both steps are simulated", advice
+        advice += f"; if each thruster is weaker astern, set MOT_THST_ASYM to about {stronger:.2f}"
+    return "margins cover both directions, and both steps are simulated", advice
 
 
 def _drift(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     left = float(np.clip(1.0 - own["rate"] * IN_USE, WEAKEST, 2.0))
     draft.actuator = replace(draft.actuator, weakest=left)
-    return f"margins hold down to {left:.0%} of the thrust, half an hour ahead", ""
+    return f"margins cover thrust down to {left:.0%}, the value in half an hour", ""
 
 
 def _steering(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     reference = own.constants.get("U_ref", math.nan)
     if draft.speed is None or not reference > 0.0:
-        return "the gains hold at the speed of the runs only", ""
+        return "the gains are valid only at the speed of the runs", ""
     factor = (1.0 - own["share"]) + own["share"] * (draft.speed / reference) ** 2
     draft.gain *= factor
-    return f"designed for {draft.speed:.1f} m/s, where the rudder bites {factor:.2f} times as in the runs", ""
+    return f"designed for {draft.speed:.1f} m/s, where the rudder effect is {factor:.2f} times that of the runs", ""
 
 
 def _linear(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta"] += own["coefficient"]
-    return "part of the drag the loop is designed for", ""
+    return "part of the design drag", ""
 
 
 def _quadratic(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta_quadratic"] += own["coefficient"]
-    return "part of the drag: margins hold at rest and under way", ""
+    return "part of the drag; margins cover rest and under way", ""
 
 
 def _constant(name: str) -> Callable[[Draft, EffectInstance], tuple[str, str]]:
     def treat(draft: Draft, own: EffectInstance) -> tuple[str, str]:
         draft.numbers["delta"] += own[name]
-        return "the integral gain works it off", "trim it away if you can: it uses up output"
+        return "the integral gain removes it", "trim the craft if possible, since it uses output"
 
     return treat
 
@@ -194,14 +194,14 @@ def _constant(name: str) -> Callable[[Draft, EffectInstance], tuple[str, str]]:
 def _payload(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.heavier = max(own["ratio"], 1.0 / own["ratio"])
     draft.numbers["alpha"] *= min(own["ratio"], 1.0)
-    return f"margins hold for the inertia with and without it (times {own['ratio']:.2f})", ""
+    return f"margins cover the inertia with and without it (times {own['ratio']:.2f})", ""
 
 
 def _coarse(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if own.place == draft.dof.position:
         draft.quantum = max(draft.quantum, own["step"])
-        return "errors within one step count as none", ""
-    return "it is left out", ""
+        return "errors within one step count as zero", ""
+    return "it is omitted", ""
 
 
 _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
@@ -227,43 +227,45 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
 """Slug -> how it enters the design."""
 
 _ANYWHERE = frozenset({"measurement-delay", "quantisation", "mass-change", "time-scale"})
-"""Effects that are asked wherever they sit."""
+"""Effects that matter at any place."""
 
-_FILE = ("it is in the record, not in the craft: the design uses the numbers freed of it", "")
+_FILE = ("it is in the record, not in the craft; the design uses corrected numbers", "")
 
 _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "time-scale": _FILE,
     "time-offset": _FILE,
     "unit-error": _FILE,
     "sign-error": (
-        "the design uses the sign the physics has",
-        "make sure it is the record that is wrong, not SERVOn_REVERSED: with the wrong one the craft spins",
+        "the design uses the physical sign",
+        "check that the record is wrong and not SERVOn_REVERSED; with a wrong one the craft spins",
     ),
-    "channel-swap": (_FILE[0], "make sure it is the record that is wrong, not the wiring"),
-    "command-coupling": ("left out: the other axis' command is a disturbance to this loop", ""),
-    "advance-speed-loss": ("left out: it only damps, the margins are on the safe side", ""),
-    "ground-effect": ("left out: near the bottom there is more drag, the margins are on the safe side", ""),
-    "coriolis-coupling": ("left out: it is a disturbance to this loop", ""),
-    "sway-yaw-coupling": ("left out: hold the speed of the runs when the gains are proved", ""),
-    "sway-moment": ("left out: hold the speed of the runs when the gains are proved", ""),
+    "channel-swap": (_FILE[0], "check that the record is wrong and not the wiring"),
+    "propeller-wash": ("the gains hold at the thrust of the runs only", ""),
+    "command-coupling": ("omitted: the other axis' command is a disturbance of this loop", ""),
+    "advance-speed-loss": ("omitted: it only adds damping, so the margins are conservative", ""),
+    "ground-effect": ("omitted: drag is higher near the bottom, so the margins are conservative", ""),
+    "coriolis-coupling": ("omitted: it is a disturbance of this loop", ""),
+    "sway-yaw-coupling": ("omitted: hold the speed of the runs during the proof", ""),
+    "sway-moment": ("omitted: hold the speed of the runs during the proof", ""),
     "speed-damping": (
-        "left out: the damping of the loop is that of the plain model, at rest",
-        "prove the gains at the speed they are for",
+        "omitted: the damping of the loop is that of the plain model at rest",
+        "prove the gains at their intended speed",
     ),
-    "munk-moment": ("left out: hold the speed of the runs when the gains are proved", ""),
-    "steady-current": ("left out: headings and depths do not feel it", ""),
-    "wind-moment": ("left out: it is a disturbance to this loop, worked off by the integral gain", ""),
+    "munk-moment": ("omitted: hold the speed of the runs during the proof", ""),
+    "velocity-product": ("omitted: hold the speed of the runs during the proof", ""),
+    "steady-current": ("omitted: it does not affect heading or depth", ""),
+    "wind-moment": ("omitted: it is a disturbance, removed by the integral gain", ""),
     "wave-disturbance": (
-        "left out: the loop answers to waves as to any disturbance",
-        "if the actuator works too hard in them, ask for a longer settling time",
+        "omitted: waves are a disturbance of this loop",
+        "for less actuator use in waves, use a longer settling time",
     ),
-    "tether-pull": ("left out: it pulls the craft back, which the integral gain works off", ""),
+    "tether-pull": ("omitted: it is a constant pull, removed by the integral gain", ""),
     "sensor-position": (
-        "left out: heading and turn rate are the same everywhere aboard",
-        "tell the autopilot where it sits",
+        "omitted: it does not affect heading or turn rate",
+        "set its position in the autopilot",
     ),
-    "compass-deviation": ("left out: the loop follows the compass, deviation and all", "calibrate the compass"),
-    "gyro-bias": ("left out: the autopilot takes it out when it starts, at rest", "start the autopilot at rest"),
-    "outliers": ("left out", "mend the sensor: the autopilot sees them too"),
+    "compass-deviation": ("omitted: the loop follows the compass, deviation included", "calibrate the compass"),
+    "gyro-bias": ("omitted: the autopilot removes it at start-up, at rest", "start the autopilot at rest"),
+    "outliers": ("left out", "repair the sensor, which the autopilot uses too"),
 }
-"""Slug -> what is said of effects the design does not use."""
+"""Slug -> (treatment, advice) of effects that the design omits."""

@@ -1,8 +1,7 @@
-"""Does the loop come to rest? What dead zone and play leave behind, read off a long simulation.
+"""Residual limit cycle or offset of a loop with dead zone and backlash, from a long simulation.
 
-A describing function would foretell it from the first harmonic alone (Miskovic2010, chapter 6 uses it the other way
-round);
-here every limit of the autopilot is in the loop, so the simulation is asked.
+A describing function would predict it from the first harmonic alone (Miskovic2010, chapter 6, uses the inverse). The
+simulation includes every limit of the autopilot.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ __all__ = ["Hunting", "hunting_of"]
 Array = NDArray[np.float64]
 
 LONG = 300.0
-"""How long the loop is left alone [s]; what is told is of the last half."""
+"""Duration of the simulation after the step [s]; its last half is evaluated. Chosen."""
 
 REST = 1e-3
-"""Share of the step below which nothing is said to move."""
+"""Motion relative to the step that counts as rest. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hunting:
-    """A loop left alone after a step: ``amplitude`` and ``offset`` [rad or m] of what goes on, its ``period`` [s].
+    """The residual motion after a step: ``amplitude`` and ``offset`` [rad or m], ``period`` [s].
 
-    ``period`` is infinite when the position does not swing; ``travel`` what the output moves [fraction of full per s].
+    ``period`` is infinite without oscillation; ``travel``: output travel [normalised per s].
     """
 
     amplitude: float

@@ -1,4 +1,4 @@
-"""The controller of Miskovic2010: I-PD by reference model, and how far the model may be wrong.
+"""The controller of Miskovic2010: I-PD by reference model, and its bounds on model error.
 
 Miskovic2010, section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
 ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a reference model exactly, they
@@ -22,7 +22,7 @@ CONFIDENCE = 1.96
 """Standard errors in a 95 % interval."""
 
 MIN_UNCERTAINTY = 0.01
-"""Chosen: no identification is believed better than 1 %, whatever its residuals say."""
+"""Smallest relative uncertainty assumed of an identification. Chosen."""
 
 MAX_UNCERTAINTY = 0.95
 """The ratios live in (-1, 1), Miskovic2010, eq. (8.19)-(8.20)."""

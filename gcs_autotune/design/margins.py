@@ -1,6 +1,6 @@
-"""How far a loop is from instability: gain, phase and delay margin, of one loop or of many with one controller.
+"""Gain, phase and delay margin of one loop, or of many plants with one controller.
 
-A design asks for the margins of a few dozen crafts thousands of times; what belongs to a craft alone is kept.
+A design computes the margins of a few dozen plants thousands of times; the parts of the plants alone are cached.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class Plant(NamedTuple):
 def margins_of(loop: OpenLoop) -> Margins:
     """Return gain, phase and delay margin; all zero when the closed loop is unstable.
 
-    The gain margin counts both ways: how much more *or less* gain (a craft that answers weaker) the loop stands.
+    The gain margin covers both directions: the increase *or decrease* of gain that the loop tolerates.
     """
     stable = bool(np.all(loop.closed_loop_poles().real < 0.0))
     return _read_off(loop.response(GRID)[None, :], [stable])[0]
 
 
 def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margins]:
-    """Return what :func:`margins_of` says of *controller* (velocity to output) around each of *plants*."""
+    """Return :func:`margins_of` for *controller* (velocity to output) with each of *plants*."""
     if not plants:
         return []
     stable = _are_stable(controller, plants)

@@ -1,9 +1,9 @@
-"""Choosing gains so that the simulated loop steps like the reference model, never outside the documented ranges.
+"""Choice of gains so that the simulated step follows the reference model, inside the documented ranges.
 
-The desired response comes first; :mod:`gcs_autotune.design.refinement` goes on from here when the user left the wish
-to us. Algebra gives the start; bounded least squares on the simulated response does the rest: a step, a smaller one the
-other way, and a constant push halfway (so that integral action is worth something), with margins and noise held by
-residuals that are zero while there is room, and a light pull towards the start where the response does not care.
+:mod:`gcs_autotune.design.refinement` continues from here without a user-supplied specification. Algebra gives the start
+values; bounded least squares fits the simulated response: a step, a smaller step in the other direction, and a constant
+disturbance halfway (so that integral action has a benefit). Margins and noise are residuals that are zero inside their
+limits. A small weight holds gains without effect on the response near the start values.
 """
 
 from __future__ import annotations
@@ -44,20 +44,20 @@ Array = NDArray[np.float64]
 NOISE_LIMIT = 0.05
 """Chosen: measurement noise may move the actuator by 5 % of full (rms)."""
 PUSH = 0.06
-"""Constant force that comes halfway, as a share of the largest output the wanted step needs."""
+"""Constant force at half time, relative to the largest output of the required step. Chosen."""
 PUSH_WEIGHT = 0.5
 INTEGRAL, TRIM_TIME = 0.05, 30.0
-"""Chosen: constant forces are worked off at least at this share of the reference model's speed ``1/a1``, but not
-faster than in 30 s: where ``ATC_STR_ANG_P`` cannot go low enough every bit of integral action costs overshoot."""
+"""Slowest removal of constant forces relative to the reference model's speed ``1/a1``, at most as fast as 30 s. Chosen:
+if ``ATC_STR_ANG_P`` cannot go low enough, integral action costs overshoot."""
 SAMPLES = 80
 RELUCTANCE = 0.02
 """Weight of leaving the start, per full documented range; the response's residuals are rms fractions."""
 RESERVE = 1.05
-"""Margins are held this much above the wish, because least squares trades and the gains are rounded."""
+"""Reserve of margins above the specification, for rounding and the trade-offs of least squares. Chosen."""
 HARDEST = 2
 """How many samples of the 95 % region, the hardest at the start, hold their margins during the descent."""
 DESCENTS = 3
-"""Descents to a wish that the user gave, at most."""
+"""Most descents for a user-supplied specification. Chosen."""
 MARGIN_WEIGHT = 0.5
 DIFFERENCE = 1e-3
 """Finite difference, as a fraction of a gain's range."""
@@ -67,10 +67,10 @@ DIGITS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignProblem:
-    """Everything matching needs except the wish itself.
+    """Inputs of matching except the specification.
 
     ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
-    ``late`` are gains that matching leaves alone and refinement may take up.
+    ``late`` are gains that only refinement changes.
     """
 
     law: Law
@@ -130,7 +130,7 @@ class DesignProblem:
         return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
 
     def demand(self, model: SingleDof, wanted: ReferenceModel) -> tuple[float, float]:
-        """Return (share of the actuator, largest rate of change) that following *wanted* exactly takes."""
+        """Return (actuator use, largest rate of change) for following *wanted* exactly."""
         return self.law.demand(model, wanted, self.step, self.settings, self.spec.speed)
 
     def hardest(self, settings: Settings, wanted: ReferenceModel, count: int) -> list[SingleDof]:
@@ -162,9 +162,8 @@ def output_noise(problem: DesignProblem, settings: Settings) -> float:
 def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
-    Descents begin at the best of the algebraic starts, the present gains and *start* (gains found for a neighbouring
-    wish), each pulled lightly to where it began: of a wish that the user gave at several of them, for no other wish is
-    tried beside it, else at the very best.
+    Descents start at the algebraic gains, the present gains and *start* (of a neighbouring specification), each with a
+    small weight towards its start: at several of them for a user-supplied specification, else at the best.
     """
     residuals = _Residuals(problem, wanted)
     algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.speed)
@@ -201,7 +200,7 @@ def round_gain(value: float, gain: Gain) -> float:
 
 
 class _Residuals:
-    """The vector least squares works on, for one problem and one wish."""
+    """The residual vector of least squares, for one problem and one specification."""
 
     def __init__(self, problem: DesignProblem, wanted: ReferenceModel) -> None:
         self._problem = problem
@@ -220,7 +219,7 @@ class _Residuals:
         self._last: tuple[bytes, Array, Array] | None = None
 
     def watch(self, settings: Settings) -> None:
-        """Hold the margins of the samples that are hardest with *settings*, besides those of the model itself."""
+        """Include the margins of the samples that are hardest with *settings*, in addition to those of the model."""
         self._watched = [self._problem.model, *self._problem.hardest(settings, self._wish, HARDEST)]
         self._last = None
 

@@ -27,13 +27,13 @@ from gcs_autotune.sname import DOFS
 __all__ = ["NEAR_LIMIT", "at_speed", "beside_told", "notes_on", "on_other_speeds", "said"]
 
 LONG_DELAY = 0.05
-"""A delay [s] beyond which it matters where it lies."""
+"""Delay from which its location matters [s]. Chosen."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
 """Errors [rad or m] not worth a word."""
 POOR_MATCH = 0.08
-"""Chosen: an rms distance from the wanted step, as a fraction of it, that is worth a word."""
+"""Rms deviation from the reference step, relative to it, from which a note is given. Chosen."""
 NEAR_LIMIT = 0.01
-"""Chosen: gains so near the end of their range, as a share of it, are held by it."""
+"""Distance to the end of a range, relative to it, at which a gain counts as limited. Chosen."""
 ROUNDING = 1e-6
 """A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
 
@@ -47,7 +47,7 @@ def notes_on(
     is_refined: bool,
     wider: GainCandidate | None = None,
 ) -> Iterator[str]:
-    """Yield sentences: where the gains hold, what is odd about the present ones, what the wish met.
+    """Yield notes: validity of the gains, problems of the present ones, limits of the specification.
 
     wider : better gains beyond the documented ranges.
     """
@@ -63,10 +63,10 @@ def notes_on(
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
-    """Yield what is left going on after a small step, with the present gains and with those proposed."""
+    """Yield the residual motion after a small step, with the present and the proposed gains."""
     if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
         return
-    yield f"left alone after a small step: {_left(before, dof)} with the present gains, {_left(after, dof)} with these"
+    yield f"after a small step the loop {_left(before, dof)} with the present gains, and {_left(after, dof)} with these"
 
 
 def _left(h: Hunting, dof: str) -> str:
@@ -74,10 +74,10 @@ def _left(h: Hunting, dof: str) -> str:
         return f"{math.degrees(x):.2g} deg" if DOFS[dof].angular else f"{x:.2g} m"
 
     if h.swings:
-        return f"it hunts {size(h.amplitude)} either way every {h.period:.0f} s"
+        return f"oscillates by +-{size(h.amplitude)} with a period of {h.period:.0f} s"
     if h.amplitude > 0.0:
-        return f"it is still creeping after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off"
-    return f"it stands {size(abs(h.offset))} off" if abs(h.offset) > TINY[dof] else "it comes to rest"
+        return f"still creeps after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off target"
+    return f"rests {size(abs(h.offset))} off target" if abs(h.offset) > TINY[dof] else "comes to rest"
 
 
 def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
@@ -85,18 +85,18 @@ def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
         old, slack = problem.settings[gain.parameter], ROUNDING * (gain.high - gain.low)
         if not gain.low - slack <= old <= gain.high + slack:
             value, low, high = (axis.names.own_value(gain.parameter, x) for x in (old, gain.low, gain.high))
-            yield f"{gain.parameter} = {value:g} on the craft is outside its range {low:g}..{high:g}"
+            yield f"{gain.parameter} = {value:g} on the vehicle is outside its range {low:g}..{high:g}"
 
 
 def _on_the_change(before: GainCandidate, shown: GainCandidate, changed: bool) -> Iterator[str]:
     if not changed:
-        yield "no gains found inside the documented ranges do better than the present ones: nothing to change"
+        yield "no better gains than the present ones exist inside the documented ranges"
     elif not before.worst_margins.stable:
-        yield "with the present gains the loop is, or may be, unstable on the identified craft"
+        yield "with the present gains the loop is unstable for the identified model or part of its 95 % region"
     elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
-            "the predicted step is not better than with the present gains; what changes is the reserve: worst "
+            "the predicted step is not better than with the present gains. Only the margin changes: worst "
             f"phase margin {old:.0f} -> {new:.0f} deg"
         )
 
@@ -104,32 +104,30 @@ def _on_the_change(before: GainCandidate, shown: GainCandidate, changed: bool) -
 def _on_the_model(problem: DesignProblem) -> Iterator[str]:
     if problem.model.delay > LONG_DELAY:
         yield (
-            f"the identified delay of {problem.model.delay:.2f} s is taken to lie between autopilot and force; if "
-            "it is in the telemetry link, give it as link delay: the loop may then be faster"
+            f"the identified delay of {problem.model.delay:.2f} s is assumed between autopilot and force. If it is in "
+            "the telemetry link, set it as link delay for a faster loop"
         )
     if not problem.region.samples:
-        yield "the model came without uncertainty, so the worst margins are those of the model itself"
+        yield "the model has no uncertainty, so the worst margins are those of the model itself"
 
 
 def _on_the_wish(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
     for objection in shown.objections:
-        yield f"less than wished for, but the best the documented ranges allow: {objection}"
+        yield f"below the specification, but the best inside the documented ranges: {objection}"
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
-            f"the gains began at those matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or at the "
-            "present ones, and were then chosen for the least predicted error over time, letting the actuator "
-            "saturate; give a settling time to have the matched ones"
+            f"the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started "
+            f"from gains matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or from the present ones. "
+            f"Set a "
+            "settling time to get the matched gains"
         )
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
     if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
-        yield (
-            f"the wanted step needs {use:.0%} of the actuator: the craft cannot follow it exactly and "
-            "will be slower than asked for"
-        )
+        yield (f"the required step needs {use:.0%} of the actuator, so the response will be slower than required")
     elif _lags(shown):
-        yield "the documented ranges keep the step from following the wanted one more closely"
+        yield "the documented ranges limit how closely the step follows the reference"
 
 
 def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wider: GainCandidate) -> str:
@@ -138,29 +136,29 @@ def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wid
     gains = ", ".join(f"{name} {axis.names.own_value(name, wider.settings[name]):.3g}" for name in moved)
     old, new = shown.prediction.metrics.itae, wider.prediction.metrics.itae
     return (
-        f"ArduPilot's documented ranges hold these gains back; they were made for cars and copters. Beyond them, with "
-        f"the same margins, the predicted error over time is {new:.3g} s^2 instead of {old:.3g} ({gains}). "
-        "--beyond-ranges lets the tune try that"
+        f"ArduPilot's documented ranges limit these gains; they were chosen for cars and copters. Beyond them, with "
+        f"the same margins, the predicted tracking error is {new:.3g} instead of {old:.3g} s^2 ({gains}). "
+        "--beyond-ranges allows such gains"
     )
 
 
 BESIDE: Mapping[str, str] = {
-    "rover-yaw": "turn rates, which AUTO and ACRO steer by",
-    "sub-yaw": "turn rates, which the yaw stick commands",
-    "rover-heading": "headings, which GUIDED holds",
-    "sub-heading": "headings, which ALT_HOLD keeps",
+    "rover-yaw": "turn rates (AUTO, ACRO)",
+    "sub-yaw": "turn rates (yaw stick)",
+    "rover-heading": "headings (GUIDED)",
+    "sub-heading": "headings (ALT_HOLD)",
 }
-"""Law of another mode -> what it follows, and who uses it."""
+"""Law of another mode -> what it follows, and its modes."""
 POORLY = 0.1
-"""Chosen: a mode that falls short by this share is worth advice."""
+"""Shortfall of a mode from which advice is given. Chosen."""
 
 
 def beside_told(beside: Beside) -> Iterator[str]:
-    """Yield how the other mode fares with the same gains."""
+    """Yield the prediction of the other mode with the same gains."""
     yield (
-        f"{BESIDE[beside.law]}: predicted to fall short by {beside.after:.1%} (time-weighted mean; "
+        f"{BESIDE[beside.law]}: predicted shortfall {beside.after:.1%} (time-weighted mean; "
         f"{beside.before:.1%} with the present gains)"
-        + (f"; its own step gives up {beside.given_up:.0%} for that" if beside.given_up > 0.005 else "")
+        + (f"; this costs the main step {beside.given_up:.0%}" if beside.given_up > 0.005 else "")
     )
 
 
@@ -170,9 +168,9 @@ def _lags(shown: GainCandidate) -> bool:
 
 
 SPEEDS = (0.5, 2.0)
-"""Shares of the experiment's speed that are looked at."""
+"""Speeds to check, relative to that of the experiment. Chosen."""
 ENOUGH_GAIN, ENOUGH_PHASE = 1.6, math.radians(25.0)
-"""Chosen: below these the sentence is a warning."""
+"""Margins below which the sentence is a warning. Chosen."""
 MOST = 100.0
 
 
@@ -185,7 +183,7 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
 
 
 def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
-    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that does not steer by way."""
+    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that steers without speed."""
     speed = problem.spec.speed
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
     if speed is None or steered_by_thrust:
@@ -197,13 +195,13 @@ def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: Referenc
         told.append(f"{share * speed:.2f} m/s {_remaining(margins)}")
         thin = thin or not margins.stable or margins.gain < ENOUGH_GAIN or margins.phase < ENOUGH_PHASE
     yield (
-        f"if it turns as ships do (rate per rudder in proportion to speed, time constant inversely) there remain at "
-        f"{' and at '.join(told)}" + ("; do not go there with these gains before tuning there" if thin else "")
+        f"margins at other speeds, if turn rate per rudder is proportional to speed and the time constant inversely: "
+        f"{'; '.join(told)}" + (". Tune there before using these gains there" if thin else "")
     )
 
 
 def _remaining(margins: Margins) -> str:
     if not margins.stable:
-        return "no margin at all: the loop is unstable"
+        return "unstable"
     gain = f"{margins.gain:.1f}" if margins.gain <= MOST else f"more than {MOST:.0f}"
     return f"a factor of {gain} in gain and {math.degrees(margins.phase):.0f} deg of phase"

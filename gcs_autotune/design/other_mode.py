@@ -21,9 +21,9 @@ __all__ = ["SHORTER", "OtherMode", "other_mode", "shortfall_of", "turn_rate_step
 SHARE_OF_TURN = 0.6
 """Of the turn rate at full output that the step may reach, either way."""
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
-"""The turn-rate step, with way on and without, from half of it to port to half of it to starboard; less where the craft
-cannot. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead band. There it is a matter
-of chance how a step ends (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
+"""The turn-rate step, with speed and at rest, from half of it to port to half to starboard; less if the craft cannot
+reach it. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead zone, where the end
+of a step is random (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
 SETTLE_OF_TIME = 5.0
 """A turn-rate step is given so many time constants of the craft."""
 LEAST_UNDER_WAY, LEAST_AT_REST, MOST = 6.0, 3.5, 20.0
@@ -32,7 +32,7 @@ SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
 """What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole.
 Longer steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
 SHORTER = 0.85
-"""A craft at rest is held turning for this share of its step, for that is how far it gets from where it started."""
+"""Time that a craft at rest is held turning, relative to its step. Chosen."""
 HOLD_AT_REST = 3.0
 """Seconds that a craft at rest is held at least before a heading step."""
 
@@ -54,7 +54,7 @@ def turn_rate_step(
 
 
 def shortfall_of(itae: float, seconds: float) -> float:
-    """Return an error over time [s^2] of a step of *seconds* as a share of that of a craft that never moves."""
+    """Return an ITAE [s^2] of a step of *seconds* relative to that of a craft that never moves."""
     return 2.0 * itae / seconds**2
 
 
@@ -70,7 +70,7 @@ class OtherMode:
         return predict_error(self.problem, settings, self.problem.step, self.duration)
 
     def shortfall(self, settings: Settings) -> float:
-        """Return the error over time as a share of that of a craft that never follows: 0 is perfect."""
+        """Return the ITAE relative to that of a craft that never follows: 0 is perfect."""
         return shortfall_of(self.error(settings).itae, self.duration)
 
 

@@ -43,13 +43,13 @@ def in_fractions(
     UsageError
         The model's input is not a fraction and *full_scale* is missing, or the covariance is unusable.
     NoGainsMeetSpec
-        The craft answers its actuator the wrong way round, or does not answer.
+        The craft responds to its actuator in the wrong direction, or not at all.
     """
     if covariance.shape != (5, 5) or not np.all(np.isfinite(covariance)):
         raise UsageError("the covariance must be a finite 5 x 5 matrix (alpha, beta, beta_quadratic, delta, delay)")
     if full_scale is None and model.input_unit != "1":
         raise UsageError(
-            f"the model's input is in {model.input_unit}; give the full scale ({model.input_unit} at full output)"
+            f"the model's input is in {model.input_unit}. Supply its full scale ({model.input_unit} at full output)"
         )
     scale = 1.0 if full_scale is None else full_scale
     if scale == 0.0 or not math.isfinite(scale):
@@ -105,16 +105,16 @@ def _physical(model: SingleDof, numbers: NDArray[np.float64]) -> NDArray[np.floa
 
 def _check(model: SingleDof, numbers: NDArray[np.float64]) -> None:
     if not np.all(np.isfinite(numbers)):
-        raise NoGainsMeetSpec(f"the {model.dof} model holds numbers that are not finite; identify again")
+        raise NoGainsMeetSpec(f"the {model.dof} model has numbers that are not finite. Identify again")
     if numbers[0] <= 0.0:
         raise NoGainsMeetSpec(
-            f"the {model.dof} model says the craft turns or moves against its output (inertia {numbers[0]:.3g}); "
-            "check the actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
+            f"in the {model.dof} model the craft moves against its output (inertia {numbers[0]:.3g}). "
+            "Check the actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
         )
     if numbers[4] < 0.0:
-        raise NoGainsMeetSpec(f"the {model.dof} model has a negative delay ({numbers[4]:.3g} s); identify again")
+        raise NoGainsMeetSpec(f"the {model.dof} model has a negative delay ({numbers[4]:.3g} s). Identify again")
     if abs(numbers[3]) >= 0.9:
         raise NoGainsMeetSpec(
-            f"{abs(numbers[3]):.0%} of the {model.dof} actuator is used up by a constant force (trim, wind, "
-            "weight); trim the craft first"
+            f"a constant force (trim, wind, weight) uses {abs(numbers[3]):.0%} of the {model.dof} actuator. "
+            "Trim the craft first"
         )

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 RATE = 50.0
 """Most samples per second kept [Hz]."""
 EVERY = 0.1
-"""Chosen [s]: so often is asked whether the craft is at rest."""
+"""Time between checks whether the craft is at rest [s]. Chosen."""
 
 
 class PairAsFlown(NamedTuple):

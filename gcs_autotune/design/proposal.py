@@ -1,4 +1,4 @@
-"""From a model to a proposal: the one way into this room for whoever wants gains."""
+"""From a model to a proposal: the entry of this package."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LOOP_PERIODS = 1.5
 MIN_SPAN = 5.0
 """Predicted steps are at least this long [s]."""
 SMALL = 1.0 / 3.0
-"""Share of the wanted step after which the loop is left alone: the usual correction is smaller than a step."""
+"""Size of the small step for residual motion, relative to the required step. Chosen: usual corrections are small."""
 FOLLOWED = 0.01
 """The other mode is followed well enough where it falls short by no more than this share."""
 NOTEWORTHY = 0.9
@@ -58,10 +58,10 @@ SAME = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvisionalGains:
-    """What gains would be designed from what is known so far: the step ``wanted``, the ``gains`` under canonical names.
+    """The gains that the present model would give: the reference ``wanted``, the ``gains`` under canonical names.
 
-    ``itae`` [s^2]: their predicted error over time, as it is read where steps are flown; ``spread`` as in
-    :class:`Proposal`; ``span`` [s]: what they were searched over.
+    ``itae`` [s^2]: their predicted ITAE, evaluated like flown steps; ``spread`` as in :class:`Proposal`; ``span`` [s]:
+    the time of the search.
     """
 
     wanted: ReferenceModel
@@ -160,10 +160,10 @@ def provisional(
     spec: Spec,
     last: ProvisionalGains | None = None,
 ) -> ProvisionalGains:
-    """Return nearly what :func:`design` would come to: enough to tell what is left open as long as more is flown.
+    """Return an approximation of :func:`design`, sufficient to judge the remaining uncertainty during the experiments.
 
-    The search goes on from the *last* ones, for the same wish; without them it begins as a design does. It is the
-    short one of either, and what is there already counts for nothing. Errors as those of :func:`design`.
+    The search continues from the *last* gains for the same specification; without them it starts like a design. It is
+    short, and ignores the present gains. Errors as those of :func:`design`.
     """
     problem = _problem(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
@@ -193,15 +193,15 @@ def design_from(
 ) -> Proposal:
     """Return new gains for *axis* from a model with effects, as :func:`design` does from a plain one.
 
-    Delays, lag, drag and whatever bends or holds up the actuator stand in the loop that is simulated and, as far as
-    they are linear, in the margins; ``remarks`` say what became of each effect and what else can be done about it.
+    Delays, lag, drag and actuator effects are in the simulated loop and, if linear, in the margins; ``remarks`` state
+    the treatment of each effect and further advice.
 
     inputs : unit per input of the model (SI when missing). names, covariance : (p, p) of its fitted numbers.
 
     Raises
     ------
     AutotuneError
-        As :func:`design`; UsageError when the model does not move on this axis.
+        As :func:`design`; UsageError if the model does not have this axis.
     """
     spec = spec or Spec()
     r = reduce(source, axis.dof, inputs or {}, law=axis.law, speed=spec.speed, names=names, covariance=covariance)
@@ -254,7 +254,7 @@ def _beside(other: OtherMode, before: GainCandidate, shown: GainCandidate, alone
 def _beyond_ranges(
     problem: DesignProblem, shown: GainCandidate, other: OtherMode | None, span: float
 ) -> GainCandidate | None:
-    """Return the better gains there are beyond the documented ranges, margins and noise as ever; None if none are."""
+    """Return better gains outside the documented ranges with the same margins and noise; None if there are none."""
     if problem.spec.beyond_ranges or not any(_at_end(g, shown.settings) for g in (*problem.gains, *problem.late)):
         return None
     gains, late = ([beyond(g) for g in group] for group in (problem.gains, problem.late))
@@ -299,12 +299,12 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
     for gain in axis.gains:
         if not math.isfinite(present.get(gain.parameter, math.nan)):
             raise ParameterMissing(
-                f"the present value of {gain.parameter} is not known, so it cannot be put back; "
-                "read the vehicle's parameters first",
+                f"the present value of {gain.parameter} is unknown, so it could not be restored. "
+                "Read the vehicle's parameters first",
                 name=gain.parameter,
             )
     if axis.needs_speed and spec.speed is None:
-        raise UsageError(f"the {axis.name} axis needs way on: give the speed at which it was identified")
+        raise UsageError(f"the {axis.name} axis needs speed. Supply the speed at which it was identified")
 
 
 def _problem(
@@ -374,16 +374,16 @@ def _changes(law: Law, axis: Axis, before: GainCandidate, after: GainCandidate, 
 
 def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
-        return f"{gain.meaning}: measured on the water, the speed that this throttle keeps"
+        return f"{gain.meaning}: measured on the water, the speed at this throttle"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
-        return f"{gain.meaning}: the identified model has no lag that would need it"
+        return f"{gain.meaning}: not needed, since the identified model has no lag"
     wanted, new = after.wanted, after.settings[gain.parameter]
     settled = settling_time(wanted.kind, wanted.omega_0)
     reason = f"{gain.meaning}: " + (
-        "chosen for the least predicted error over time of the step"
+        "chosen for the smallest predicted tracking error (ITAE) of the step"
         if is_refined
         else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
     )
     if new in (gain.low, gain.high):
-        reason += f", stopped at the documented {'least' if new == gain.low else 'most'}"
+        reason += f", limited to the documented {'minimum' if new == gain.low else 'maximum'}"
     return reason

@@ -1,8 +1,7 @@
-"""A model with effects cut down to what a loop of one axis is designed with, and what is said of the rest.
+"""Reduction of a model with effects to the plant of one axis, with remarks about the rest.
 
-Of the base model the axis' own inertia, drag and constant force stay; of the effects delays, the actuator and whatever
-adds to those. Every effect gets a :class:`Remark`: how the design treats it, and what the autopilot or a screwdriver
-can do about it.
+The axis keeps its own inertia, drag and constant force of the base model, and delays and actuator effects. Every effect
+gets a :class:`Remark`: how the design treats it, and what a parameter or a repair can do about it.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ def reduce(
     """
     form = model.base.form
     if dof not in form.dofs:
-        raise UsageError(f"the model is about {', '.join(form.dofs)}, not about {dof}")
+        raise UsageError(f"the model is of {', '.join(form.dofs)}, not of {dof}")
     axis = DOFS[dof]
     channel, gain, words = _drive(model, axis)
     at = form.dofs.index(dof)
@@ -102,16 +101,16 @@ def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
                 value = gain if isinstance(gain, float | int) else _named(model, gain)
                 drives[channel] = drives.get(channel, 0.0) + float(value)
     if not drives:
-        raise UsageError(f"nothing in the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
+        raise UsageError(f"no input of the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
     words = ""
     if len(form.dofs) > 1:
-        words = "the loop is designed for this axis alone, its coupling to the others left out"
+        words = "the loop is designed for this axis alone, without its coupling to the others"
     if len(drives) == 1:
         (channel, gain), *_ = drives.items()
         return channel, gain, words
     together = sum(abs(g) for g in drives.values())
     channel = "+".join(drives)
-    return channel, together, f"full output is taken as all of {', '.join(drives)} pulling together; {words}"
+    return channel, together, f"full output is the sum of {', '.join(drives)}; {words}"
 
 
 def _named(model: ExtendedModel, name: str) -> float:

@@ -1,4 +1,4 @@
-"""Reference models: the closed loop one wishes for, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
+"""Reference models of the closed loop, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
 
 Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The Bessel
 polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.

@@ -1,9 +1,9 @@
-"""The last stage of an automatic design: among gains inside the documented ranges, the least predicted error over time.
+"""The last stage of an automatic design: the smallest predicted ITAE inside the documented ranges.
 
 Matching follows reference models no faster than a share of the actuator, so that nothing saturates, and stops there.
-A loop that does saturate may still be the better one. Here gains are judged as the step on the water will be:
-simulated with every limit in place, both ways, over the same window, blind to errors the sensor cannot show. Bounded
-Nelder-Mead (Nelder1965), because what saturates and what is counted as no error has kinks. It starts from points
+A loop that does saturate may still be the better one. Here gains are judged like the step on the water:
+simulated with every limit, in both directions, over the same window, without errors below the sensor's resolution.
+Bounded Nelder-Mead (Nelder1965), because saturation and resolution make the cost nonsmooth. It starts from points
 spread evenly over a cube: the start of Sobol's sequence, unscrambled.
 """
 
@@ -41,15 +41,15 @@ __all__ = ["MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refi
 Array = NDArray[np.float64]
 
 PARTS = (1.0, 1.0 / 3.0)
-"""Shares of the wanted step the gains must be good at: the whole one, and one small enough not to saturate."""
+"""Step sizes relative to the required one: the full step, and one small enough not to saturate. Chosen."""
 GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
 """Chosen: overshoot beyond 5 % must pay for itself: each further 1 % counts like 4 % more error over time."""
 PRICE = 20.0
 """Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time..."""
 REGRET = 0.5
-"""...and by half a percent of it where no gains keep the wished-for margins: there the least ones have that price."""
+"""Price of the smallest margins if no gains keep the specified ones: half a percent of the cost. Chosen."""
 RESERVE = 1.05
-"""Margins and noise are held this much above what is asked for: the gains are rounded afterwards."""
+"""Reserve of margins and noise for the later rounding of gains. Chosen."""
 RESERVE_BESIDE = 1.01
 """...and so much where another mode counts, too: it may have what the first search has left."""
 MIN_ERROR = 1e-3
@@ -57,21 +57,21 @@ MIN_ERROR = 1e-3
 HARDEST = 3
 """How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
 NOTICEABLE = 0.97
-"""Gains must cost less than this share of the matched ones to be preferred to them."""
+"""Cost relative to the matched gains below which refined ones are preferred. Chosen."""
 HOPELESS = 3.0
-"""Gains whose predicted error alone costs so many times the least seen are not looked at any closer."""
+"""Predicted error relative to the smallest so far from which gains are not examined further. Chosen."""
 EVALUATIONS = 25
 """Of one descent, for each gain."""
 ROUNDS = 2
 """Descents one after the other; each starts where the last one ended, watching the samples that are hardest there."""
 SPREAD = 0.15
-"""Size of the first simplex, in square roots of fractions of the ranges: low gains are as finely told apart."""
+"""Size of the first simplex, in square roots of fractions of the ranges, for equal resolution of low gains."""
 SCATTER = 5
-"""2 to this power gains all over the ranges are looked at first: where ranges bind, the least lies far off."""
+"""Logarithm (base 2) of the number of start points over the ranges; if ranges bind, the minimum may be far away."""
 DESCENTS = 2
 """The first descents begin at the best so many of all starts."""
 SEARCHED = 8
-"""2 to this power gains all over the ranges are looked at before it is said that none are better than the present."""
+"""Logarithm (base 2) of the number of points tried before the present gains count as the best."""
 CLOSER = 32
 """So many of them, those predicted best, are judged."""
 WORTH = 0.95
@@ -82,10 +82,9 @@ CALM = 0.01
 BESIDE = 2.0
 """Chosen: each percent of the other mode's step that is not followed counts like 2 % more error over time."""
 FEED, FEEDS = "ATC_STR_RAT_FF", (0.25, 0.5, 0.75, 1.0)
-"""Gains for both modes are looked for from these shares of the feed-forward that follows turn rates exactly, too."""
+"""Further start values of the feed-forward for both modes, relative to the exact one. Chosen."""
 WIDER = 5.0
-"""Chosen: beyond the documented ranges gains are sought up to so many times the most, and down to that share of the
-least. The margins bound them, not this."""
+"""Factor by which the search exceeds the documented ranges at both ends. Chosen; margins limit the gains first."""
 YIELD = 1.05
 """The gains of both modes may have so many times the predicted error over time of the gains for one, at most."""
 
@@ -93,11 +92,11 @@ YIELD = 1.05
 def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
     """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
 
-    Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. What they find must
-    not have more objections than *chosen*, and be noticeably better; its ``wanted`` is that of *chosen*. Where no gains
-    keep the wished-for margins the descents are held to the least ones instead: gains that are safe to fly are never
-    traded for others that miss the same wish by less and do worse. Then once more with the gains that the law lets it
-    take up (``Law.late``), if that pays.
+    Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. The result must not
+    have more objections than *chosen*, and must be noticeably better; its ``wanted`` is that of *chosen*. If no gains
+    keep the specified margins, the smallest ones apply: gains that are safe to fly are never replaced by others that
+    are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if that
+    improves the result.
     """
     best = _refined(problem, chosen, [chosen.settings, problem.settings], duration)
     lenient = bool(best.objections)
@@ -174,8 +173,8 @@ def _noise_of(problem: DesignProblem, near: GainCandidate) -> float:
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
     """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
 
-    What is looked at is a scatter all over the documented ranges, and what descents make of the best of it. Present
-    gains that keep the wished-for margins are not given up for gains that do not.
+    Tries points spread over the documented ranges, and descents from the best of them. Present gains that keep the
+    specified margins are not replaced by gains that do not.
     """
     lenient = bool(before.objections)
     cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=lenient)
@@ -241,8 +240,8 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
 class _Cost:
     """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks.
 
-    *lenient*: the margins that count are the least ones, those wished for are a regret only. *other*: what the other
-    mode falls short counts as well, and the error over time of this one is *most* [s^2] at most.
+    *lenient*: the smallest margins are required, the specified ones only add cost. *other*: the shortfall of the other
+    mode counts too, and the ITAE of this one is at most *most* [s^2].
     """
 
     def __init__(

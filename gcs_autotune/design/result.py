@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class ReferenceModel:
-    """The wanted closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` names its family."""
+    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` is its family."""
 
     kind: str
     omega_0: float
@@ -97,10 +97,10 @@ class StepMetrics:
 
 
 class Beside(NamedTuple):
-    """How another mode fares that has the same gains, predicted.
+    """Prediction of another mode that uses the same gains.
 
-    ``law`` of that mode. ``before``, ``after``: the error over time of its step as a share of that of a craft that does
-    not follow at all. ``given_up``: by what share the error of the axis' own step is larger than without regard to it.
+    ``law`` of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not follow.
+    ``given_up``: relative increase of the ITAE of the axis' own step by considering that mode.
     """
 
     law: str
@@ -212,7 +212,7 @@ class Proposal:
         metrics = [
             (words, *(format_number(scale * getattr(p.metrics, name), 3) for p in (self.before, self.after)))
             for words, name, scale in (
-                ("error over time, ITAE [s^2]", "itae", 1.0),
+                ("tracking error, ITAE [s^2]", "itae", 1.0),
                 ("overshoot [%]", "overshoot", 100.0),
                 ("rise [s]", "rise", 1.0),
                 ("settling [s]", "settling", 1.0),
@@ -221,9 +221,7 @@ class Proposal:
         tables = [html_table(("predicted step", "old gains", "new gains"), metrics)]
         if changes:
             tables.insert(0, html_table(("gain", "old", "new", "why"), changes))
-        title = f"{self.axis} ({self.law}): " + (
-            "new gains, written nowhere yet" if changes else "the present gains stay"
-        )
+        title = f"{self.axis} ({self.law}): " + ("new gains, not written" if changes else "the present gains stay")
         return html_block(title, tables, self.notes)
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How fast may the loop be? Trying wishes from the fastest downwards, and judging what each one gives."""
+"""Choice of the loop's speed: try specifications from the fastest downwards and judge the results."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
 """Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
 as much as with the present gains, up to the second, when those overshoot more."""
 MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, MAX_OVERSHOOT = 2.0, math.radians(30.0), 0.4
-"""Chosen: what is offered, with a note, when the ranges rule out the wish and the user gave none."""
+"""Smallest margins of a proposal, with a note, if the ranges exclude the default specification. Chosen."""
 SLOWER = 0.8
 """Each further try is this much slower."""
 TRIES = 12
 SPANS = 8.0
-"""Candidates are compared over this many settling times of the fastest wish."""
+"""Time of comparison of candidates, in settling times of the fastest specification. Chosen."""
 PATIENCE = 2
-"""Slower wishes still looked at once one is acceptable: a wish the ranges cannot follow may not be the best."""
+"""Slower specifications tried after an acceptable one, since one limited by the ranges may not be the best. Chosen."""
 NOTICEABLE = 0.9
-"""A slower wish must lower the predicted ITAE to this share to be preferred."""
+"""Predicted ITAE of a slower specification, relative to the faster one, below which it is preferred. Chosen."""
 FASTEST, SLOWEST = 20.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCandidate:
-    """One wish, the gains it led to, what they promise, and what speaks against them."""
+    """One specification with its gains, their prediction, and objections."""
 
     wanted: ReferenceModel
     settings: Settings
@@ -62,14 +62,14 @@ class GainCandidate:
 
 
 def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
-    """Return the best acceptable candidate: the given wish, or the fastest that gains nothing by slowing down.
+    """Return the best acceptable candidate: the user's specification, or the fastest without a better slower one.
 
-    patience : slower wishes still looked at once one is acceptable.
+    patience : slower specifications tried after an acceptable one.
 
     Raises
     ------
     NoGainsMeetSpec
-        Nothing passes; the message says by how much the last one failed and what to try.
+        Nothing passes; the message states why the last one failed and what to try.
     """
     tried: list[GainCandidate] = []
     best: GainCandidate | None = None
@@ -94,7 +94,7 @@ def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
 
 
 def _tolerable(tried: Sequence[GainCandidate]) -> GainCandidate | None:
-    """Return the fastest wish among those not noticeably worse than the best that are still safe to fly."""
+    """Return the fastest specification among those safe to fly and not noticeably worse than the best."""
     safe = [c for c in tried if is_tolerable(c)]
     least = min((_score(c) for c in safe), default=0.0)
     return next((c for c in safe if _score(c) * NOTICEABLE <= least), None)
@@ -105,7 +105,7 @@ def _score(candidate: GainCandidate) -> float:
 
 
 def is_tolerable(candidate: GainCandidate) -> bool:
-    """Whether gains that miss the wish are still safe to fly: stable over the region, with the least margins."""
+    """Return whether gains below the specification are safe: stable over the region, with the smallest margins."""
     low = candidate.worst_margins
     return (
         low.stable
@@ -125,10 +125,10 @@ def judge(problem: DesignProblem, wanted: ReferenceModel, settings: Settings, du
 
 
 def objections(problem: DesignProblem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
-    """Yield what is wrong with gains whose worst margins and predicted step are given."""
+    """Yield objections to gains with these worst margins and this predicted step."""
     spec = problem.spec
     if not low.stable:
-        yield "the loop is unstable for some craft within the 95 % region of the identification"
+        yield "the loop is unstable for part of the 95 % region of the identified model"
     else:
         if low.gain < spec.gain_margin:
             yield f"gain margin {low.gain:.2f}, less than {spec.gain_margin:.2f}"
@@ -138,7 +138,7 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
             yield f"phase margin {has:.{digits}f} deg, less than {wants:.0f} deg"
         needed = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         if low.delay < needed:
-            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s wanted in reserve"
+            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s required"
     metrics = prediction.metrics
     most = max_overshoot(problem)
     if metrics.overshoot > most:
@@ -149,7 +149,7 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
 
 
 def max_overshoot(problem: DesignProblem) -> float:
-    """Return how far the predicted step may overshoot, as a share of it."""
+    """Return the largest predicted overshoot, relative to the step."""
     return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
@@ -168,7 +168,7 @@ def _wishes(problem: DesignProblem) -> Iterator[ReferenceModel]:
 
 
 def _fastest(problem: DesignProblem) -> float:
-    """Return the fastest flyable wish [rad/s]: actuator, velocity limit and total delay leave room for it."""
+    """Return the fastest possible specification [rad/s] for actuator, velocity limit and total delay."""
     spec, model = problem.spec, problem.model
     limit = problem.law.velocity_limit(problem.settings, spec.speed)
     low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))
@@ -180,7 +180,7 @@ def _fastest(problem: DesignProblem) -> float:
     if not is_flyable(low):
         raise NoGainsMeetSpec(
             f"the constant force on the craft ({abs(model.delta):.0%} of full output) leaves too little of the "
-            f"actuator for any step (limit {spec.actuator_use:.0%}); trim the craft or allow more actuator use"
+            f"actuator for a step (limit {spec.actuator_use:.0%}). Trim the craft or allow more actuator use"
         )
     if is_flyable(high):
         return math.exp(high)
@@ -193,7 +193,7 @@ def _fastest(problem: DesignProblem) -> float:
 def _refusal(problem: DesignProblem, last: GainCandidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
-        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop; the last try, "
-        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a slower settling time, a "
+        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop. The last try, "
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a longer settling time, a "
         "smaller step, or a longer experiment (less uncertainty)"
     )

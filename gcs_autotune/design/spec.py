@@ -1,4 +1,4 @@
-"""What the user wants from a loop, and what the design must know besides the model."""
+"""The specification of a loop, and further inputs of its design."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["Spec"]
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """The wish. Everything but ``step`` may be left to the design.
+    """The specification. Everything but ``step`` can be left to the design.
 
     Attributes
     ----------
-    step : the step the loop is wanted for [rad or m]; 30 deg and 1 m when None.
+    step : the step to design for [rad or m]; None: 30 deg or 1 m.
     kind : family in ``REFERENCE_MODELS``.
     omega_0 : characteristic frequency [rad/s]; None lets the design find the fastest acceptable.
     settling_time : to 5 % [s], instead of ``omega_0``.
@@ -29,7 +29,7 @@ class Spec:
         None: steps of a loop that has long settled, as long as they take.
     windows : how long [s] step and step back were recorded with the present gains; empty: ``step_duration``.
     settled_band, settled_time : a flown half is over when the signal has been so near its target [rad or m] for so
-        long [s]. Gains are chosen over ``step_duration`` all the same; only what is told of them is of such halves.
+        long [s]. Gains are chosen over ``step_duration`` all the same; only the reported metrics are of such halves.
     settled_least : ... or for so long [s], where signal and output are at rest by then.
     hold : how long [s] the craft is held before that step, by a loop whose integral is empty at first; 0: one that
         has long settled.
@@ -37,12 +37,12 @@ class Spec:
     jitter_std : the part of that noise which changes from sample to sample and so moves the actuator [rad or m]; None:
         all of it.
     noise_bandwidth : half the rate at which that noise was measured [Hz].
-    quantum : smallest step of the position's sensor [rad or m]; errors within it count as none.
+    quantum : smallest step of the position's sensor [rad or m]; errors within it count as zero.
     link_delay : part of the identified delay [s] that lies in the telemetry link, not in the autopilot's loop.
     loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
     gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
-    actuator_use : fraction of full output that the wanted step may need.
-    measured : parameters set to what was measured on the water, not designed.
+    actuator_use : largest output for the required step, normalised.
+    measured : parameters set to measured values, not designed.
     skid : whether the craft steers by the difference of two thrusters.
     beyond_ranges : whether gains may leave their documented ranges, with the same margins.
     throttle : throttle that a boat of vectored thrust, or of two thrusters, was identified at, fraction of full; 0 when
@@ -78,7 +78,7 @@ class Spec:
     def __post_init__(self) -> None:
         lookup(REFERENCE_MODELS, self.kind, "reference model")
         if self.omega_0 is not None and self.settling_time is not None:
-            raise UsageError("give either a characteristic frequency or a settling time, not both")
+            raise UsageError("use either a characteristic frequency or a settling time, not both")
         positive = (
             "step",
             "omega_0",

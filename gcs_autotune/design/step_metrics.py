@@ -23,7 +23,7 @@ SPIKE = 0.25
 NOISE_STDS = 2.0
 """Errors within so many standard deviations of the noise count as none."""
 QUANTUM = 1.01
-"""A reading one quantum off the target is as near as the sensor can tell; the hundredth is for float32 rounding."""
+"""Tolerance in quanta of the sensor, plus a hundredth for float32 rounding."""
 HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Parabolas that an error is read through reach over so many samples to each side, ..."""
 _HALVES = np.array(HALVES)
@@ -31,14 +31,14 @@ INTERVAL = 1.5
 """...as long as intervals of so many standard errors have a point in common. Chosen on synthetic steps: wider ones take
 the corners off, narrower ones leave more noise (tests/design/test_error_estimate.py)."""
 LAST_PART = 1.0 / 3.0
-"""Share of the record that tells about the steady state."""
+"""Fraction of the record used for the steady state. Chosen."""
 
 _LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 _lean: Callable[[Callable[..., None]], Callable[..., None]] = njit(**_LEAN)
 
 
 class StepError(NamedTuple):
-    """What a search for gains asks of a step: ``itae`` [s^2] and ``overshoot`` as in ``StepMetrics``."""
+    """The metrics of a step that a search for gains uses: ``itae`` [s^2] and ``overshoot`` as in ``StepMetrics``."""
 
     itae: float
     overshoot: float
@@ -92,7 +92,7 @@ def step_metrics(
     size = float(target[-1] - start)
     floor = _floor_of(size, noise_std, quantum)
     if len(t) - begin < MIN_SAMPLES:
-        raise NotInformative(f"only {len(t) - begin} samples after the step; record longer or ask for higher rates")
+        raise NotInformative(f"only {len(t) - begin} samples after the step. Record longer or request higher rates")
     smooth = _without_spikes(position, size)[begin:]
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
@@ -116,7 +116,7 @@ def step_metrics(
 def step_error(
     t: Array, position: Array, size: float, *, noise_std: float = 0.0, quantum: float = 0.0, noise_time: float = 0.0
 ) -> StepError:
-    """Return what :func:`step_metrics` says of a simulated step of *size* from rest at 0: nothing there is wild.
+    """Return :func:`step_metrics` of a simulated step of *size* from rest at 0, without outliers.
 
     Raises
     ------
@@ -128,15 +128,15 @@ def step_error(
     seconds = t - t[0]
     itae = _error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time)
     if not math.isfinite(itae):
-        raise NotInformative("the simulated step holds samples that are not finite")
+        raise NotInformative("the simulated step contains samples that are not finite")
     return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor))
 
 
 def _floor_of(size: float, noise_std: float, quantum: float) -> float:
-    """Return :func:`noise_floor` as a share of a step of *size*."""
+    """Return :func:`noise_floor` relative to a step of *size*."""
     floor = noise_floor(noise_std, quantum)
     if abs(size) <= 2.0 * floor:
-        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise; use a larger step")
+        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise. Use a larger step")
     return floor / abs(size)
 
 
@@ -211,11 +211,11 @@ def _checked(*signals: Array) -> list[Array]:
     if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
         raise NotInformative("time, target, position and output of a step must be equally long")
     if not np.all(np.isfinite(np.array(arrays))):
-        raise NotInformative("the step holds samples that are not finite; drop them first")
+        raise NotInformative("the step contains samples that are not finite. Drop them first")
     if len(arrays[0]) < MIN_SAMPLES:
-        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured; record longer")
+        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured. Record longer")
     if np.any(np.diff(arrays[0]) < 0.0) or arrays[0][-1] <= arrays[0][0]:
-        raise NotInformative("the step's time does not run forwards")
+        raise NotInformative("the time of the step does not increase")
     return arrays
 
 

@@ -1,7 +1,7 @@
-"""The stated measure: is the step after really better than the step before?
+"""The criterion for keeping gains: is the step after better than the step before?
 
-New gains are kept only when every line holds; otherwise the old ones are put back. In words: clearly less
-error over time, and none of the usual prices for it (overshoot, oscillation, a standing error, a busy actuator).
+New gains are kept only if every line holds; otherwise the old ones are restored. The ITAE must be clearly lower,
+without more overshoot, oscillation, steady error or actuator travel.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
     change = f", {abs(1.0 - new / old):.0%} {'lower' if new <= old else 'HIGHER'}" if known else ""
     swing = max(TIMES * scatter.get("oscillation", 0.0), SCATTER_OF_PEAKS * before.oscillation)
     lines = [
-        (True, f"error over time (ITAE) {old:.3g} -> {new:.3g} s^2{change}"),
+        (True, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2{change}"),
         _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
         _travel(before, after),
     ]
@@ -102,15 +102,15 @@ def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
 def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | None) -> tuple[bool, str]:
     old, new = before.itae, after.itae
     if not math.isfinite(new):
-        return False, "the new step's error could not be measured"
+        return False, "the tracking error of the new step could not be measured"
     if not math.isfinite(old):
-        return True, f"error over time (ITAE) {new:.3g} s^2; before it could not be measured"
+        return True, f"tracking error (ITAE) {new:.3g} s^2; not measurable before"
     good = new <= ITAE_RATIO * old
     change = f"{abs(1.0 - new / old):.0%} {'lower' if new <= old else 'higher'}" if old > 0.0 else "higher"
-    tail = "" if good else f"; at least {1.0 - ITAE_RATIO:.0%} lower is asked for"
+    tail = "" if good else f"; at least {1.0 - ITAE_RATIO:.0%} lower is required"
     if not good and other is not None and new <= NO_WORSE * old and other[1] <= CLEARLY * other[0]:
         good, tail = True, f"; the other mode's error is {1.0 - other[1] / other[0]:.0%} lower"
-    return good, f"error over time (ITAE) {old:.3g} -> {new:.3g} s^2, {change}{tail}"
+    return good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2, {change}{tail}"
 
 
 def _limit(what: str, new: float, least: float, old: float, scatter: float) -> tuple[bool, str]:
@@ -119,7 +119,7 @@ def _limit(what: str, new: float, least: float, old: float, scatter: float) -> t
     good = new <= most
     text = f"{what} {old:.1%} -> {new:.1%} of the step"
     if good and new > max(least, old):
-        text += ", within the scatter of the measurement"
+        text += ", within measurement scatter"
     return good, text if good else f"{text}, more than the {most:.1%} allowed"
 
 
@@ -134,7 +134,7 @@ def _settles(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
     if math.isfinite(after.settling):
         return True, f"settled after {after.settling:.1f} s"
     if after.hidden_by_noise:
-        return True, "settling cannot be read: the noise is wider than the 5 % band"
+        return True, "settling time not readable: the noise exceeds the 5 % band"
     if math.isfinite(before.settling):
-        return False, f"did not settle to 5 %; the old gains did in {before.settling:.1f} s"
-    return True, "neither step was within 5 % when its record ended"
+        return False, f"not settled within 5 %; the old gains settled in {before.settling:.1f} s"
+    return True, "neither step settled within 5 % in its record"

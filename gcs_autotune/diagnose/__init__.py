@@ -9,6 +9,7 @@ strategies        what makes the next state of one: the search, and second looks
 candidates        which effects are worth a fit; fitted roughly, to the end
 starting_points   where fits may begin where the base is lost
 score             evidence, gain, who wins
+evidence          the gain of each cause, and hints: causes supported too weakly to be named
 heldout           errors on data left out
 adequacy          is anything left? would a law without a name do better?
 resonance_check   a wave, or the craft's own ringing
@@ -35,6 +36,8 @@ from gcs_autotune.diagnose.result import (
     Cause,
     Diagnosis,
     ErrorReduction,
+    Hint,
+    Lack,
     Number,
     Numbers,
     Portrait,
@@ -53,6 +56,8 @@ __all__ = [
     "CraftComparison",
     "Diagnosis",
     "ErrorReduction",
+    "Hint",
+    "Lack",
     "MissingCurve",
     "MissingForce",
     "Number",

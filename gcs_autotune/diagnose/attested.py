@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 
 WORTH = 3.0
 """Log-likelihood gained on data left out (odds of twenty to one) that a name must have."""
+
+AMPLE = 10.0
+"""Chosen: log-likelihood gained on data left out that needs no interval where each of three parts contributes to it."""
+
 FAR_MORE = 3.0
 """Chosen: so many times what is needed, gained on what is left out, makes up for too little on the runs given. With
 once as much, asymmetric thrust was named of a clean craft (weather, seed 75 case 11: 5.6 of 6.4, 12.5 left out)."""
@@ -57,6 +61,12 @@ class Attested:
     brief: bool = False
     """Its time, or the craft's own beside it, is so short that it may as well be a smoother of the recorded signal, or
     the craft's inertia; or shorter than the interval judged where commands answer the heading: never named."""
+    uncertain: bool = False
+    """Whether the 95 % intervals of its numbers contain no effect: never named."""
+    ahead: float = 1.0
+    """Error some seconds ahead on the runs given, over that of the model before; 1 where it was not looked at."""
+    unsound: str = ""
+    """Why it is not named although it pays: no model of the craft stands with it, or predictions are no better."""
 
     @property
     def foretold(self) -> float:
@@ -64,12 +74,21 @@ class Attested:
         return float(self.unseen.sum())
 
     @property
+    def ample(self) -> bool:
+        """Whether each of three parts and more left out contributes to ten nats, and none all but three of them.
+
+        That is sure whatever its scatter over blocks: no single gust brings it.
+        """
+        even = len(self.unseen) > 2 and bool(np.all(self.unseen > 0.0))
+        return even and self.foretold > AMPLE and self.foretold - float(self.unseen.max()) > WORTH
+
+    @property
     def holds(self) -> bool:
         """Whether what is left out gains surely, and every part of it.
 
-        Of three parts and more one may lose, where the others gain well more.
+        Of three parts and more one may lose, where the others gain well more. What is ample is sure.
         """
-        if self.interval[0] < 0.0:
+        if self.interval[0] < 0.0 and not self.ample:
             return False
         losing = int(np.sum(self.unseen <= 0.0))
         if losing == 0:
@@ -83,12 +102,12 @@ class Attested:
         those left out, where the plain model itself may be lost.
         """
         enough = self.gain > self.needed or self.foretold > FAR_MORE * self.needed
-        return enough and self.holds and not self.brief
+        return enough and self.holds and not self.brief and not self.uncertain and not self.unsound
 
     @property
     def falls_short(self) -> bool:
-        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
-        return self.gain > self.needed and not self.holds
+        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen, or is unsound."""
+        return self.gain > self.needed and (not self.holds or bool(self.unsound))
 
 
 def densities_of(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:

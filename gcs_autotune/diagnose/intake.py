@@ -10,7 +10,7 @@ What is merely wrong by a factor, a sign or an offset is for the table of effect
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
 from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, check_axes, clock_jump, left_out, parts_of
+from gcs_autotune.models import FORCES
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["taken_in", "without_repeats"]
+__all__ = ["taken_in", "within_manoeuvre", "without_repeats"]
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,11 @@ SAME = 0.1
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
 """The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when
 it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
+
+
+STEADY, GRID, LEAST_LEFT = 0.25, 1000, 0.5
+"""Chosen: share of its usual value within which another axis' command counts as steady; places along a run at which
+what is usual is read; share of a run that its manoeuvre is at least."""
 
 
 def check_clock(run: Trial) -> None:
@@ -188,6 +194,33 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     if not found:
         raise failures[0][1]
     return found, [*doubts, *(left_out(name, failure) for name, failure in failures)]
+
+
+def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
+    """Return a run of our own without its approach and its clean-up.
+
+    While the command of another axis is far from its usual value (throttle put on, thrust off), the craft is another
+    one: a rudder steers by the propeller's wash. That stretch is left out at either end. The inputs *driven* are kept
+    whole, because an actuator that lags begins where earlier commands have left it.
+    """
+    if "manoeuvre" not in run.meta:
+        return run
+    begins, ends = run.start, run.end
+    for name in FORCES:
+        if name in driven or name not in run or len(run[name]) < 2:
+            continue
+        t, values = run[name].t, run[name].values
+        grid = np.linspace(begins, ends, GRID)
+        usual = float(np.median(values[np.maximum(np.searchsorted(t, grid, side="right") - 1, 0)]))
+        near = np.flatnonzero(np.abs(values - usual) <= STEADY * abs(usual))
+        if usual == 0.0 or not len(near):
+            continue
+        begins = max(begins, float(t[near[0]]))
+        ends = min(ends, float(t[near[-1] + 1])) if near[-1] + 1 < len(t) else ends
+    if (begins, ends) == (run.start, run.end) or ends - begins < LEAST_LEFT * run.duration:
+        return run
+    channels = {n: c if n in driven else c.between(begins, ends) for n, c in run.channels.items()}
+    return replace(run, channels=channels)
 
 
 def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:

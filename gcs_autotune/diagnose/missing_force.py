@@ -26,6 +26,9 @@ BINS, FEWEST = 9, 8
 WAY_ON = 0.1
 """Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
 
+MOVES = 2.0
+"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
+
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """What the missing force is told over -> its unit."""
 
@@ -37,8 +40,8 @@ TOLD = 0.1
 class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power, told by the other runs'
-    curve; below 0 when that curve tells nothing.
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power about its mean, predicted
+    by the other runs' curve; below 0 when that curve predicts less than their mean.
     """
 
     over: str
@@ -47,6 +50,11 @@ class MissingCurve:
     force: Array
     band: Array
     share: float
+
+    @property
+    def varies(self) -> bool:
+        """Whether no constant lies within the band everywhere: else it goes with nothing."""
+        return bool(np.max(self.force - self.band) > np.min(self.force + self.band))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +75,8 @@ class MissingForce:
 
     ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
     commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
-    own besides, none where runs are alike. ``waves``: beneath which they were, None for none.
+    own besides, none where runs are alike. ``waves``: beneath which they were, None for none. ``size95`` and
+    ``memory95``: 95 % intervals. ``longest`` [s]: the longest run; a memory that may be longer is a constant's.
     """
 
     dof: str
@@ -78,6 +87,9 @@ class MissingForce:
     curves: Mapping[str, MissingCurve]
     days: tuple[Day, ...] = ()
     waves: Waves | None = None
+    size95: tuple[float, float] = (0.0, math.inf)
+    memory95: tuple[float, float] = (0.0, math.inf)
+    longest: float = math.inf
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -88,7 +100,12 @@ class MissingForce:
         own = {"dof": self.dof, "unit": self.unit, "size": self.size}
         days = [asdict(day) for day in self.days]
         waves = None if self.waves is None else asdict(self.waves)
-        return {**own, "memory": self.memory, "share": self.share, "curves": curves, "days": days, "waves": waves}
+        intervals = {
+            name: [low, high if math.isfinite(high) else None]
+            for name, (low, high) in (("size95", self.size95), ("memory95", self.memory95))
+        }
+        told = {"memory": self.memory, "share": self.share, **intervals}
+        return {**own, **told, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +137,11 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
     share = size / commanded if commanded > 0.0 else math.nan
     days = days_of(search.problem, search.fit, inertia)
-    return MissingForce(search.dof, unit, size, water.memory, share, curves, days, _waves_of(water, inertia))
+    low, high = search.fit.interval_of("size")
+    size95 = low * abs(inertia), high * abs(inertia)
+    longest = max(float(s.stamps[-1]) - s.start for s in search.problem.segments)
+    own = (days, _waves_of(water, inertia), size95, search.fit.interval_of("memory"), longest)
+    return MissingForce(search.dof, unit, size, water.memory, share, curves, *own)
 
 
 def _waves_of(water: Water, inertia: float) -> Waves | None:
@@ -160,13 +181,19 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
             if name in original.measured and name != d.velocity:
                 own = original.measured[name]
                 known = np.isfinite(own.values)
-                if known.sum() > FEWEST:
+                if known.sum() > FEWEST and _moves(own.values[known]):
                     beside[name] = np.interp(t, own.t[known], own.values[known])
         if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
             beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
         found.append(_Estimate(original.run, t, force, std, beside))
     return found
+
+
+def _moves(values: Array) -> bool:
+    """Whether a measured velocity (n,) ranges beyond its own noise: a motion that did not happen explains nothing."""
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    return float(np.std(values)) > MOVES * noise
 
 
 def _places(x: Array) -> tuple[Array, Array]:
@@ -200,9 +227,10 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         others = [p for j, p in enumerate(pieces) if j != k]
         curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
         at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
-        told = np.nan_to_num(curve[at])
+        constant = float(np.mean(np.concatenate([p[1] for p in others])))
+        told = np.where(np.isfinite(curve[at]), curve[at], constant)
         left += float(np.sum((own_y - told) ** 2))
-        whole += float(np.sum(own_y**2))
+        whole += float(np.sum((own_y - constant) ** 2))
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
     count = np.sum(np.isfinite(each), axis=0)
@@ -259,11 +287,11 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
         found.append(
             f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
-            f"it changes within {missing.memory:.3g} s"
+            f"it changes within {missing.memory:.3g} s{_sure_of(missing)}"
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        told = [c for c in missing.curves.values() if c.share > TOLD]
+        told = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
         for curve in told[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
@@ -279,6 +307,16 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
     return tuple(found)
+
+
+def _sure_of(missing: MissingForce) -> str:
+    """Return the 95 % intervals in words, and whether the force may be a constant; nothing where none is known."""
+    (low, high), (soon, late) = missing.size95, missing.memory95
+    if not math.isfinite(high):
+        return ""
+    until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
+    words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
+    return words + "; these runs do not distinguish it from a constant" * (late > missing.longest)
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
@@ -301,6 +339,8 @@ def _shortfall_of(unnamed: Attested) -> str:
     fits = (
         f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
     )
+    if unnamed.unsound:
+        return f"{fits}, but {unnamed.unsound}: not named"
     if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
@@ -316,8 +356,8 @@ def next_of(missing: MissingForce | None) -> str | None:
     """Return the manoeuvre that would tell what the missing force is."""
     if missing is None or not missing.curves:
         return None
-    best = next(iter(missing.curves.values()))
-    if best.share <= TOLD:
+    best = next((c for c in missing.curves.values() if c.varies), None)
+    if best is None or best.share <= TOLD:
         return (
             f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
             f"{_of(missing)} hides what is smaller than a fraction of it"

@@ -25,11 +25,13 @@ from gcs_autotune.diagnose.process_noise_starts import (
     ROUGH,
     WAVES,
     Say,
+    at_the_right_interval,
     momentary,
     plain_under_process_noise,
 )
-from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of
-from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
+from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, rms_ahead, stands
+from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import (
     Fitted,
     Problem,
@@ -80,6 +82,15 @@ seed 463: one of 0.39 s, nearly three, which is worth 338)."""
 LATE = ("input-delay", "actuator-lag")
 """What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
+FAR_AHEAD = 0.85
+"""Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
+
+CONSTANT = ("input-bias", "net-buoyancy")
+"""The constant force of a degree of freedom, by the slugs that it may have."""
+
+SHRUNK = 0.3
+"""Chosen: share of its size and memory at which the process noise of a fit begins once a constant is beside it."""
+
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
 
@@ -107,6 +118,10 @@ class WeatherSearch:
     folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
     still: float = math.inf
     cut: str = ""
+    hint: WanderingFit | None = None
+    """A fit with one cause to begin from, besides those the search has itself."""
+    interval: str = ""
+    """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
 
     @property
     def momentary(self) -> bool:
@@ -146,33 +161,50 @@ def asked_of(problem: Problem) -> tuple[Form, str] | None:
 
 
 def search_under_process_noise(
-    problem: Problem, base: Fitted, slugs: Sequence[str], unseen: Sequence[Segment], say: Say
+    problem: Problem,
+    base: Fitted,
+    slugs: Sequence[str],
+    unseen: Sequence[Segment],
+    say: Say,
+    *,
+    in_blocks: bool = False,
 ) -> WeatherSearch | None:
     """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or no model
     of the craft was found beneath the weather.
 
     problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
-    apart, to judge on only.
+    apart, to judge on only. in_blocks : blocks of every run are left out in turn, not whole runs.
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
+    hint, words = None, ""
+    if asked is not None and begun is not None and not momentary(*begun):
+        begun, hint, words = at_the_right_interval(problem, *asked, begun, slugs, say)
     if asked is None or begun is None:
         return None
     (form, signal), (wandering, plain) = asked, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
-    calm = _over_none(wandering, plain)
-    folds, words = _folds(wandering.segments, held)
-    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
+    calm = _over_constants(wandering, plain)
+    folds, parts = _folds(wandering.segments, held, in_blocks=in_blocks)
+    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, parts, folds, still=calm)
+    search = replace(search, hint=hint, interval=words)
     if calm < PRESENT or search.momentary:
         return search
     try:
+        search = _with_constant(search, slugs)
+        if search.named:
+            search = replace(search, still=_over_constants(wandering, search.fit))
         for _ in range(MOST_CAUSES):
             before, search = search, _one_more(search, slugs, say)
             if len(search.named) == len(before.named):
                 break
             search = replace(_without_idle(search), still=math.inf)
-            search = replace(search, still=_over_none(wandering, search.fit))
+            search = replace(search, still=_over_constants(wandering, search.fit))
+        if search.named:
+            wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
+            changes = changes_at(wandering, search.fit, wider)
+            search = replace(search, interval="; ".join(filter(None, (words, *changes))))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
@@ -189,26 +221,83 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
         without = search.problem.fit(search.fit.theta, rest, search.fit.water)
         if without is not None and search.fit.total - without.total < WORTH:
             named = tuple(a for a in search.named if a is not name)
-            groups = tuple(g for g in search.alike if g[0] != name.effect.slug)
+            groups = tuple(g for g in search.alike if g[0] != name_of(name.effect))
             search = replace(search, named=named, fit=without, alike=groups)
     return search
 
 
-def _over_none(problem: WanderingProblem, fit: WanderingFit) -> float:
-    """Return the log-likelihood that weather and waves of *fit* gain over none, inf where none runs away."""
-    still = replace(fit.water, size=1e-9, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
-    if problem.fit(fit.theta, fit.effects, still, rounds=0) is None:
-        return math.inf
-    fits = [problem.fit(fit.theta, fit.effects, replace(still, noise=still.noise * k), rounds=8) for k in (1.0, 10.0)]
-    return fit.total - max((f.total for f in fits if f is not None), default=-math.inf)
+def _over_constants(problem: WanderingProblem, fit: WanderingFit) -> float:
+    """Return the log-likelihood that the noise and waves of *fit* gain over the plainer laws of their family.
+
+    These are no force, one constant, and a constant of each run: with a long memory, a drifting force is a constant.
+    Beside the noise there may be a constant, too. Its number is paid for (Schwarz). inf where none of the plainer laws
+    can be evaluated.
+    """
+    still = fit.water.still
+    constants = _constants(problem, fit)
+    laws = [(fit.effects, still), *[((*fit.effects, own), still) for own in constants]]
+    if problem.runs > 1:
+        laws.append((fit.effects, replace(still, day_force=max(fit.water.size, fit.water.day_force))))
+    best = -math.inf
+    for effects, water in laws:
+        if problem.fit(fit.theta, effects, water, rounds=0) is None:
+            continue
+        fits = [problem.fit(fit.theta, effects, replace(water, noise=water.noise * k)) for k in (1.0, 10.0)]
+        best = max([best, *[f.total - _price_of_effects(f, fit) for f in fits if f is not None]])
+    noisy = [f for own in constants if (f := _beside(problem, fit, own)) is not None]
+    return max([fit.total, *[f.total - _price_of_effects(f, fit) for f in noisy]]) - best
+
+
+def _beside(problem: WanderingProblem, fit: WanderingFit, own: EffectInstance) -> WanderingFit | None:
+    """Return *fit* again with a constant force beside its noise, which is smaller and forgotten sooner without it."""
+    shorter = replace(fit.water, size=SHRUNK * fit.water.size, memory=SHRUNK * fit.water.memory)
+    tries = [problem.fit(fit.theta, (*fit.effects, own), water) for water in (fit.water, shorter)]
+    return max((f for f in tries if f is not None), key=lambda f: f.total, default=None)
+
+
+def _constants(problem: WanderingProblem, fit: WanderingFit) -> list[EffectInstance]:
+    """Return the constant force of this degree of freedom, to begin from; none where *fit* has one."""
+    dof = problem.form.dofs[0]
+    present = {(e.slug, e.place) for e in fit.effects}
+    return [
+        EffectInstance(slug, dof, dict(EFFECTS[slug].starts(dof, problem.data)[0]))
+        for slug in CONSTANT
+        if (slug, dof) not in present and dof in EFFECTS[slug].places(problem.data)
+    ]
+
+
+def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch:
+    """Return the search with a constant force named, where it is supported beside process noise; else unchanged.
+
+    A constant and a drifting force are nested laws, and a drifting force remembers a constant as well as it can. So the
+    constant is tried before any other cause, and as the only try.
+    """
+    problem = search.problem
+    offered = [e for e in _constants(problem, search.plain) if e.slug in slugs]
+    plain = differing(problem, search.plain) if offered else search.plain
+    for own in offered:
+        fit = _beside(problem, plain, own)
+        if fit is None:
+            continue
+        found = _attested(replace(search, tried=1), own, fit, plain, _unseen(search, plain))
+        if found.paid:
+            search = replace(search, named=(found,), judged=(found,), fit=fit)
+    return search
 
 
 def _folds(
-    segments: Sequence[Segment], held: Sequence[Segment]
+    segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: bool
 ) -> tuple[tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...], str]:
     runs = list(dict.fromkeys(s.run for s in segments))
     folds: list[tuple[tuple[Segment, ...], tuple[Segment, ...]]] = []
-    if len(runs) > 1:
+    if len(runs) > 1 and in_blocks:
+        pieces = [s.pieces(MOST_BLOCKS) for s in segments]
+        for k in range(max(map(len, pieces))):
+            own = tuple(b for blocks in pieces for b in blocks[k : k + 1])
+            rest = tuple(b for blocks in pieces for b in (*blocks[:k], *blocks[k + 1 :]))
+            folds.append((rest, own))
+        words = f"{len(folds)} blocks of every run left out in turn"
+    elif len(runs) > 1:
         for run in runs:
             folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
         words = f"each of {len(runs)} runs left out in turn"
@@ -298,7 +387,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         if fit.water.wavy:
             # What answers the commands in a rhythm may be taken for waves until its cause is there.
             tries.append(problem.fit(fit.theta, fit.effects, replace(fit.water, wave_swing=0.0, wave_force=0.0)))
-        ends.append((tried_one, max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)))
+        best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)
+        ends.append((tried_one, _or_hinted(search, present, tried_one, best_try)))
     if ends:
         best = max(ends, key=lambda e: e[1].total)[1]
         again = problem.fit(best.theta, present.effects, best.water)
@@ -309,7 +399,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     judged = []
     for k, (effect, fit) in enumerate(ends):
         say(f"{stage}: runs left out", k, len(ends))
-        judged.append(_attested(search, effect, fit, present, before))
+        judged.append(_sound(search, _attested(search, effect, fit, present, before), present, before))
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
     search = replace(search, judged=(*search.judged, *judged), fit=present)
     if not search.named:
@@ -322,14 +412,37 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
-    winner = plainest(alike[0], paid)
+    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, that is felt.
+    first = alike[0]
+    better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead]
+    winner = plainest(min(better, key=lambda a: a.ahead, default=first), paid)
     forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike
-    told = [a.effect.slug for a in (winner, *alike, *forms, *_as_likely(judged, winner))]
-    names = tuple(dict.fromkeys([*told, *["measurement-delay" for slug in told if slug in LATE]]))
+    told = [winner.effect, *(a.effect for a in (*alike, *forms, *_as_likely(judged, winner)))]
+    late = ["measurement-delay" for effect in told if effect.slug in LATE]
+    others = [*twins_of(winner.effect, problem.data), *map(name_of, told[1:]), *late]
+    names = tuple(dict.fromkeys([name_of(winner.effect), *others]))
     if len(names) > 1:
         groups = (*groups, names)
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+
+
+def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstance, best: WanderingFit) -> WanderingFit:
+    """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
+
+    Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
+    """
+    hint, problem = search.hint, search.problem
+    if hint is None or search.named or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
+        return best
+    water = replace(hint.water, day_force=present.water.day_force, day_thrust=present.water.day_thrust)
+    fits = [problem.fit(hint.theta, hint.effects, w) for w in (water, alike_in(hint.water, problem.runs))]
+    seconds = foresight(problem, search.plain)
+    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
+    if other is None or seconds is None or other.total <= present.total:
+        return best
+    far = rms_ahead(problem, other, seconds) < FAR_AHEAD * rms_ahead(problem, best, seconds)
+    return other if far or other.total > best.total else best
 
 
 def _attested(
@@ -345,13 +458,41 @@ def _attested(
     gain = fit.total - present.total
     now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
     before = densities_of(left_out, left_out)
-    after = densities_of(_unseen(search, fit), left_out) if gain > 0.5 * needed else before
+    after = densities_of(_unseen(search, fit), left_out) if gain > min(0.5 * needed, WORTH) else before
     foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
     lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
     brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
     brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
-    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, interval_of(before, after), brief)
+    sure, uncertain = interval_of(before, after), may_be_none(now, fit.errors_of(now))
+    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, sure, brief, uncertain)
+
+
+def _sound(
+    search: WeatherSearch, found: Attested, present: WanderingFit, left_out: Sequence[WanderingFit | None]
+) -> Attested:
+    """Return *found* with its error some seconds ahead, over that of *present*, and why it is not to be named although
+    it pays, if so: no model of the craft stands, or what is *left_out* is predicted no better so far ahead.
+    """
+    if not found.paid:
+        return found
+    if not stands(search.problem, found.fit):
+        return replace(found, unsound="no model of the craft stands with it")
+    seconds = foresight(search.problem, search.plain)
+    if seconds is None:
+        return found
+    squares = [0.0, 0.0]
+    for (_, test), before, after in zip(search.folds, left_out, _unseen(search, found.fit), strict=True):
+        runs = search.problem.on(test)
+        for k, fit in enumerate((before, after)):
+            errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
+            squares[k] += float(np.sum(errors**2))
+    given = [rms_ahead(search.problem, fit, seconds) for fit in (present, found.fit)]
+    if not (0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf):
+        return found
+    ratio = math.sqrt(squares[1] / squares[0])
+    why = "" if ratio < 1.0 else f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+    return replace(found, ahead=given[1] / given[0], unsound=why)
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
@@ -375,11 +516,15 @@ def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
 
 
 def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
-    """Return those that explain the given runs as well as *winner* and foretell others too, if not surely, or are too
-    brief to be named: these runs do not tell them apart.
+    """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
+    brief to be named, and those that explain them better: these runs do not distinguish them.
     """
     enough = winner.gain - 0.5 * ALIKE
-    return [a for a in judged if a.gain > enough and a.foretold > WORTH]
+    return [
+        a
+        for a in judged
+        if a.gain > enough and (a.foretold > WORTH or a.gain - _price(a.fit, winner.fit) > winner.gain)
+    ]
 
 
 def _lasts(effect: EffectInstance, data: DataSummary) -> float:
@@ -398,6 +543,12 @@ def _price(fit: WanderingFit, present: WanderingFit) -> float:
     """Return what additional parameters cost (Schwarz), as log-likelihood."""
     samples = sum(len(e) for _, e, _ in fit.innovations)
     return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
+
+
+def _price_of_effects(fit: WanderingFit, present: WanderingFit) -> float:
+    """Return what the additional numbers of effects alone cost (Schwarz), as log-likelihood."""
+    samples = sum(len(e) for _, e, _ in fit.innovations)
+    return 0.5 * (len(fit.free_effects) - len(present.free_effects)) * math.log(max(samples, 2))
 
 
 TRACE = 0.1

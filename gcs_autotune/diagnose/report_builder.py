@@ -11,22 +11,25 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
+from gcs_autotune.diagnose.evidence import hints_of, own_gain, surest
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.missing_force import next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
-from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Value, Verdict
+from gcs_autotune.diagnose.result import Cause, Diagnosis, ErrorReduction, Ranked, Signature, Value, Verdict
 from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
     missing_under,
+    numbers_under,
     order_under,
     ranking_under,
     shares_under,
     values_under,
 )
-from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
+from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance, EffectResidual, name_of, twins_of
 from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -74,6 +77,7 @@ def build_report(
     OutOfTime
         Within an :class:`.Budget` that is used up.
     """
+    state = _without_useless(state)
     problem, final, numbers = state.problem, state.fitted, state.numbers
     base = state.base if state.given is None else state.given
     left = signature_of(problem, final)[0]
@@ -95,10 +99,13 @@ def build_report(
         gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
         alike = _alike(state, order)
         shares = {(e.slug, e.place): _share(state, e) for e in order}
+        own_gains = _own_gains(state, order, gains)
     else:
-        gains = gains_under(weather) if order else ()
+        # Of a single cause what it gains is known.
+        gains = tuple(state.own_gains.values()) if len(order) == 1 else gains_under(weather) if order else ()
         alike = weather.alike
         shares = shares_under(weather)
+        own_gains = dict(state.own_gains)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
@@ -108,6 +115,7 @@ def build_report(
                 EFFECTS[effect.slug].meaning,
                 shares.get((effect.slug, effect.place), math.nan),
                 EFFECTS[effect.slug].curve(effect, problem.data_summary),
+                None if EFFECTS[effect.slug].is_disturbance else own_gains.get((effect.slug, effect.place)),
             )
             for effect in order
         ),
@@ -133,11 +141,62 @@ def build_report(
             *_other_places(state, order),
             *_reversed(state),
             *_weightless(state),
+            *_by_interval(state),
             *(() if missing is None else doubt_of_days(missing.dof, missing.unit, missing.days)),
         ),
         numbers=numbers,
         missing=missing,
+        hints=hints_of(state, order, lambda one: _values_of(state, one)),
     )
+
+
+def _values_of(state: SearchState, one: Attested | Judged) -> Mapping[str, Value]:
+    """Return the numbers of a candidate with their standard errors, in the base model's units."""
+    if isinstance(one, Attested):
+        assert state.weather is not None
+        return numbers_under(one, state.weather, state)
+    return _values(state.problem, one.fitted)[one.effect.slug, one.effect.place]
+
+
+def _without_useless(state: SearchState) -> SearchState:
+    """Return the state without causes, where all of them together lower no error on data left out.
+
+    Each paid when it came; second thoughts, or other data left out since, may have taken that away.
+    """
+    if state.weather is not None or not state.causes:
+        return state
+    if any(EFFECTS[e.slug].is_disturbance for e in state.causes):
+        return state
+    gains = gains_of(state.base_unseen, state.present_unseen, state.parts.words)
+    if not gains or any(g.ratio < 1.0 for g in gains):
+        return state
+    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    doubt = Doubt(
+        "no-gain",
+        f"{names} fits the runs given and lowers no error on data left out, so it is not identified as a cause",
+        "fly the same manoeuvre again, and another one, and diagnose all runs together",
+    )
+    return replace(
+        state, fitted=state.base, present_unseen=state.base_unseen, renamed=(), doubts=(*state.doubts, doubt)
+    )
+
+
+def _own_gains(
+    state: SearchState, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+) -> dict[tuple[str, str], ErrorReduction]:
+    """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
+    if len(order) == 1:
+        whole = surest(gains)
+        return {} if whole is None else {(order[0].slug, order[0].place): whole}
+    found, before = {}, state.base_unseen
+    for step in state.steps:
+        if step.accepted is None or step.accepted.unseen is None:
+            continue
+        own = own_gain(before, step.accepted.unseen, state.parts.words)
+        before = step.accepted.unseen
+        if own is not None:
+            found[step.accepted.effect.slug, step.accepted.effect.place] = own
+    return found
 
 
 def _reversed(state: SearchState) -> list[Doubt]:
@@ -185,6 +244,21 @@ def _weightless(state: SearchState) -> list[Doubt]:
                 )
             )
     return found
+
+
+def _by_interval(state: SearchState) -> list[Doubt]:
+    """Return a doubt where the answer changes with the interval between the samples judged."""
+    search = None if state.beneath is None else state.beneath[1]
+    if search is None or not search.interval:
+        return []
+    return [
+        Doubt(
+            "sampling-interval",
+            search.interval,
+            "take the numbers for those of motion slower than that interval; what acts faster (thrusters that need "
+            "time, the autopilot's filter) is in no model here: record thrust or propeller speed",
+        )
+    ]
 
 
 def _relative_error(fitted: Fitted, *names: str) -> float:
@@ -311,7 +385,8 @@ def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[s
         if step.accepted is None or step.accepted.effect.slug not in {e.slug for e in order}:
             continue
         best = step.accepted
-        same = [best.effect.slug, *(j.effect.slug for j in step.judged if _is_alike(state, j, best))]
+        same = [name_of(best.effect), *twins_of(best.effect, state.problem.data_summary)]
+        same += [name_of(j.effect) for j in step.judged if _is_alike(state, j, best)]
         names = tuple(dict.fromkeys(same))
         if len(names) > 1:
             groups.append(names)
@@ -403,7 +478,7 @@ def _share(state: SearchState, own: EffectInstance) -> float:
 def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
     """Return the manoeuvre worth flying next."""
     if alike:
-        return EFFECTS[alike[0][0]].separated_by
+        return EFFECTS[alike[0][0] if alike[0][0] in EFFECTS else VELOCITY_PRODUCT].separated_by
     if verdict in ("unexplained", "partly-explained"):
         return (
             "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "

@@ -23,6 +23,8 @@ __all__ = [
     "Cause",
     "Diagnosis",
     "ErrorReduction",
+    "Hint",
+    "Lack",
     "Number",
     "Numbers",
     "Portrait",
@@ -48,6 +50,18 @@ the causes found nothing is. ``partly-explained``: numbers or causes pay on unse
 ``unfinished``: the search was stopped, and names nothing."""
 
 
+FELT = 0.95
+"""Chosen: held-out error with a cause over the error without it, below which a user notices the difference."""
+
+Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "above-command"]
+"""What a hint lacks to be identified as a cause.
+
+``weak``: it is supported by less than is needed of so many tried; ``not-on-each``: it loses on too many of the parts
+left out; ``not-sure``: its gain there may be luck; ``no-gain``: it does not lower the error of a prediction there;
+``brief``: its time is shorter than the samples, where a sensor's filter or the craft's inertia looks the same;
+``above-command``: beside it a drifting force is larger than what is commanded."""
+
+
 @dataclass(frozen=True, slots=True)
 class Value:
     """One number of an effect, with its standard error (NaN when unknown)."""
@@ -61,7 +75,8 @@ class Value:
 class ErrorReduction:
     """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
 
-    ``held_out`` says in words which runs or blocks were held out.
+    ``held_out`` says in words which runs or blocks were held out; ``each``: run -> error before and after on it, where
+    whole runs were held out.
     """
 
     metric: str
@@ -72,6 +87,13 @@ class ErrorReduction:
     ratio: float
     ci95: tuple[float, float]
     held_out: str = ""
+    each: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def is_felt(self) -> bool:
+        """Whether the error is surely below :data:`FELT` of what it was; by the ratio where no interval is known."""
+        upper = self.ci95[1]
+        return (self.ratio if math.isnan(upper) else upper) < FELT
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,11 +179,44 @@ class Cause:
     share: float
     """Of the held-out mean square error above the noise that the base model leaves, the share this cause removed."""
     curve: EffectCurve | None = None
+    gain: ErrorReduction | None = None
+    """What it gains on data left out over the model without it; None where that was not measured."""
+
+    @property
+    def is_slight(self) -> bool:
+        """Whether no user would notice it: the error it was measured by is not surely below :data:`FELT`."""
+        return self.gain is not None and not self.gain.is_felt
 
     @property
     def is_structural(self) -> bool:
         """Whether a first model of such a craft merely leaves it out; else something is wrong with craft or record."""
         return self.effect.slug in EFFECTS and EFFECTS[self.effect.slug].is_structural
+
+
+@dataclass(frozen=True, slots=True)
+class Hint:
+    """A cause that the runs support, and too weakly for it to be identified.
+
+    ``gained``: log-likelihood gained on the runs it was fitted to; ``unseen``: on each part left out, where that was
+    measured, ``held_out`` says in words of what. ``chance``: that noise alone makes some candidate look as strong,
+    all that were tried counted. ``lacks``: what it lacks to be identified; ``alike``: other hints these runs do not
+    distinguish from it. ``seconds`` of runs were looked at; ``needed`` [s] of the same manoeuvres in all would make the
+    evidence large enough, for it grows with the length of the runs; ``separated_by``: the manoeuvre that settles it.
+    """
+
+    cause: str
+    place: str
+    meaning: str
+    parameters: Mapping[str, Value]
+    gained: float
+    unseen: tuple[float, ...]
+    held_out: str
+    chance: float
+    lacks: Lack
+    alike: tuple[str, ...]
+    seconds: float
+    needed: float
+    separated_by: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +284,8 @@ class Diagnosis:
     numbers: Numbers | None = None
     missing: MissingForce | None = None
     """What is left over as a force, where the runs show one that wanders."""
+    hints: tuple[Hint, ...] = ()
+    """Causes supported too weakly to be identified, the likeliest first."""
 
     @property
     def wrong_numbers(self) -> tuple[Number, ...]:
@@ -275,10 +332,13 @@ class Diagnosis:
                         "meaning": c.meaning,
                         "structural": c.is_structural,
                         "share": c.share,
+                        "slight": c.is_slight,
+                        "gain": None if c.gain is None else _gain(c.gain),
                         "parameters": {n: _value(v) for n, v in c.parameters.items()},
                     }
                     for c in self.causes
                 ],
+                "hints": [_hint(h) for h in self.hints],
                 "base_model": self.base_model.to_dict(),
                 "extended_model": self.extended_model.to_dict(),
                 "next_manoeuvre": self.next_manoeuvre,
@@ -358,6 +418,24 @@ class Diagnosis:
 
 def _value(value: Value) -> dict[str, Any]:
     return {"value": value.value, "unit": value.unit, "std": value.std}
+
+
+def _hint(hint: Hint) -> dict[str, Any]:
+    return {
+        "cause": hint.cause,
+        "place": hint.place,
+        "meaning": hint.meaning,
+        "parameters": {n: _value(v) for n, v in hint.parameters.items()},
+        "gained": hint.gained,
+        "unseen": list(hint.unseen),
+        "held_out": hint.held_out,
+        "chance": hint.chance,
+        "lacks": hint.lacks,
+        "alike": list(hint.alike),
+        "seconds": hint.seconds,
+        "needed": hint.needed,
+        "separated_by": hint.separated_by,
+    }
 
 
 def _numbers(numbers: Numbers) -> dict[str, Any]:

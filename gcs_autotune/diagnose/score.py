@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ __all__ = [
     "is_form_of",
     "is_material",
     "is_needed",
+    "may_be_none",
     "ordered",
     "winner_of",
 ]
@@ -114,6 +115,22 @@ def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) ->
     """Whether so much of twice the log-likelihood is more than so many numbers gain by chance, all tries counted."""
     more = max(1, fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present))
     return likelihood > chi_square.threshold(SIGNIFICANCE / max(tried, 1), more)
+
+
+HALF_WIDTH = 1.96
+"""Standard errors to either end of a 95 % interval."""
+
+
+def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
+    """Whether an effect's numbers, by their 95 % intervals, may all be such that nothing happens.
+
+    std : standard errors of those that were fitted; one that is not finite says that the number may be anything.
+    """
+    entry = EFFECTS[effect.slug]
+    growing = set(entry.grows_with) & set(effect.values)
+    if not growing or set(std) & growing != growing:
+        return False
+    return not any(abs(effect[n] - entry.neutral.get(n, 0.0)) > HALF_WIDTH * std[n] for n in growing)
 
 
 def ordered(judged: Sequence[Judged]) -> list[Judged]:

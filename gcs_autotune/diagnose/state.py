@@ -15,6 +15,7 @@ from functools import partial
 
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
     Attempt,
@@ -27,8 +28,8 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import Number, Numbers
-from gcs_autotune.diagnose.score import Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
+from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
+from gcs_autotune.diagnose.score import ALIKE, Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.executor import Executor, SerialExecutor
@@ -59,6 +60,9 @@ NOT_BEGUN = "not begun: "
 SHORT_LIST = 18
 """Candidates fitted roughly."""
 
+FOLLOWING = 12
+"""Chosen: trials of a fit in which an effect follows a command."""
+
 ASTRAY = 0.05
 """Whiteness below which errors of the data are also looked for from fits that leave out one signal."""
 
@@ -87,7 +91,8 @@ class Question:
     ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
     leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
     ``executor``: does what can be done at the same time.
-    ``weather``: whether a force that wanders may be blamed.
+    ``weather``: whether a force that wanders may be blamed. ``one_flight``: the runs complete each other (a step and a
+    relay of one tune), so that none of them predicts the other: blocks of all are left out in turn.
     """
 
     form: Form
@@ -100,6 +105,7 @@ class Question:
     progress: Progress | None = None
     executor: Executor = field(default_factory=SerialExecutor)
     weather: bool = True
+    one_flight: bool = False
 
     def say(self, stage: str, done: int, total: int) -> None:
         """Report progress.
@@ -134,7 +140,9 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``cut``: at what the search was stopped, and what was not begun, in words.
+    problem it was asked about. ``refused``: names of that search that were taken back in the end, and why;
+    ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
+    was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -158,6 +166,8 @@ class SearchState:
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
     beneath: tuple[Problem, WeatherSearch | None] | None = None
+    refused: tuple[tuple[Attested, Lack], ...] = ()
+    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     cut: tuple[str, ...] = ()
 
     @property
@@ -253,7 +263,27 @@ class SearchState:
 
         executor = SerialExecutor() if quick else self.question.executor
         judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
-        return SearchStep(tuple(judged), None if quick else winner_of(judged, tried, present))
+        return SearchStep(tuple(judged), None if quick else self.pick(judged, tried, present))
+
+    def pick(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
+        """Return the winner; none that happens at a moment which a recorded command explains as well."""
+        left = list(judged)
+        while (winner := winner_of(left, tried, present)) is not None and self.follows_a_command(
+            winner.effect, winner.fitted
+        ):
+            left.remove(winner)
+        return winner
+
+    def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
+        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        others = tuple(e for e in fitted.effects if (e.slug, e.place) != (effect.slug, effect.place))
+        for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
+            if any((e.slug, e.place) == (own.slug, own.place) for e in others):
+                continue
+            fit = self.problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FOLLOWING, shift=fitted.shift)
+            if fit is not None and fit.cost + bic_penalty(fit, fitted) < fitted.cost + ALIKE:
+                return True
+        return False
 
     def judged(
         self,
@@ -331,7 +361,7 @@ def begin(question: Question) -> SearchState:
 
 def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: Fitted | None = None) -> SearchState:
     """Return the state of a search that begins at *fitted*; *given*: the model in question as it is."""
-    parts = parts_of(problem, question.unseen)
+    parts = parts_of(problem, question.unseen, in_blocks=question.one_flight)
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
     try:

@@ -7,6 +7,7 @@ nothing, those of ``second_looks`` look again.
 ``add_causes``               one cause after the other; each earlier one defends its place when the next is known
 ``start_at_segments``        where the base was lost: once more, with causes fitted in short pieces of the runs
 ``tie_break``                of causes that explain the runs equally well the one met more often is named
+``drop_explained_moments``   causes at a moment that a recorded command explains as well
 ``drop_insignificant``       causes that may as well not be there
 ===========================  ==========================================================================================
 """
@@ -36,6 +37,7 @@ from gcs_autotune.diagnose.score import (
     SearchStep,
     bic_penalty,
     is_needed,
+    may_be_none,
     ordered,
     winner_of,
 )
@@ -70,9 +72,6 @@ FOLLOWED, FARTHEST = 3, 3
 
 RIVALS = 9
 """Candidates fitted roughly, where only those count that may beat a cause already found."""
-
-HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
@@ -167,7 +166,7 @@ def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, Searc
     now = state.with_parts(parts_of(state.problem, in_blocks=True))
     paying = [j for j in step.judged if j.evidence > 0.0]
     again = ordered([now.judged(j.effect, j.fitted, present, now.tried) for j in paying])
-    winner = winner_of(again, now.tried, present)
+    winner = now.pick(again, now.tried, present)
     return None if winner is None else (now, SearchStep(tuple(again), winner))
 
 
@@ -197,7 +196,8 @@ def _look_ahead(
     pairs, if it does not pay either, by a third (up to *farthest*).
     """
     paths: list[_Path] = []
-    for one in [j for j in step.judged if j.evidence > 0.0][:FOLLOWED]:
+    likely = [j for j in step.judged if j.evidence > 0.0 and not state.follows_a_command(j.effect, j.fitted)]
+    for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
     path = min(paths, key=lambda p: p.price(state.fitted), default=None)
@@ -205,7 +205,7 @@ def _look_ahead(
         length, end = len(path.taken), path.taken[-1]
         tried = math.comb(max(state.tried, length), length)
         whole = state.judged(end.effect, end.fitted, state.fitted, tried)
-        if winner_of([whole], tried, state.fitted) is not None:
+        if state.pick([whole], tried, state.fitted) is not None:
             return state, _accepted(path, whole)
         state, path = _followed(state, path, stage) if length < farthest else (state, None)
     return state, None
@@ -272,6 +272,15 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     return state
 
 
+def drop_explained_moments(state: SearchState) -> SearchState | None:
+    """Leave out causes at a moment that, with all others known, a recorded command explains as well."""
+    effect = next((e for e in state.causes if state.follows_a_command(e, state.fitted)), None)
+    rest = tuple(e for e in state.fitted.effects if e is not effect)
+    fit = state.fitted
+    without = None if effect is None else state.problem.fit(fit.theta, rest, fit.initial, shift=fit.shift)
+    return None if without is None else state.with_model(without)
+
+
 def drop_insignificant(state: SearchState) -> SearchState | None:
     """Leave out causes whose numbers, by their 95 % intervals, may all be such that nothing happens."""
     fit = state.fitted
@@ -285,12 +294,10 @@ def drop_insignificant(state: SearchState) -> SearchState | None:
 
 
 def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
-    entry, i = EFFECTS[effect.slug], fitted.effects.index(effect)
-    at = {n: len(fitted.free) + k for k, (j, n) in enumerate(fitted.free_effects) if j == i and n in entry.grows_with}
-    if not at or set(at) != set(entry.grows_with) & set(effect.values):
-        return False
+    i = fitted.effects.index(effect)
     std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
-    return all(abs(effect[n] - entry.neutral.get(n, 0.0)) <= HALF_WIDTH * std[k] for n, k in at.items())
+    own = {n: float(std[len(fitted.free) + k]) for k, (j, n) in enumerate(fitted.free_effects) if j == i}
+    return may_be_none(effect, own)
 
 
 # -- causes found in pieces where whole runs are lost
@@ -379,5 +386,11 @@ def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> lis
     return found
 
 
-SEARCH: tuple[Strategy, ...] = (add_causes, start_at_segments, tie_break, drop_insignificant)
+SEARCH: tuple[Strategy, ...] = (
+    add_causes,
+    start_at_segments,
+    drop_explained_moments,
+    tie_break,
+    drop_insignificant,
+)
 """What looks for causes, in order."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
+from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of_water
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
@@ -18,8 +19,10 @@ from gcs_autotune.diagnose.process_noise import (
     may_be_weighed,
     search_under_process_noise,
 )
-from gcs_autotune.diagnose.result import ErrorReduction, Ranked, Value
-from gcs_autotune.diagnose.score import ALIKE
+from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
+from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
+from gcs_autotune.diagnose.sampling_interval import foresight
+from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
 from gcs_autotune.identify import Doubt, Fitted, WanderingFit
@@ -27,10 +30,12 @@ from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [
     "NO_MODEL",
+    "above_the_command",
     "gains_under",
     "look_under_process_noise",
     "missing_under",
     "no_model_beneath",
+    "numbers_under",
     "order_under",
     "ranking_under",
     "shares_under",
@@ -39,6 +44,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+LESS = 0.1
+"""Chosen: share of its size at which the process noise of a fit begins once causes are beside it."""
 
 NO_MODEL = "no-model"
 """Name of the doubt where no model of the craft was found to name a cause beside."""
@@ -53,7 +61,9 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     if question.given is not None or question.horizon is not None or not question.weather:
         return state, False
     if state.beneath is None or state.beneath[0] is not state.problem:
-        found = search_under_process_noise(state.problem, state.base, question.slugs, question.unseen, question.say)
+        found = search_under_process_noise(
+            state.problem, state.base, question.slugs, question.unseen, question.say, in_blocks=question.one_flight
+        )
         state = replace(state, beneath=(state.problem, found))
         assert state.beneath is not None
     search = state.beneath[1]
@@ -87,7 +97,12 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         return replace(state, cut=(*state.cut, search.cut))
     if state.causes and _outdone(search, state):
         return state
-    kept = replace(state, weather=search, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
+    plain = replace(state, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
+    search, refused, gains = supported(search)
+    above = above_the_command(search)
+    if above > 1.0:
+        state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
+    kept = replace(plain, weather=search, refused=refused, own_gains=gains, doubts=state.doubts)
     if not search.named:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
     fitted = _as_fitted(state, search)
@@ -98,6 +113,73 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
         "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
+
+
+Refused = tuple[tuple[Attested, Lack], ...]
+
+
+def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple[str, str], ErrorReduction]]:
+    """Return the search without the names that help on no data left out, these, and what each other one gains there.
+
+    A name is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
+    data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
+    None stands beside a drifting force above the commands.
+    """
+    refused: list[tuple[Attested, Lack]] = []
+    while True:
+        own: dict[tuple[str, str], ErrorReduction] = {}
+        weakest: tuple[float, Attested, WanderingFit] | None = None
+        for name in search.named:
+            who = (name.effect.slug, name.effect.place)
+            rest = tuple(e for e in search.fit.effects if (e.slug, e.place) != who)
+            alone = search.plain if len(search.named) == 1 else None
+            without = alone or search.problem.fit(search.fit.theta, rest, search.fit.water)
+            if without is None:
+                continue
+            gain = gain_over(search, without)
+            if gain is not None:
+                own[who] = gain
+            ratio = math.inf if _is_none(name, search.fit) else 0.0 if gain is None else gain.ratio
+            if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
+                weakest = ratio, name, without
+        if weakest is None and search.named and above_the_command(search) > 1.0:
+            refused += [(name, "above-command") for name in search.named]
+            return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
+        if weakest is None:
+            return search, tuple(refused), own
+        _, name, without = weakest
+        refused.append((replace(name, uncertain=_is_none(name, search.fit)), "no-gain"))
+        named = tuple(a for a in search.named if a is not name)
+        groups = tuple(g for g in search.alike if g[0] != name.effect.slug)
+        search = replace(search, named=named, fit=without, alike=groups)
+
+
+def _is_none(name: Attested, fit: WanderingFit) -> bool:
+    """Whether the 95 % interval of a name's numbers in *fit* contains no effect."""
+    now = next(e for e in fit.effects if (e.slug, e.place) == (name.effect.slug, name.effect.place))
+    return may_be_none(now, fit.errors_of(now))
+
+
+def above_the_command(search: WeatherSearch) -> float:
+    """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
+    squares = []
+    for segment in search.problem.segments:
+        pushed = np.zeros(len(segment.t_in))
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in search.problem.form.inputs.get(name, ()):
+                pushed += -column if str(share).startswith("-") else column
+        squares.append(pushed**2)
+    commanded = abs(float(search.fit.theta[0])) * math.sqrt(float(np.mean(np.concatenate(squares))))
+    return search.fit.water.size / commanded if commanded > 0.0 else 0.0
+
+
+def _no_base(search: WeatherSearch, above: float) -> Doubt:
+    return Doubt(
+        "above-command",
+        f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
+        "much as the commands do: no cause is identified beside a disturbance of that size",
+        "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
+    )
 
 
 def no_model_beneath(state: SearchState) -> bool:
@@ -143,7 +225,11 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     scaled = [_per_inertia(e, search, state) for e in state.causes]
     if {(e.slug, e.place) for e in scaled} <= named:
         return False
-    other = search.problem.fit(search.fit.theta, scaled, search.fit.water)
+    # The noise took what the causes explain, so beside them there is less of it, and another craft.
+    own, water = per_inertia_of(state.fitted, search.problem.form), search.fit.water
+    starts = ((search.fit.theta, water), (own, water), (own, replace(water, size=LESS * water.size)))
+    fits = [search.problem.fit(theta, scaled, water) for theta, water in starts]
+    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
     if other is None:
         return False
     samples = sum(len(e) for _, e, _ in other.innovations)
@@ -199,8 +285,9 @@ def _scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstan
 
 
 def _per_inertia(effect: EffectInstance, search: WeatherSearch, state: SearchState) -> EffectInstance:
-    i = state.base.form.dofs.index(search.dof)
-    return _scaled(effect, 1.0 / float(state.base.model.base.inertia[i, i]), 1.0)
+    """Return *effect* of the present model per unit of that model's inertia: a base that is lost may have none."""
+    i = state.fitted.form.dofs.index(search.dof)
+    return _scaled(effect, 1.0 / float(state.fitted.model.base.inertia[i, i]), 1.0)
 
 
 def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:
@@ -246,16 +333,20 @@ def _told(effect: EffectInstance, fit: WanderingFit, state: SearchState) -> dict
     return found
 
 
+def numbers_under(one: Attested, search: WeatherSearch, state: SearchState) -> dict[str, Value]:
+    """Return the numbers of a candidate with their standard errors, in the base model's units."""
+    inertia = _inertia(search, state)
+    return _told(_scaled(one.effect, inertia, math.copysign(1.0, inertia)), one.fit, state)
+
+
 def ranking_under(search: WeatherSearch, state: SearchState) -> tuple[Ranked, ...]:
     """Return every candidate judged; ``evidence`` is twice the log-likelihood gained on data left out."""
     found = []
-    inertia = _inertia(search, state)
     for a in search.judged:
-        effect = _scaled(a.effect, inertia, math.copysign(1.0, inertia))
         samples = sum(len(t) for t, _, _ in a.fit.innovations)
         gain = 1.0 - math.exp(-max(a.foretold, -50.0) / max(samples, 1))
         p = min(1.0, search.tried * math.exp(-max(min(a.foretold, 700.0), 0.0)))
-        numbers, parts = _told(effect, a.fit, state), tuple(a.unseen.tolist())
+        numbers, parts = numbers_under(a, search, state), tuple(a.unseen.tolist())
         found.append(
             Ranked(a.effect.slug, a.effect.place, gain, p, 2.0 * a.foretold, numbers, a.step, parts, a.interval)
         )
@@ -275,15 +366,26 @@ def shares_under(search: WeatherSearch) -> dict[tuple[str, str], float]:
 
 def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
     """Return the error several seconds ahead on data left out, before and after."""
-    found = seconds_ahead(search)
-    if found is None:
-        return ()
-    ahead, before, after, low, high = found
+    found = gain_over(search, search.plain)
+    return () if found is None else (found,)
+
+
+def gain_over(search: WeatherSearch, other: WanderingFit) -> ErrorReduction | None:
+    """Return the error ahead on data left out of *other* and of the model found; None where unknown.
+
+    Of one and of three time constants of the craft ahead, that where the error falls more: a cause that acts at once is
+    hidden by the disturbance later on.
+    """
     signal = next(iter(search.problem.segments[0].signals))
-    metric = f"error {ahead:g} s ahead"
-    ratio = after / before if before > 0.0 else 1.0
-    unit = SIGNALS[signal][0]
-    return (ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts),)
+    unit, found = SIGNALS[signal][0], []
+    for seconds in _horizons(search):
+        errors = seconds_ahead(search, other, seconds)
+        if errors is not None:
+            before, after, low, high, each = errors
+            ratio = after / before if before > 0.0 else 1.0
+            metric = f"error {seconds:g} s ahead"
+            found.append(ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts, each))
+    return min(found, key=lambda g: g.ratio, default=None)
 
 
 def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | None:
@@ -294,28 +396,46 @@ def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | N
 SEED = 0
 
 
-def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, float] | None:
-    """Return seconds, rms errors so far ahead on data left out of the plain model and of the one with causes.
+NICE = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0])
+"""Seconds ahead that an error is told for."""
 
-    Last come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
-    errors).
+
+def _horizons(search: WeatherSearch) -> list[float]:
+    """Return the seconds ahead nearest to three time constants of the craft, and to one, and over its commands' legs.
+
+    The last is what counts of a fit that takes a craft for quicker than it is.
     """
-    horizon = 3.0 / max(abs(float(search.plain.theta[1])), 1e-3)
-    nice = np.array([0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])
+    pace = 1.0 / max(abs(float(search.plain.theta[1])), 1e-3)
     longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    usable = nice[(nice < longest / 4.0) & (nice > 3.0 * search.problem.interval)]
+    usable = NICE[(longest / 4.0 > NICE) & (NICE > 3.0 * search.problem.interval)]
     if not len(usable):
-        return None
-    ahead = float(usable[np.argmin(np.abs(np.log(usable / horizon)))])
+        return []
+    nearest = (float(usable[np.argmin(np.abs(np.log(usable / (k * pace))))]) for k in (3.0, 1.0))
+    legs = foresight(search.problem, search.plain)
+    return list(dict.fromkeys([*nearest, *([] if legs is None else [legs])]))
+
+
+def seconds_ahead(
+    search: WeatherSearch, other: WanderingFit, ahead: float
+) -> tuple[float, float, float, float, dict[str, tuple[float, float]]] | None:
+    """Return rms errors *ahead* [s] on data left out of *other* and of the model with all causes.
+
+    Then come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
+    errors), and run -> both errors on it, where whole runs are left out.
+    """
     squares = []
+    each: dict[str, tuple[float, float]] = {}
     for train, test in search.folds:
         rest, seen = search.problem.on(train), search.problem.on(test)
         errors = []
-        for one in (search.plain, search.fit):
+        for one in (other, search.fit):
             again = rest.fit(one.theta, one.effects, one.water, rounds=4)
             errors.append(seen.ahead(again or one, ahead))
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
+        left_out = {s.run for s in test}
+        if len(left_out) == 1 and good and not left_out & {s.run for s in train}:
+            each[left_out.pop()] = (float(np.sqrt(squares[-1][0].mean())), float(np.sqrt(squares[-1][1].mean())))
     joined = np.hstack(squares)
     if joined.shape[1] < 2 or not np.all(np.isfinite(joined)):
         return None
@@ -328,4 +448,4 @@ def seconds_ahead(search: WeatherSearch) -> tuple[float, float, float, float, fl
         ratios.append(float(np.sqrt(again_all[1].mean() / max(again_all[0].mean(), 1e-300))))
     low, high = np.quantile(ratios, [0.025, 0.975])
     before, after = np.sqrt(joined.mean(axis=1)).tolist()
-    return ahead, before, after, float(low), float(high)
+    return before, after, float(low), float(high), each

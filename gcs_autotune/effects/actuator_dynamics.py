@@ -24,6 +24,7 @@ class InputDelay(ActuatorEffect):
     slug = "input-delay"
     is_structural = True
     meaning = "commands act later than they were sent: radio, autopilot loops, motor controller"
+    plain = "Your {craft} answers {command} late; {simulation} answers at once."
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)
     shown_by = "residual right after every change of command: the motion begins late, then runs in step"
@@ -70,6 +71,7 @@ class RateLimit(Gradual):
 
     slug = "rate-limit"
     meaning = "the actuator runs after its command at a fixed speed: a slow servo, a ramp in the motor controller"
+    plain = "On your {craft} {command} changes at a limited speed; in {simulation} it jumps."
     parameters = (Quantity("rate", f"{INPUT}/s", "fastest change of what acts"),)
     shown_by = "residual after changes of command: the larger the change, the longer it lasts"
     mistaken_for = ("actuator-lag", "input-delay", "saturation", "backlash")
@@ -113,6 +115,7 @@ class ActuatorLag(Gradual):
 
     slug = "actuator-lag"
     meaning = "thrust or rudder follow the command gradually: propeller and water take time to speed up"
+    plain = "On your {craft} {command} builds up gradually; in {simulation} it is there at once."
     parameters = (Quantity("time_constant", "s", "time until 63 % of a step in command acts"),)
     grows_with = ("time_constant",)
     shown_by = "residual after every change of command: the motion bends in gently where it should kink"
@@ -164,6 +167,7 @@ class GainDrift(Gradual):
 
     slug = "gain-drift"
     meaning = "thrust weakens (or grows) in the course of a run: the battery sags, a motor heats up"
+    plain = "On your {craft} {command} gets weaker or stronger during a run; in {simulation} it stays the same."
     parameters = (Quantity("rate", "1/s", "share of the first gain lost per second"),)
     grows_with = ("rate",)
     shown_by = "residual against time: follows the command in the beginning and opposes it in the end"

@@ -21,6 +21,7 @@ class TimeScale(Effect):
     slug = "time-scale"
     family = "data errors"
     meaning = "the clock of the file runs fast or slow: a wrong sample rate, or not real time"
+    plain = "The clock of your recording runs too fast or too slow, so {simulation} seems to move at the wrong pace."
     parameters = (Quantity("factor", "1", "seconds in the file per true second"),)
     grows_with = ("factor",)
     neutral: ClassVar[Mapping[str, float]] = {"factor": 1.0}
@@ -51,6 +52,7 @@ class TimeOffset(Effect):
     slug = "time-offset"
     family = "data errors"
     meaning = "commands and motion were stamped by two clocks that disagree"
+    plain = "Commands and motion in your recording are stamped by two clocks that disagree."
     parameters = (Quantity("offset", "s", "lateness of the signals' stamps"),)
     yields_to = ("input-delay",)
     grows_with = ("offset",)
@@ -96,6 +98,7 @@ class UnitError(Effect):
     slug = "unit-error"
     family = "data errors"
     meaning = "the numbers of a column are in another unit than its head says"
+    plain = "In your recording the {signal} is in another unit than the column says."
     parameters = (Quantity("factor", "1", "number in the file per true number in SI"),)
     shown_by = "one column against its own kin: a position changes 57.3, 3.6 or 1.94 times what its rate says"
     mistaken_for = ("time-scale", "steady-current")
@@ -134,6 +137,7 @@ class SignError(Effect):
     slug = "sign-error"
     family = "data errors"
     meaning = "a column counts the other way: positive to port, upwards, or a plug turned round"
+    plain = "In your recording the {signal} counts the other way round."
     shown_by = "the simulation goes the opposite way at every command, or heading and rate disagree"
     mistaken_for = ("channel-swap", "time-offset")
     separated_by = "one long push to starboard (ahead, down) while somebody watches"
@@ -166,6 +170,7 @@ class ChannelSwap(Effect):
     slug = "channel-swap"
     family = "data errors"
     meaning = "two columns carry each other's data: plugs, axes or heads exchanged"
+    plain = "In your recording two columns hold each other's data: {signal}."
     shown_by = "a motion answers the other channel's command; two residuals that are each other's signal"
     mistaken_for = ("sign-error", "coriolis-coupling", "sway-yaw-coupling")
     separated_by = "one axis at a time: push on one, rest, then on the other"

@@ -185,6 +185,9 @@ def concerns(place: str, run: str) -> bool:
 class Effect:
     """One row of the table of effects. Class attributes say what it is, methods what it does; see the module's head.
 
+    ``plain``: the sentence that a report begins with, for the owner of the boat. Words in braces are filled in:
+    ``{craft}`` (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving),
+    ``{command}`` (throttle, rudder) and ``{signal}`` (heading, depth).
     ``shown_by``: which residual gives it away; ``mistaken_for``: slugs of what it is easily taken for;
     ``separated_by``: the manoeuvre that tells them apart.
     """
@@ -192,6 +195,7 @@ class Effect:
     slug: ClassVar[str]
     family: ClassVar[Family]
     meaning: ClassVar[str]
+    plain: ClassVar[str] = ""
     parameters: ClassVar[tuple[Quantity, ...]] = ()
     shown_by: ClassVar[str]
     mistaken_for: ClassVar[tuple[str, ...]] = ()
@@ -243,6 +247,10 @@ class Effect:
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """Return numbers to be read off the runs once."""
         return {}
+
+    def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
+        """Return what an effect that :attr:`happens_at` a time would be if it followed a recorded command instead."""
+        return ()
 
     # -- what it does
 

@@ -20,6 +20,7 @@ class InputBias(Effect):
     slug = "input-bias"
     family = "environment"
     meaning = "a constant force or moment: trim, tether, list, an actuator off centre"
+    plain = "A constant push acts on your {craft} in {motion}; none acts on {simulation}."
     parameters = (Quantity("bias", INPUT, "constant force, on the side of the input"),)
     grows_with = ("bias",)
     shown_by = "mean of the one-step residual; free run drifts to one side"
@@ -66,6 +67,7 @@ class SteadyCurrent(Effect):
     slug = "steady-current"
     family = "environment"
     meaning = "the water moves over the ground: the craft is set one way, whatever it steers"
+    plain = "A current carries your {craft}; {simulation} moves in still water."
     parameters = (
         Quantity("V_x", "m/s", "current towards north"),
         Quantity("V_y", "m/s", "current towards east"),
@@ -127,6 +129,7 @@ class WindMoment(Effect):
     slug = "wind-moment"
     family = "environment"
     meaning = "wind on the hull turns the bow towards one direction, most when lying across it"
+    plain = "Wind turns the bow of your {craft} to one direction; there is no wind in {simulation}."
     parameters = (
         Quantity("strength", INPUT, "moment when the wind is abeam"),
         Quantity("direction", "rad", "heading the bow is turned towards"),
@@ -190,6 +193,7 @@ class TetherPull(Effect):
     slug = "tether-pull"
     family = "environment"
     meaning = "a spring holds the craft: the pull goes with the distance from where the tether is slack"
+    plain = "Something holds your {craft} like a spring; {simulation} moves freely."
     parameters = (
         Quantity("stiffness", "force/m or moment/rad", "pull per distance"),
         Quantity("anchor", "m or rad", "position without pull"),

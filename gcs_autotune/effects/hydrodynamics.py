@@ -18,7 +18,7 @@ from gcs_autotune.effects.summary import (
     sense,
     top_speed,
 )
-from gcs_autotune.models import DEPTH, PAYLOAD
+from gcs_autotune.models import DEPTH, FORCES, PAYLOAD
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -101,6 +101,7 @@ class LinearDrag(Drag):
     power = 1
     polar = "Linear drag"
     meaning = "drag that goes with speed: slow motion dies out exponentially"
+    plain = "Water resists your {craft} in {motion}; it does not resist {simulation}."
     parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, most telling at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
@@ -114,6 +115,9 @@ class QuadraticDrag(Drag):
     power = 2
     polar = "Drag polar"
     meaning = "drag that goes with the square of speed: twice the force gives less than twice the speed"
+    plain = (
+        "The resistance of your {craft} to {motion} grows with the square of the speed; that of {simulation} does not."
+    )
     parameters = (
         Quantity("coefficient", "force s^2/m^2 or s^2/rad^2", "drag per squared speed, positive when it damps"),
     )
@@ -143,6 +147,7 @@ class CoriolisCoupling(Effect):
     is_structural = True
     family = "hydrodynamics"
     meaning = "momentum carried through a turn: the craft slides outwards, loses way and yaws with it"
+    plain = "Your {craft} slides outwards and loses speed in a turn; {simulation} does not."
     parameters = (
         Quantity("X_vr", "force s^2/(m rad)", "surge force per sway and yaw rate; the mass in sway"),
         Quantity("Y_ur", "force s^2/(m rad)", "sway force per surge and yaw rate; minus the mass in surge"),
@@ -202,6 +207,7 @@ class SwayYawCoupling(Effect):
     is_structural = True
     family = "hydrodynamics"
     meaning = "turning pushes sideways, sliding turns: centre of gravity or of drag away from midships"
+    plain = "Sliding sideways turns your {craft}, and turning pushes it sideways; in {simulation} neither happens."
     parameters = (
         Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
         Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
@@ -247,17 +253,29 @@ def _mean_inertia(data: DataSummary) -> float:
     return sqrt(inertia_scale("sway", data) * inertia_scale("yaw", data))
 
 
+FOLLOWED = 0.02
+"""Chosen: least range of a command, in shares of its largest, for the inertia to be able to follow it."""
+
 RATIOS, MOMENTS = (1.5, 0.67), 16
 """Ratios to begin from, at so many moments: between two changes of command nothing tells when, so moments have to lie
 about as close as commands do."""
 
 
+FOLLOWS, SIZE = "follows", "size"
+"""Constants of an inertia that follows a command: which of ``FORCES``, and its largest magnitude over the runs."""
+
+
 class MassChange(Effect):
-    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump."""
+    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump.
+
+    With the constants ``FOLLOWS`` and ``SIZE`` it has no moment: the inertia goes linearly with the size of a recorded
+    command, by ``ratio`` from none of it to the largest. That is the rival of a change in time (:meth:`followers`).
+    """
 
     slug = "mass-change"
     family = "hydrodynamics"
     meaning = "inertia changes within the run: a payload taken aboard or dropped, a hull taking water"
+    plain = "Your {craft} gets heavier or lighter during a run; {simulation} does not."
     parameters = (
         Quantity("ratio", "1", "inertia after over inertia before"),
         Quantity("time", "s", "when, after the start of the run"),
@@ -288,9 +306,41 @@ class MassChange(Effect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Add the payload, with a stamp where it changes."""
+        if FOLLOWS in effect.constants:
+            return self._following(effect, drive)
         change = drive.start + effect["time"]
         finer = drive.on(np.union1d(drive.t, [drive.start, change]))
         return finer.with_channel(PAYLOAD, np.where(finer.t >= change, effect["ratio"], 1.0))
+
+    def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
+        """Return what follows each recorded command that changes: the inertia, and the gain of each other input.
+
+        An inertia that changes alone and a gain that changes alone look alike, but for the drag.
+        """
+        found = []
+        for k, name in enumerate(FORCES):
+            low, high = data.extent.get(name, (0.0, 0.0))
+            size = max(abs(low), abs(high))
+            if name not in data.channels or high - low <= FOLLOWED * size:
+                continue
+            found.append(EffectInstance(self.slug, effect.place, {"ratio": 1.0}, {FOLLOWS: float(k), SIZE: size}))
+            others = [n for n in data.form.inputs if n != name and len(data.form.inputs[n]) == 1]
+            reference = {"X_ref": data.rms[name]}
+            found += [EffectInstance("propeller-wash", f"{n}+{name}", {"share": 0.0}, reference) for n in others]
+        return tuple(found)
+
+    def _following(self, effect: EffectInstance, drive: Drive) -> Drive:
+        name = FORCES[int(effect.constants[FOLLOWS])]
+        if name in drive.channels:
+            size = np.abs(drive.channels[name])
+        else:
+            own = drive.measured[name]
+            known = np.isfinite(own.values)
+            drive = drive.on(np.union1d(drive.t, own.t[known & (own.t > drive.t[0])]))
+            row = np.maximum(np.searchsorted(own.t[known], drive.t, side="right") - 1, 0)
+            size = np.abs(own.values[known][row])
+        share = size / effect.constants[SIZE]
+        return drive.with_channel(PAYLOAD, 1.0 + (effect["ratio"] - 1.0) * share)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Inertia over time."""
@@ -308,6 +358,7 @@ class NetBuoyancy(Effect):
     slug = "net-buoyancy"
     family = "hydrodynamics"
     meaning = "weight and buoyancy do not cancel: left alone the craft sinks (positive) or rises"
+    plain = "Left alone, your {craft} sinks or rises; {simulation} does not."
     parameters = (Quantity("force", "force", "weight less buoyancy, down positive"),)
     shown_by = "mean of the heave residual; without command it goes on sinking or rising"
     mistaken_for = ("asymmetric-thrust", "tether-pull", "gyro-bias", "dead-zone")
@@ -346,6 +397,7 @@ class GroundEffect(Effect):
     slug = "ground-effect"
     family = "hydrodynamics"
     meaning = "drag grows close to the bottom or a wall, where water has to be squeezed out of the way"
+    plain = "Close to the bottom or a wall, water resists your {craft} more; it does not in {simulation}."
     parameters = (
         Quantity("strength", "1", "drag at the deepest point over drag far above it, less one"),
         Quantity("length", "m", "height above the deepest point at which 37 % of that are left"),

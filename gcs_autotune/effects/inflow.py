@@ -1,4 +1,4 @@
-"""Effects of the water that flows to an actuator: steering that needs way, thrust that is lost with it."""
+"""Effects of the water that flows to an actuator: steering by way or by a propeller's wash, thrust lost with speed."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 
 from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers
-from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity
+from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel
 
-__all__ = ["AdvanceSpeedLoss", "SpeedDependentSteering"]
+__all__ = ["AdvanceSpeedLoss", "PropellerWash", "SpeedDependentSteering"]
 
 
 VARIES = 0.1
@@ -41,6 +41,7 @@ class SpeedDependentSteering(ActuatorEffect):
     slug = "speed-dependent-steering"
     is_structural = True
     meaning = "the rudder turns the craft the harder, the faster water flows past it"
+    plain = "Your {craft} steers harder the faster it goes; {simulation} steers the same at any speed."
     parameters = (
         Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
     )
@@ -118,6 +119,91 @@ class SpeedDependentSteering(ActuatorEffect):
         )
 
 
+THRUST = "X"
+"""The command of the propeller whose wash a rudder lies in."""
+
+WASH = 0.05
+"""Chosen: least range of that command over its root mean square: a command has no noise."""
+
+
+class PropellerWash(ActuatorEffect):
+    """At ``"N+X"`` the command acts times ``(1 - share) + share X|X|/X_ref^2``: a rudder in a propeller's race.
+
+    ``X`` is the recorded command ahead, held from stamp to stamp; ``X_ref`` its root mean square over the runs. The
+    race flows with the propeller speed, and thrust with its square (Miskovic2010, (2.37): ``k_r2 n^2 delta``). Inertia
+    and drag per rudder angle, as a fit of yaw alone has them, then fall with ``n^2`` together. A ``share`` below 0
+    means that more thrust steers less: between 36 and 49 V^2 they rise by a tenth (Miskovic2010, table 7.12).
+    """
+
+    slug = "propeller-wash"
+    is_structural = True
+    meaning = "the rudder turns the craft more, the more water the propeller pushes over it"
+    plain = "The rudder of your {craft} turns it more when the propeller pushes harder; in {simulation} it does not."
+    parameters = (
+        Quantity("share", "1", "share of the steering that goes with thrust squared; the rest is always there"),
+    )
+    grows_with = ("share",)
+    shown_by = "yaw residual over command, against the thrust commanded: too weak a turn at low thrust"
+    mistaken_for = ("speed-dependent-steering", "gain-drift", "mass-change", "command-coupling")
+    separated_by = (
+        "the same zig-zag at a third, two thirds and all of the thrust, the first half of each before the speed has "
+        "changed: wash follows the thrust at once, the flow of the boat's way follows the speed"
+    )
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that turns the craft and nothing else, where the thrust commanded is recorded and varies."""
+        low, high = data.extent.get(THRUST, (0.0, 0.0))
+        if THRUST not in data.channels or high - low <= WASH * data.rms.get(THRUST, 0.0):
+            return ()
+        own = [n for n in super().places(data) if n != THRUST and steers(n, data) and len(data.form.inputs[n]) == 1]
+        return tuple(f"{n}+{THRUST}" for n in own)
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A little less, partly, and wholly."""
+        return ({"share": -0.2}, {"share": 0.4}, {"share": 0.9})
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """A little beyond the physical 1, and as far below 0."""
+        return {"share": (-1.2, 1.2)}
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """The root mean square of the thrust commanded."""
+        return {"X_ref": data.rms[THRUST]}
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Scale the commands with the thrust commanded, or with what other effects have made of it."""
+        name, other = columns_of(effect.place)
+        if name not in drive.channels:
+            return drive
+        if other in drive.channels:
+            acting = drive.channels[name] * self._gain(effect, drive.channels[other])
+            return drive.with_channel(name, acting)
+        if other not in drive.measured:
+            return drive
+        own = drive.measured[other]
+        known = np.isfinite(own.values)
+        if not known.any():
+            return drive
+        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
+        thrust = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
+        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
+        return redrawn(drive, name, t, u * self._gain(effect, thrust))
+
+    def _gain(self, effect: EffectInstance, thrust: Array) -> Array:
+        gain: Array = (1.0 - effect["share"]) + effect["share"] * thrust * np.abs(thrust) / effect["X_ref"] ** 2
+        return gain
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
+        """Gain over thrust."""
+        name = columns_of(effect.place)[0]
+        low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
+        thrust = np.linspace(min(low, 0.0), high, 201)
+        gain = self._gain(effect, thrust)
+        unit = data.inputs.get(THRUST, SIGNALS[THRUST][0])
+        x_label, y_label = f"{THRUST} commanded [{unit}]", f"gain of {name} [1]"
+        return EffectCurve(thrust, gain, x_label, y_label, "Steering over thrust", plain=np.ones_like(thrust))
+
+
 def _speed(channels: Mapping[str, object] | frozenset[str]) -> str | None:
     """Return the channel that tells the speed through the water best."""
     return next((n for n in ("u", "U") if n in channels), None)
@@ -185,6 +271,7 @@ class AdvanceSpeedLoss(ActuatorEffect):
     slug = "advance-speed-loss"
     is_structural = True
     meaning = "a propeller loses thrust with the speed of the water it works in: strong from rest, weak at speed"
+    plain = "The thrust of your {craft} falls as it gathers speed; in {simulation} it does not."
     parameters = (Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),)
     grows_with = ("loss",)
     shown_by = "residual against speed, under power: grows with the speed; none while drifting to a stop"

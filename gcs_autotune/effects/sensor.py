@@ -34,6 +34,7 @@ class SensorPosition(Effect):
     slug = "sensor-position"
     family = "sensor"
     meaning = "the sensor sits off the centre: turning looks like sway, or like surge"
+    plain = "The sensor of the {signal} sits off the centre of your {craft}; {simulation} has it at the centre."
     parameters = (
         Quantity("x_P", "m", "how far ahead of the middle the sensor sits"),
         Quantity("y_P", "m", "how far to starboard of it"),
@@ -99,6 +100,7 @@ class CompassDeviation(Effect):
     slug = "compass-deviation"
     family = "sensor"
     meaning = "the compass errs with sine and cosine of the heading: iron and currents aboard"
+    plain = "The error of your compass changes with the heading; {simulation} assumes a compass without error."
     parameters = (
         Quantity("B", "rad", "share that goes with the sine of the heading"),
         Quantity("C", "rad", "share that goes with its cosine"),
@@ -159,6 +161,7 @@ class GyroBias(Effect):
     slug = "gyro-bias"
     family = "sensor"
     meaning = "the gyro reads a constant rate too much"
+    plain = "Your gyro shows a turn where there is none; {simulation} assumes a gyro without error."
     parameters = (Quantity("bias", SIGNAL, "what a resting gyro reads"),)
     grows_with = ("bias",)
     shown_by = "mean of the rate's residual, while the heading's slope fits"
@@ -192,6 +195,7 @@ class MeasurementDelay(Effect):
     slug = "measurement-delay"
     family = "sensor"
     meaning = "a signal is reported late: filtering in the sensor, a slow bus"
+    plain = "Your {signal} is reported late; {simulation} reports it at once."
     parameters = (Quantity("delay", "s", "age of what is reported"),)
     yields_to = ("input-delay", "time-offset")
     grows_with = ("delay",)

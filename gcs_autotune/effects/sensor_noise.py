@@ -42,6 +42,7 @@ class Quantisation(Effect):
     slug = "quantisation"
     family = "sensor"
     meaning = "a signal comes in steps: few bits, few digits"
+    plain = "Your {signal} is recorded in coarse steps; that of {simulation} is smooth."
     parameters = (Quantity("step", SIGNAL, "distance of two neighbouring readings"),)
     shown_by = "few distinct values, all on one grid; the residual is a saw-tooth over the signal"
     mistaken_for = ("outliers", "backlash", "dead-zone")
@@ -181,6 +182,7 @@ class Outliers(Effect):
     slug = "outliers"
     family = "sensor"
     meaning = "single samples are far off: lost bits, reflections, a fix that jumps"
+    plain = "Your {signal} has single wrong samples; that of {simulation} has none."
     parameters = (
         Quantity("share", "1", "of the samples that are off"),
         Quantity("size", SIGNAL, "rms of what they are off by"),

@@ -255,6 +255,7 @@ class WaveDisturbance(Effect):
     slug = "wave-disturbance"
     family = "environment"
     meaning = "waves: a force that swings at one frequency, whatever the craft does"
+    plain = "Waves push your {craft}; there are none in {simulation}."
     parameters = (
         Quantity("amplitude", INPUT, "rms of the force"),
         Quantity("frequency", "rad/s", "at which it swings, as met by the craft"),

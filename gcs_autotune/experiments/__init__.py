@@ -1,19 +1,19 @@
-"""What runs can and cannot tell, which manoeuvre to fly next, and which structure they justify.
+"""Identifiability, design of the next experiment, and choice of structure.
 
 ==================  ===================================================================================
-comparison          two models by where a step settles and how soon
-identifiability     parameters that move together, parameters the runs hardly see
-scales              how much of a parameter would be felt: what makes a standard error large
-profile_likelihood  of one parameter: an interval that is honest where it is not closed
-preview             a manoeuvre flown by the model within what the runs have used; the room it takes
-next_manoeuvre      the manoeuvres ranked by what they would add
-cross_validation    folds, likelihood and errors on data left out
-form_choice         coupled forms weighed by information criteria and errors on data left out
-drag_choice         the same for the drag of one degree of freedom, beside Miskovic2010, eq. (7.1)-(7.2)
+comparison          two models by final value and rise time of a step
+identifiability     correlated and poorly identifiable parameters
+scales              the size of a parameter with a noticeable effect
+profile_likelihood  interval of one parameter, open if the runs do not bound it
+preview             simulated manoeuvre inside the range of the runs; its space
+next_manoeuvre      manoeuvres ranked by expected improvement
+cross_validation    folds, likelihood and held-out errors
+form_choice         coupled forms compared by information criteria and held-out errors
+drag_choice         the same for the drag of one degree of freedom, with Miskovic2010, eq. (7.1)-(7.2)
 pictures            the same in figures
 ==================  ===================================================================================
 
-The information itself is the fit's own: :mod:`gcs_autotune.identify.information`.
+The information matrix is that of the fit: :mod:`gcs_autotune.identify.information`.
 """
 
 from __future__ import annotations

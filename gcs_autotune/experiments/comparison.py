@@ -25,7 +25,7 @@ __all__ = ["DofComparison", "compare_dof", "compare_models"]
 Array = NDArray[np.float64]
 
 SETTLING = 1.0 - math.exp(-1.0)
-"""Share of the steady state reached after ``alpha / beta`` where drag is linear."""
+"""Fraction of the steady state reached after ``alpha / beta`` with linear drag."""
 SETTLING_QUADRATIC = math.tanh(1.0)
 """The same after ``alpha / sqrt(beta_nn |tau|)`` where it is quadratic."""
 
@@ -64,7 +64,7 @@ class DofComparison:
 
     @property
     def same_steady(self) -> bool:
-        """Whether the sensor does not tell the two steady states apart."""
+        """Whether the sensor cannot resolve the difference of the two steady states."""
         return self.steady_apart <= self.quantum
 
     @property
@@ -106,10 +106,10 @@ def compare_dof(
     if (one.dof, one.input_unit) != (other.dof, other.input_unit):
         raise UsageError(
             f"a model of {one.dof} per [{one.input_unit}] and one of {other.dof} per [{other.input_unit}] cannot be "
-            "compared: their forces have no common unit (--full-scale turns shares of full into forces)"
+            "compared: their forces have no common unit. Use --full-scale to convert normalised outputs into forces"
         )
     if not largest >= smallest > 0.0:
-        raise UsageError(f"steps of {largest:g} and {smallest:g}: inputs above 0 are needed, the larger one first")
+        raise UsageError(f"steps of {largest:g} and {smallest:g}: inputs must be above 0, the larger one first")
     both_quadratic = all(m.beta == 0.0 and m.beta_quadratic != 0.0 for m in models)
     share = SETTLING_QUADRATIC if both_quadratic else SETTLING
     steady, rise = [], []
@@ -166,16 +166,16 @@ def compare_models(
         )
     if not found:
         raise UsageError(
-            f"a model of {', '.join(one.base.form.dofs)} and one of {', '.join(other.base.form.dofs)} have no degree "
-            "of freedom in common that these runs drive: nothing to compare"
+            f"a model of {', '.join(one.base.form.dofs)} and one of {', '.join(other.base.form.dofs)} have no "
+            "common degree of freedom that these runs drive"
         )
     return tuple(found)
 
 
 def _resolved(dof: str, runs: Sequence[Trial]) -> tuple[float, float]:
-    """Return what the sensor tells of a velocity at most, 0 if it is not coarse, and the seconds between samples.
+    """Return the resolution of a velocity, 0 if fine, and the time between samples [s].
 
-    A velocity that is not measured is a difference of two positions: a step of the compass between two samples.
+    A velocity that is not measured is a difference of positions: one compass step per sample interval.
     """
     axis = DOFS[dof]
     for name in (axis.velocity, axis.position):

@@ -1,4 +1,4 @@
-"""What a free run says for a structure: likelihood, information criteria, errors on data left out.
+"""Scores of a structure from free runs: likelihood, information criteria, held-out errors.
 
 Runs are split by run where there are several, else by time. The criteria are computed from free-run residuals,
 whichever method made the fit, one noise level per signal at its most likely value. Coloured residuals would make every
@@ -107,10 +107,10 @@ def swings_of(traces: Sequence[Trace]) -> dict[str, float]:
 def cross_validated(
     fitter: Fitter, folds: Sequence[Fold], swings: Mapping[str, float]
 ) -> tuple[list[float], dict[str, float]]:
-    """Return the error per fold, in shares of the signals' swings, and the rms per signal over all folds.
+    """Return the error per fold relative to the signals' ranges, and the rms per signal over all folds.
 
-    A fold whose training part cannot be fitted, or whose fit runs away on what was left out, counts as infinite: a
-    structure that needs all the data to stand up does not generalise. Folds nothing can be read from are passed over.
+    A fold whose training part cannot be fitted, or whose fit diverges on held-out data, counts as infinite, since such
+    a structure does not generalise. Folds without information are skipped.
     """
     errors, traces = [], []
     for fold in folds:

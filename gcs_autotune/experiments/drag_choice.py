@@ -25,7 +25,7 @@ ALIKE = 0.02
 """Relative difference of the errors on data left out below which they are called alike."""
 
 
-WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "both kinds of damping"}
+WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "linear and quadratic damping"}
 """Structure -> what it means."""
 
 
@@ -41,7 +41,7 @@ class ScoredDrag:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """The structure of ``fit`` beside what each witness says; ``signal`` the one the errors are of."""
+    """The structure of ``fit`` and the result of each criterion; ``signal``: that of the errors."""
 
     chosen: Structure
     decision: Decision | None
@@ -96,18 +96,18 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
     said = []
     if fit.decision is not None:
         d = fit.decision
-        verdict = "undecided" if d.verdict == "undecided" else f"speak for {WORDS[d.verdict]}"
+        verdict = "undecided" if d.verdict == "undecided" else f"indicates {WORDS[d.verdict]}"
         said.append(
             f"two experiments (Miskovic2010, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
             f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
-    what = f"data left out ({signal_meaning(signal, fit.dof).split(',')[0]})"
+    what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
     if best.left_out < (1.0 - ALIKE) * own.left_out:
         said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
     else:
-        said.append(f"{what}: nothing predicts better than {WORDS[own.structure]}")
+        said.append(f"{what}: {WORDS[own.structure]} predicts best")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
         said.append(f"Bayesian criterion (BIC): lowest with {WORDS[min(known, key=lambda row: row.bic).structure]}")

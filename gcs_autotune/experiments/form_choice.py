@@ -46,14 +46,14 @@ __all__ = [
 ]
 
 SURE = 3.0
-"""Standard errors by which a drag must be on the wrong side of zero to be complained about."""
+"""Standard errors beyond zero from which negative damping is reported. Chosen."""
 
 
 def complaints_about(fit: Fit) -> tuple[str, ...]:
-    """Return what in *fit* no craft can have: inertia that is not positive, drag that drives.
+    """Return the unphysical values in *fit*: inertia that is not positive, negative damping.
 
-    Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag may only damp. Yaw may be
-    driven by sway, so no more is asked of the damping than its diagonal.
+    Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag must damp. Sway may
+    drive yaw, so only the diagonal of the damping is checked.
     """
     model = fit.model
     if not isinstance(model, CoupledModel):
@@ -65,21 +65,21 @@ def complaints_about(fit: Fit) -> tuple[str, ...]:
     for name in physical(model.form).high:
         parameter = fit.parameters.get(name)
         if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
-            found.append(f"{name} drives instead of damping")
+            found.append(f"{name} is negative damping")
     return tuple(found)
 
 
 CLEAR = 2.0
-"""Difference of the Bayesian criterion below which nothing is decided (Kass1995)."""
+"""Difference of BIC below which the choice is undecided (Kass1995)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredForm:
-    """One form and what speaks for and against it.
+    """One form with its scores.
 
-    ``parameters`` fitted; ``fit_percent`` of the free run on the runs fitted; ``left_out`` error on data left out,
-    in shares of the signals' swings, mean over folds, ``per_fold`` likewise; ``left_out_rms`` per signal [SI];
-    ``complaints`` what is unphysical in it. ``fit`` None: it could not be fitted.
+    ``parameters`` fitted; ``fit_percent`` of the free run on the runs fitted; ``left_out`` held-out error
+    relative to the signals' ranges, mean over folds, ``per_fold`` likewise; ``left_out_rms`` per signal [SI];
+    ``complaints`` its unphysical values. ``fit`` None: it could not be fitted.
     """
 
     form: Form
@@ -155,7 +155,7 @@ def best(table: Sequence[ScoredForm]) -> ScoredForm:
 
 def said(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
     """Return why *term*, which *simpler* lacks, is needed or not."""
-    verdict = "is needed" if wanted else "is not needed"
+    verdict = "is needed" if wanted else "is not supported by the data"
     return f"{term} {verdict}: {_numbers(richer, simpler)}"
 
 
@@ -167,13 +167,13 @@ def compared(chosen: ScoredForm, other: ScoredForm) -> str:
     extra = [n for n in richer.form.free if n not in simpler.form.free]
     told = f"{', '.join(extra)} ({'needed' if richer is chosen else 'not needed'}): " if extra else ""
     bad = f"; '{other.form.name}': {', '.join(other.complaints)}" if other.complaints else ""
-    return f"'{chosen.form.name}' rather than '{other.form.name}': {told}{_numbers(richer, simpler)}{bad}"
+    return f"'{chosen.form.name}' instead of '{other.form.name}': {told}{_numbers(richer, simpler)}{bad}"
 
 
 def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
     """Return the comparison in numbers: error on data left out in the worst signal's unit, and the criterion."""
     if simpler.fit is None:
-        return f"without it the form {simpler.complaints[0]}"
+        return f"without it {simpler.complaints[0]}"
     both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
     said = ""
     if both:
@@ -181,7 +181,7 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
         unit = SIGNALS[name][0]
         scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
         one, other = (scale * row.left_out_rms[name] for row in (simpler, richer))
-        said = f"error on data left out {one:.3g} {unit} of {name} without, {other:.3g} with, "
+        said = f"held-out error of {name} {one:.3g} {unit} without, {other:.3g} with; "
     return f"{said}BIC {simpler.bic - richer.bic:+.1f} without"
 
 
@@ -208,7 +208,7 @@ class _Judge:
         method = lookup(METHODS, self.method, "identification method")
         if method.coupled is None:
             able = ", ".join(n for n, m in METHODS.items() if m.coupled)
-            raise UsageError(f"method '{self.method}' does not fit coupled forms; these do: {able}")
+            raise UsageError(f"method '{self.method}' does not fit coupled forms. Use one of: {able}")
         records = tuple(r for t in trials for r in prepare_form(t, form))
         names = tuple(t.name for t in trials)
         return method.coupled(
@@ -303,7 +303,7 @@ def eliminate(
         sure = _sureness(now.fit, weakest)
         if sure > CERTAIN:
             reasons.append(
-                f"{weakest} is needed, and what is left with it: {sure:.0f} standard errors from zero or more"
+                f"the remaining terms are needed: {weakest}, the weakest, is {sure:.0f} standard errors from zero"
             )
             break
         name = _shorter(now.form.name, weakest)
@@ -339,7 +339,7 @@ def _judge(
     if not forms or not runs:
         raise UsageError("a choice of structure needs at least one form and one run")
     if len({tuple(f.inputs) for f in forms}) > 1:
-        raise UsageError("the forms have different inputs: they do not answer the same question")
+        raise UsageError("the forms have different inputs and cannot be compared")
     return _Judge(runs, method, delay, options, folds_of(runs, tuple(forms[0].inputs)))
 
 

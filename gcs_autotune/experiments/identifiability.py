@@ -1,10 +1,10 @@
-"""What runs cannot tell: parameters that move together, and parameters they hardly see; and the sentences that say so.
+"""Identifiability: groups of correlated parameters, poorly identifiable parameters, and the sentences about them.
 
 The root of the information, its columns scaled to length one, is decomposed into singular values and vectors. A value
-of zero is a joint change the measured signals do not answer to at all (*exact*: a matter of the model, the inputs or
-the signals, whatever the noise). A value below ``1/TOGETHER`` is a group whose members could stand in for one another
-("collinearity index" above 10: Brun2001, (11)); it is reported when
-the change the noise leaves open matters. A parameter whose standard error exceeds its value is *hardly seen*.
+of zero is a joint change without any effect on the measured signals (*exact*: due to the model, the inputs or the
+signals, independent of noise). A value below ``1/TOGETHER`` is a group whose members can replace one another
+("collinearity index" above 10: Brun2001, (11)); it is reported if
+the change within noise is relevant. A parameter whose standard error exceeds its value is *poorly identifiable*.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Direction:
 class Unseen:
     """A parameter whose standard error exceeds its value.
 
-    ``derivative`` its SNAME name; ``slight``: even so its force stays below what would be felt in the motion seen.
+    ``derivative`` its SNAME name; ``slight``: its force is nevertheless negligible in these runs.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Unseen:
 SLUG = "cannot-tell"
 
 _HUGE = 10.0
-"""Relative change from which a number says less than words."""
+"""Relative change from which words replace the number. Chosen."""
 
 
 def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
@@ -81,15 +81,15 @@ def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
     if direction.scaling:
         return Doubt(
             SLUG,
-            f"{names} can all be scaled together by any factor: the motion stays exactly the same",
-            "no manoeuvre helps: give one of them as known, from weighing the craft or a bollard pull, or normalise",
+            f"a common factor on {names} leaves the motion unchanged",
+            "no manoeuvre helps. Supply one of them (--known), from weighing the craft or a bollard pull, or normalise",
         )
     if direction.exact and len(direction.members) == 1:
-        return Doubt(SLUG, f"nothing in {_here(seen)} answers to {names}", _cure(direction.derivatives, seen))
+        return Doubt(SLUG, f"nothing in {_here(seen)} depends on {names}", _cure(direction.derivatives, seen))
     if direction.exact:
-        cause = f"{names} cannot be told apart in {_here(seen)} at all: {_exchange(direction)} changes nothing measured"
+        cause = f"{names} are indistinguishable in {_here(seen)}: {_exchange(direction)} changes no measurement"
         return Doubt(SLUG, cause, _cure(direction.derivatives, seen))
-    cause = f"{names} move together in {_here(seen)}: {_exchange(direction)} stays within the noise"
+    cause = f"{names} are strongly correlated in {_here(seen)}: {_exchange(direction)} stays within the noise"
     return Doubt(SLUG, cause, _cure(_leading(direction), seen))
 
 
@@ -98,14 +98,20 @@ def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
     size = f"{unseen.value:.2g} ± {percent(unseen.std / abs(unseen.value))}" if unseen.value else "zero"
     why = _why(unseen.derivative, seen)
     if math.isinf(unseen.std):
-        return Doubt(SLUG, f"{_here(seen)} cannot tell {unseen.name}{why}", _cure((unseen.derivative,), seen))
+        return Doubt(
+            SLUG, f"{unseen.name} is not identifiable from {_here(seen)}{why}", _cure((unseen.derivative,), seen)
+        )
     if unseen.slight:
         return Doubt(
             SLUG,
-            f"{_here(seen)} hardly sees {unseen.name} ({size}){why}; its force stays below what would be felt",
-            f"leave {unseen.name} out for motion like this; otherwise {_cure((unseen.derivative,), seen)}",
+            f"{unseen.name} is poorly identifiable from {_here(seen)} ({size}){why}; its force is negligible",
+            f"omit {unseen.name} for motion like this, or {_cure((unseen.derivative,), seen)}",
         )
-    return Doubt(SLUG, f"{_here(seen)} hardly sees {unseen.name} ({size}){why}", _cure((unseen.derivative,), seen))
+    return Doubt(
+        SLUG,
+        f"{unseen.name} is poorly identifiable from {_here(seen)} ({size}){why}",
+        _cure((unseen.derivative,), seen),
+    )
 
 
 def joined(names: Sequence[str]) -> str:
@@ -179,22 +185,22 @@ def _cure(derivatives: Sequence[str], seen: ManoeuvringRoom) -> str:
     if {"delay", "lag"} & set(derivatives):
         return "switch the input more often and record it and the motion at a higher rate"
     if {"v", "r"} <= letters and seen.kind != "zig-zag":
-        return "fly a zig-zag: sway and yaw rate then change out of step"
+        return "fly a zig-zag, in which sway and yaw rate change out of phase"
     if {"v", "r"} <= letters:
-        return "fly turns of different tightness at different speeds"
+        return "fly turns of different radius at different speeds"
     if any(d.endswith("_0") for d in lines):
-        return "fly the same manoeuvre to both sides, so that a constant force does not look like drag"
+        return "fly the same manoeuvre to both sides, to separate a constant force from drag"
     if squares and len(derivatives) > 1 and not inertia and letters & {"v", "r"}:
-        return "fly gentle and tight turns: linear and quadratic drag then part"
+        return "fly gentle and tight turns, to separate linear and quadratic drag"
     if squares and len(derivatives) > 1 and not inertia:
-        return "fly at clearly different speeds and coast down from the fastest: linear and quadratic drag then part"
+        return "fly at clearly different speeds and coast down from the fastest, to separate linear and quadratic drag"
     if inertia and len(derivatives) > 1:
-        return "fly steps and reversals faster than the craft settles: inertia and drag then part"
+        return "fly steps and reversals faster than the craft settles, to separate inertia and drag"
     if letters & {"v", "r"}:
         return "fly a zig-zag or tight turns at higher speed" if seen.kind != "zig-zag" else "fly tighter turns, faster"
     if letters & {"u"}:
         return "fly throttle steps up to full speed and coast down"
-    return "excite this motion by steps or pulses of the input nearest to it"
+    return "excite this motion by steps or pulses of its main input"
 
 
 Array = NDArray[np.float64]
@@ -211,7 +217,7 @@ MEMBER = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identifiability:
-    """What runs tell and cannot tell of a fit's parameters.
+    """Identifiability of a fit's parameters from runs.
 
     ``relative`` (p,) standard errors over sizes (see :mod:`.scales`); ``directions`` worst first.
     """
@@ -241,7 +247,7 @@ class Identifiability:
 
 
 def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiability:
-    """Return what *trials* tell of the fitted parameters of *fit*.
+    """Return the identifiability of the parameters of *fit* from *trials*.
 
     Raises
     ------
@@ -252,7 +258,7 @@ def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiabilit
 
 
 def look_into(subject: FittedModel) -> Identifiability:
-    """Return what the subject's runs tell of its parameters."""
+    """Return the identifiability of the subject's parameters from its runs."""
     information = information_on(subject)
     scales = scales_of(subject)
     seen, _ = room_of_runs(subject)
@@ -264,7 +270,7 @@ def look_into(subject: FittedModel) -> Identifiability:
 
 
 def _exact(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:
-    """Return the joint changes nothing answers to, each with as few members as possible."""
+    """Return the joint changes without effect, each with as few members as possible."""
     sigma, vectors, seen = information.modes()
     null = vectors[:, sigma <= BLIND]
     if not null.shape[1]:
@@ -342,7 +348,7 @@ def _sparse(basis: Array) -> Array:
 def _unseen(
     subject: FittedModel, information: Information, scales: Scales, std: Array, told: set[str]
 ) -> tuple[Unseen, ...]:
-    """Return the parameters whose standard error exceeds their value, but for those *told* of already."""
+    """Return the parameters whose standard error exceeds their value, without those already *told*."""
     found = []
     for i, (name, own) in enumerate(zip(subject.names, subject.free, strict=True)):
         if own.endswith("_0") and std[i] <= scales.felt[i]:

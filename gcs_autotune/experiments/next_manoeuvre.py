@@ -81,9 +81,9 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RankedManoeuvre:
-    """Manoeuvres ranked, best first, against what the runs ``now`` tell.
+    """Manoeuvres ranked, best first, relative to the information ``now``.
 
-    ``hopeless``: parameters no candidate makes visible; they are left out of the ranking.
+    ``hopeless``: parameters that no candidate identifies; the ranking ignores them.
     """
 
     now: Identifiability
@@ -115,10 +115,10 @@ class RankedManoeuvre:
         told = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
         reach = plan.reach
         room = [f"{math.degrees(reach.turned):.0f} deg of turning"] if reach.turned > 0.0 else []
-        room += [f"{reach.room:.0f} m of room"] if reach.room > 0.0 else []
+        room += [f"{reach.room:.0f} m of space"] if reach.room > 0.0 else []
         room += [f"{reach.deep:.1f} m of depth"] if reach.deep > 0.0 else []
-        needs = f"; takes {' and '.join(room)}" if room else ""
-        flags = f"; beyond what was flown: {', '.join(plan.flags)}" if plan.flags else ""
+        needs = f"; needs {' and '.join(room)}" if room else ""
+        flags = f"; outside the range flown: {', '.join(plan.flags)}" if plan.flags else ""
         return f"{plan.candidate.title} for {self.seconds:.0f} s: std of {', '.join(told)}{needs}{flags}"
 
     @property
@@ -126,7 +126,9 @@ class RankedManoeuvre:
         """The three best, one sentence each, and what no manoeuvre cures."""
         lines = [self.say(plan) for plan in self.plans[:3]]
         if self.hopeless:
-            lines.append(f"no manoeuvre here tells {', '.join(self.hopeless)}: fix them or measure something else")
+            lines.append(
+                f"no candidate manoeuvre identifies {', '.join(self.hopeless)}. Fix them, or measure other signals"
+            )
         return tuple(lines)
 
 
@@ -138,24 +140,24 @@ def plan_next(
     seconds: float = 60.0,
     criterion: Criterion = "worst",
 ) -> RankedManoeuvre:
-    """Rank manoeuvres by what they would add to *trials* about the fitted parameters of *fit*.
+    """Rank manoeuvres by the information they would add to *trials* about the parameters of *fit*.
 
     Parameters
     ----------
-    candidates : names in :data:`PRESETS` or manoeuvres of one's own; all whose roles the inputs have when None.
+    candidates : names in :data:`PRESETS` or own manoeuvres; None: all that the inputs allow.
     seconds : length of the next run, its approach included.
 
     Raises
     ------
     UnknownName
-        A candidate that is in no table.
+        An unknown candidate.
     UsageError
-        A senseless length, no candidate these inputs can fly; and as :func:`fitted_model_of`.
+        A length out of range, no candidate for these inputs; and as :func:`fitted_model_of`.
     NotInformative
-        The model runs away in every candidate.
+        The model diverges in every candidate.
     """
     if not 5.0 <= seconds <= 3600.0:
-        raise UsageError(f"a run of {seconds} s cannot be planned: give 5 to 3600 s")
+        raise UsageError(f"a run of {seconds} s cannot be planned. Use 5 to 3600 s")
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of(subject.form, subject.theta, subject.records)
     wanted = PRESETS.values() if candidates is None else [_candidate(c) for c in candidates]
@@ -163,13 +165,13 @@ def plan_next(
     if not able:
         raise UsageError(
             f"the inputs {', '.join(allocation.channels)} give {', '.join(allocation.columns)}; "
-            "no candidate is flown with these"
+            "no candidate manoeuvre uses these"
         )
     now = look_into(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
     if not plans:
         raise NotInformative(
-            f"the model '{subject.form.name}' runs away in every manoeuvre: fit it with physical signs first"
+            f"the model '{subject.form.name}' diverges in every manoeuvre. Fit it with physical signs first"
         )
     hopeless = ~np.any([np.isfinite(p.std) for p in plans], axis=0)
     ranked = sorted(plans, key=lambda p: _key(p, now, hopeless, criterion))
@@ -188,10 +190,10 @@ UNTOLD = 1e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrecisionGain:
-    """What a manoeuvre is expected to do for the precision that is asked for.
+    """Expected effect of a manoeuvre on the required precision.
 
-    ``relative``: standard error over value expected of each parameter after it. ``rate``: how much nearer it comes
-    per minute, in natural logarithms of the standard errors still too large. ``seconds`` it takes, all told.
+    ``relative``: expected standard error over value of each parameter. ``rate``: improvement per minute, in natural
+    logarithms of the standard errors still too large. ``seconds``: total duration.
     """
 
     candidate: Preset
@@ -202,7 +204,7 @@ class PrecisionGain:
 
 
 def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> float:
-    """Return how far the relative standard errors are from those wanted: the sum of the logarithms of their ratios."""
+    """Return the distance of relative standard errors from those required: the sum of logarithms of their ratios."""
     return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
 
 
@@ -226,14 +228,14 @@ def rank_by_precision(
     overhead: float,
     most: Mapping[str, float] | None = None,
 ) -> tuple[PrecisionGain, ...]:
-    """Rank manoeuvres, each flown by the model to its end, by how quickly they bring the precision *wanted*.
+    """Rank simulated manoeuvres by how quickly they reach the precision *wanted*.
 
     Parameters
     ----------
-    fit : a model on *trials*, its inputs in shares of full output.
-    wanted : parameter -> standard error over value to come down to.
-    longest : seconds beyond which no candidate is followed. overhead : seconds that each costs besides.
-    most : force -> share of full beyond which nothing comes out of its actuators, where that is known.
+    fit : a model on *trials*, with normalised inputs.
+    wanted : parameter -> required standard error over value.
+    longest : longest simulated duration [s]. overhead : additional time of each [s].
+    most : force -> normalised output at which its actuators saturate, if known.
 
     Expected standard errors are those of the information (Goodwin1977, chapter 6) times what the present ones exceed
     theirs by (coloured residuals), so that a model that misses something does not promise too much. All are weighed
@@ -271,7 +273,7 @@ def _gain_of(
     wanted: Mapping[str, float],
     overhead: float,
 ) -> PrecisionGain:
-    """Return what *plan* brings of what is *wanted*; arguments as those of :func:`rank_by_precision`."""
+    """Return the expected effect of *plan* on the precision *wanted*; arguments as in :func:`rank_by_precision`."""
     expected, ideal = dict(present), now.information.std
     for i, name in enumerate(now.names):
         if name in wanted and math.isfinite(plan.std[i]) and subject.values[i] != 0.0:

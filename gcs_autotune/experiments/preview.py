@@ -1,8 +1,7 @@
-"""A proposed manoeuvre flown by the model: its inputs, its motion, the room it takes, the record it would leave.
+"""Simulation of a proposed manoeuvre: inputs, motion, space, and the expected record.
 
-Whatever the input channels are (thrust and moment, a rudder, a pair of thrusters), a manoeuvre asks for shares of full
-force per equation; :class:`ChannelAllocation` turns them into channel values that never exceed those the runs have
-used.
+For any input channels (thrust and moment, a rudder, a pair of thrusters) a manoeuvre commands normalised forces per
+equation; :class:`ChannelAllocation` converts them into channel values inside the range of the runs.
 """
 
 from __future__ import annotations
@@ -155,7 +154,7 @@ class ChannelAllocation:
 
 
 def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAllocation:
-    """Return the allocation of a form whose inputs are forces as shares of full output; *most* of one may be used."""
+    """Return the allocation of a form with normalised forces as inputs, limited to *most*."""
     channels = tuple(form.inputs)
     high = np.array([most.get(c, 1.0) for c in channels])
     columns = {ROLES[c]: np.eye(len(channels))[i] for i, c in enumerate(channels) if c in ROLES}
@@ -165,17 +164,17 @@ def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAlloca
 def allocation_of(form: Form, theta: Array, records: Sequence[Segment]) -> ChannelAllocation:
     """Return the allocation of a form whose gains have the values *theta*, limited to the inputs of *records*.
 
-    A channel that drives surge and was never negative stays so; any other may go to both sides.
+    A surge channel that was never negative stays so; other channels use both signs.
 
     Raises
     ------
     NotInformative
-        No input was ever used.
+        No input was used.
     """
     used = np.vstack([r.inputs for r in records])
     most = np.abs(used).max(axis=0)
     if not np.any(most > 0.0):
-        raise NotInformative("no input was ever used in these runs: there is nothing to take the next one's size from")
+        raise NotInformative("no input was used in these runs, so the size of the next one cannot be chosen")
     gains = _gains(form, theta)
     ahead_only = (gains[FORCES.index("X")] != 0.0) & (used.min(axis=0) >= 0.0)
     chosen: list[str] = []

@@ -1,10 +1,10 @@
-"""Profile likelihood of one parameter: how bad the best fit gets as the parameter is moved away from its estimate.
+"""Profile likelihood of one parameter: the best fit as the parameter moves away from its estimate.
 
-At every value all other parameters and all initial states are fitted anew; the rise of minus twice the log-likelihood
+At every value all other parameters and initial states are fitted again; the rise of minus twice the log-likelihood
 over its minimum is chi-squared with one degree of freedom (Wilks), so the values below 3.84 make the 95 % interval. It
-need not be symmetric, and it need not close: a side along which the fit never gets bad enough is reported as open
-(Raue2009, "practically non-identifiable"). Where residuals are coloured the deviance is
-divided by the square of what the fit's standard error was raised by.
+need not be symmetric, and it need not close: a side on which the fit does not degrade enough is reported as open
+(Raue2009, "practically non-identifiable"). For coloured residuals the deviance is
+divided by the square of the factor on the fit's standard error.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ GROWTH, FIRST = 1.6, 0.5
 """Steps outwards grow by this factor, from this many standard errors on."""
 
 POLISH, CLOSE = 12, 0.01
-"""Steps at most that place the end of an interval, until it is within this share of the parameter's size."""
+"""Most steps to locate an interval's end, and its tolerance relative to the parameter. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,12 +80,12 @@ class Profile:
     def words(self) -> str:
         """One sentence."""
         if self.closed:
-            return f"{self.name} lies in {self.low:.4g} .. {self.high:.4g} {self.unit} ({100 * self.level:.0f} %)"
+            return f"{self.name} is between {self.low:.4g} and {self.high:.4g} {self.unit} ({100 * self.level:.0f} %)"
         if not (math.isfinite(self.low) or math.isfinite(self.high)):
-            return f"{self.name} is not bounded on either side: these runs do not bound it"
+            return f"{self.name} is not bounded by these runs"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
-        return f"{self.name} lies {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
+        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
 
 
 def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
@@ -120,7 +120,7 @@ def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel]
     wide = np.full(objective.size, np.inf)
     found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, ROUNDS)
     if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' runs away on its runs")
+        raise NotInformative(f"the model '{subject.form.name}' diverges on its runs")
     minimum, laws = found
     theta, _, initial, _ = objective.unpack(minimum.x)
     local = objective.at(minimum.x, laws)

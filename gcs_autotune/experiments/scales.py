@@ -21,7 +21,7 @@ __all__ = ["FELT", "Scales", "scales_of"]
 Array = NDArray[np.float64]
 
 FELT = 0.05
-"""Share of an equation's largest force that counts as felt. Chosen: what pilots and controllers would not notice."""
+"""Fraction of an equation's largest force that is noticeable to pilots and controllers. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
-"""An identified model in the words of other simulators: :func:`export_model`, one file and one line per target.
+"""Export of identified models to other simulators: :func:`export_model`, one file and one line per target.
 
-``equations`` reads a model as mass matrix, force terms and inputs (SNAME, Fossen2011); each target writes them its way.
-What a target cannot say is told, never dropped in silence.
+``equations`` converts a model into mass matrix, force terms and inputs (SNAME, Fossen2011); each target writes them in
+its format. Parts that a target cannot express are always reported.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ __all__ = ["TARGETS", "Exported", "ForceTerm", "MotionEquations", "Target", "equ
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a model may be written as: file suffix, one line of help, and what writes it.
+    """An export format: file suffix, one line of help, and its writer.
 
-    ``write`` returns the text and sentences about what it cannot say.
+    ``write`` returns the text, and sentences about what it cannot express.
     """
 
     suffix: str
@@ -37,7 +37,7 @@ TARGETS: Mapping[str, Target] = {
     "ardupilot-json": Target(".toml", "vehicle file for `gcs-autotune sitl FILE --ardupilot-json`", to_vehicle_file),
     "gazebo": Target(".sdf", "Gazebo's Hydrodynamics plugin", to_gazebo),
     "fossen": Target(".py", "vehicle class for Fossen's Python Vehicle Simulator", to_fossen),
-    "matlab": Target(".m", "MATLAB function of the equations of motion, with a demonstration", to_matlab),
+    "matlab": Target(".m", "MATLAB function of the equations of motion, with an example", to_matlab),
     "csv": Target(".csv", "parameters with units and standard errors", to_csv),
 }
 """Name -> target."""
@@ -45,7 +45,7 @@ TARGETS: Mapping[str, Target] = {
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """A model written for somebody else's simulator: text, usual suffix, and what is not in it."""
+    """A model for another simulator: text, usual suffix, and what is not in it."""
 
     text: str
     suffix: str
@@ -53,14 +53,14 @@ class Exported:
 
 
 def export_model(file: ModelFile, target: str, full_scale: Mapping[str, float] | None = None) -> Exported:
-    """Return the model of *file* in the words of *target*, a name in :data:`TARGETS`.
+    """Return the model of *file* in the format of *target*, a name in :data:`TARGETS`.
 
-    full_scale : input -> force [N or N m] at full output, where a target wants it and the file does not say.
+    full_scale : input -> force [N or N m] at full output, if a target needs it and the file has none.
 
     Raises
     ------
     UnknownName
-        There is no such target. UsageError: the model cannot be said there at all.
+        There is no such target. UsageError: the model cannot be expressed there.
     """
     chosen = lookup(TARGETS, target, "target")
     equations = equations_of(file, full_scale or {})

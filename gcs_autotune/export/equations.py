@@ -57,12 +57,12 @@ class MotionEquations:
 
     Attributes
     ----------
-    rows : which of the six equations there are. inertia : M (6, 6), zero outside them. rigid : share of M that is the
-        rigid body's (6, 6), zero where only the sum is known.
-    terms : all forces, those of the inputs too. inputs : channel -> unit. full : channel -> value at full output, where
-        that is known. delay, lag : channel -> seconds.
+    rows : which of the six equations exist. inertia : M (6, 6), zero outside them. rigid : rigid-body part of M
+        (6, 6), zero if only the sum is known.
+    terms : all forces, those of the inputs too. inputs : channel -> unit. full : channel -> value at full output, if
+        known. delay, lag : channel -> seconds.
     parameters : (name, value, unit, standard error) of the model, the error NaN where unknown.
-    left : sentences about what of the model is not in these equations.
+    left : sentences about parts of the model that are not in these equations.
     """
 
     name: str
@@ -108,14 +108,14 @@ def _value(factor: str, known: Mapping[str, float]) -> float:
 
 
 def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEquations:
-    """Return the equations of the model in *file*; effects that are forces, delays or lags are among them.
+    """Return the equations of the model in *file*, including effects that are forces, delays or lags.
 
-    full_scale : input -> value at full output, before what the file says of it.
+    full_scale : input -> value at full output; overrides the file.
 
     Raises
     ------
     BadFile
-        An input has a name that no program could have.
+        An input name is not a valid identifier.
     """
     model = file.model
     simulator = ExtendedSimulator(model.base.form, model.effects)
@@ -123,7 +123,7 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEqua
     program, inputs = program_of(form), tuple(form.inputs)
     strange = [c for c in inputs if not _NAME.fullmatch(c)]
     if strange:
-        raise BadFile(f"{_plain(', '.join(strange))}: no name of an input")
+        raise BadFile(f"{_plain(', '.join(strange))}: not an input of the model")
     units = {c: _plain(file.inputs.get(c, "")) for c in inputs}
     values = dict(zip(form.parameters, (float(v) for v in theta), strict=True))
     left = [f"{n} = {values[n]:.6g} {SPECIAL[n]}" for n in SPECIAL if values.get(n) and n not in WITHIN]

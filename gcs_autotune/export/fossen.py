@@ -20,14 +20,14 @@ def to_fossen(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     text = f'''"""{equations.name}, identified by gcs-autotune: a vehicle for the Python Vehicle Simulator.
 
 SNAME axes, SI units, radians. Inputs: {", ".join(f"{c} [{u or '?'}]" for c, u in equations.inputs.items())}.
-Not in it: {"; ".join(equations.left) or "nothing"}.
+Not exported: {"; ".join(equations.left) or "nothing"}.
 """
 
 import numpy as np
 
 
 class {equations.identifier}:
-    """The identified craft; `stepInput` gives its first input a tenth of full."""
+    """The identified craft; `stepInput` commands a tenth of full output at its first input."""
 
     def __init__(self, controlSystem="stepInput", r=0, V_current=0, beta_current=0, tau_X=0):
         self.ref, self.V_c, self.beta_c, self.tauX = r, V_current, beta_current, tau_X
@@ -76,7 +76,7 @@ class {equations.identifier}:
         return u_actual
 
     def stepInput(self, t):
-        """Return a tenth of full at the first input from 1 s on."""
+        """Return a tenth of full output at the first input from 1 s on."""
         u_control = np.zeros({len(inputs)})
         u_control[0] = {0.1 * equations.full.get(inputs[0], 1.0)!r} if t >= 1.0 else 0.0
         return u_control

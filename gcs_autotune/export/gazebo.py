@@ -21,7 +21,7 @@ _SIZE = re.compile(r"abs\((\w)\)")
 
 
 def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the plugin's element, to stand in a ``<model>``; and what the plugin cannot say."""
+    """Return the plugin's element for a ``<model>``, and what the plugin cannot express."""
     found: dict[str, float] = {}
     left: list[str] = []
     added = equations.inertia - equations.rigid
@@ -39,15 +39,15 @@ def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
             left.append(f"the force {FORCES[term.row]} = {term.text}")
     if np.any(np.diag(equations.inertia)) and not np.any(equations.rigid):
         left.append(
-            "mass and inertia of the body itself: the model knows their sum with the added ones only, all of which "
-            "stands in the ...Dot... elements; take the link's own off"
+            "mass and inertia of the body itself: the model has only their sum with the added mass, which is in the "
+            "...Dot... elements; subtract the link's own"
         )
     left += [f"the {what} of {c}, {s:.6g} s" for what, late in (("delay", equations.delay), ("lag", equations.lag))
              for c, s in late.items() if s]  # fmt: skip
     body = "\n".join(f"  <{name}>{value!r}</{name}>" for name, value in found.items())
     notes = escape("; ".join((*equations.left, *left))).replace("--", "- -")
     text = (
-        f"<!-- {escape(equations.name)}, identified by gcs-autotune. Not in it: {notes or 'nothing'} -->\n"
+        f"<!-- {escape(equations.name)}, identified by gcs-autotune. Not exported: {notes or 'nothing'} -->\n"
         '<plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">\n'
         f"  <link_name>base_link</link_name>\n{body}\n</plugin>\n"
     )

@@ -11,7 +11,7 @@ def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return a ``.m`` file; delays and lags are numbers in its head, and its caller's to apply."""
     inputs = tuple(equations.inputs)
     late = [
-        f"the {what} of {c}, {s:.6g} s (a number in the file, to be applied to its input)"
+        f"the {what} of {c}, {s:.6g} s (a number in the file; apply it to the input)"
         for what, table in (("delay", equations.delay), ("lag", equations.lag))
         for c, s in table.items()
         if s
@@ -37,7 +37,7 @@ def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
 %   delay [s]: {", ".join(f"{c} {equations.delay[c]:g}" for c in inputs)}; lag [s]: {
         ", ".join(f"{c} {equations.lag[c]:g}" for c in inputs)
     }; apply them to input.
-%   Not in it: {"; ".join((*equations.left, *late)) or "nothing"}.
+%   Not exported: {"; ".join((*equations.left, *late)) or "nothing"}.
 %
 %   Example, a step of the first input:
 %     [t, s] = ode45(@(t, s) {equations.identifier}(t, s, [{0.1 * equations.full.get(inputs[0], 1.0):g}; zeros({

@@ -63,15 +63,16 @@ def _see(equations: MotionEquations) -> None:
     strange = [c for c in equations.inputs if c not in FORCES]
     if strange:
         raise UsageError(
-            f"the model is driven by {', '.join(strange)}; a vehicle file of ours has thrusters. Fly the model itself: "
+            f"the model is driven by {', '.join(strange)}, but a vehicle file has thrusters. Simulate the model "
+            f"itself: "
             "gcs-autotune sitl charlie --model FILE --ardupilot-json"
         )
     unknown = [c for c in equations.inputs if c not in equations.full]
     if unknown:
         told = ",".join(f"{c}=..." for c in unknown)
-        raise UsageError(f"full output of {', '.join(unknown)} is not known: give --full-scale {told} [N, N m]")
+        raise UsageError(f"full output of {', '.join(unknown)} is unknown. Use --full-scale {told} [N, N m]")
     if any(row in equations.rows for row in (3, 4)):
-        raise UsageError("the simulator models no roll and pitch")
+        raise UsageError("roll and pitch, which the simulator does not model")
 
 
 def _quoted(text: str) -> str:
@@ -119,7 +120,7 @@ def _coupling(equations: MotionEquations, own: set[int], left: list[str]) -> str
             own.add(k)
     sideways = _authority(equations, 1, own)
     if sideways:
-        left.append(f"the input Y ({sideways:.6g} at full): no boat of ours pushes sideways")
+        left.append(f"the input Y ({sideways:.6g} at full): no simulated boat thrusts sideways")
     lines = [f'coriolis = {{ value = {str(equations.coriolis).lower()}, unit = "1", source = "identified" }}']
     return "\n".join(["[coupling]", *lines, *(_number(f'"{n}"', v) for n, v in values.items())])
 

@@ -20,11 +20,11 @@ _HEADING = Axis(
     dof="yaw",
     law="rover-heading",
     gains=(
-        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per wanted turn rate"),
+        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per required turn rate"),
         Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering per turn-rate error"),
         Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering per accumulated turn-rate error"),
         Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering per change of turn-rate error"),
-        Gain("ATC_STR_ANG_P", 1.0, 10.0, "wanted turn rate per heading error"),
+        Gain("ATC_STR_ANG_P", 1.0, 10.0, "turn rate per heading error"),
     ),
     context=(
         *pid_context("ATC_STR_RAT"),
@@ -60,7 +60,7 @@ _SPEED = Axis(
         Gain("ATC_SPEED_P", 0.01, 2.0, "throttle per speed error"),
         Gain("ATC_SPEED_I", 0.0, 2.0, "throttle per accumulated speed error"),
         Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per change of speed error"),
-        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per wanted speed, beside the cruise pair"),
+        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per required speed, in addition to the cruise pair"),
         Gain("CRUISE_SPEED", 0.0, 100.0, "speed of the cruise pair"),
         Gain("CRUISE_THROTTLE", 0.0, 100.0, "throttle of the cruise pair"),
     ),
@@ -83,22 +83,22 @@ _UNSUITED = (
     Unsuited(
         "SAIL_ENABLE",
         (1,),
-        "a sailboat. Its speed is the wind's and the trim of its sails', not that of a throttle, so nothing that is "
-        "identified here would hold. To tune it under power: sails down, SAIL_ENABLE 0, restart the autopilot, and "
-        "back afterwards",
+        "a sailboat. Its speed depends on wind and sail trim, not on throttle, so no identified model would be "
+        "valid. To tune it under power, lower the sails, set SAIL_ENABLE to 0 and restart the autopilot; revert "
+        "this afterwards",
     ),
     Unsuited(
         "FRAME_TYPE",
         (1, 2, 3, 4),
-        "an omni frame (1 Omni3, 2 OmniX, 3 OmniPlus, 4 Omni3Mecanum), which turns and goes sideways by three or four "
-        "motors mixed together; only a rudder, a vectored thruster, or two thrusters side by side can be tuned. If it "
-        "is none, set FRAME_TYPE to 0 and restart the autopilot",
+        "an omni frame (1 Omni3, 2 OmniX, 3 OmniPlus, 4 Omni3Mecanum), which mixes three or four motors to turn and "
+        "move sideways. Only a rudder, a vectored thruster, or two thrusters side by side can be tuned. If the "
+        "vehicle has another frame, set FRAME_TYPE to 0 and restart the autopilot",
     ),
     Unsuited(
         "FRAME_CLASS",
         (3,),
-        "a balance bot, which drives to stay upright: no surge or turn can be tried apart from that. If it is none, "
-        "set FRAME_CLASS to 2 (boat) or 1 (rover) and restart the autopilot",
+        "a balance bot, which drives to stay upright, so surge and turn cannot be tested separately. If the vehicle "
+        "is another type, set FRAME_CLASS to 2 (boat) or 1 (rover) and restart the autopilot",
     ),
 )
 

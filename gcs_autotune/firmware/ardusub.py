@@ -24,7 +24,7 @@ _HEADING = Axis(
         Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
         Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error"),
         Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per change of yaw-rate error"),
-        Gain("ATC_ANG_YAW_P", 0.0, 6.0, "wanted yaw rate per heading error"),
+        Gain("ATC_ANG_YAW_P", 0.0, 6.0, "yaw rate per heading error"),
     ),
     context=(
         *pid_context("ATC_RAT_YAW"),
@@ -42,7 +42,7 @@ _YAW = Axis(
     name="yaw",
     dof="yaw",
     law="sub-yaw",
-    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "wanted yaw rate per heading error")),
+    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "yaw rate per heading error")),
     context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
 )
 
@@ -51,12 +51,12 @@ _DEPTH = Axis(
     dof="heave",
     law="sub-depth",
     gains=(
-        Gain("PSC_POSZ_P", 1.0, 3.0, "wanted climb rate per depth error"),
-        Gain("PSC_VELZ_P", 1.0, 8.0, "wanted acceleration per climb-rate error"),
-        Gain("PSC_VELZ_I", 0.0, 1.0, "wanted acceleration per accumulated climb-rate error"),
+        Gain("PSC_POSZ_P", 1.0, 3.0, "climb rate per depth error"),
+        Gain("PSC_VELZ_P", 1.0, 8.0, "acceleration per climb-rate error"),
+        Gain("PSC_VELZ_I", 0.0, 1.0, "acceleration per accumulated climb-rate error"),
         Gain("PSC_ACCZ_P", 0.2, 1.5, "throttle per acceleration error"),
         Gain("PSC_ACCZ_I", 0.0, 3.0, "throttle per accumulated acceleration error"),
-        Gain("PSC_ACCZ_FF", 0.0, 0.5, "throttle per wanted acceleration"),
+        Gain("PSC_ACCZ_FF", 0.0, 0.5, "throttle per required acceleration"),
     ),
     context=(
         "PSC_VELZ_IMAX",

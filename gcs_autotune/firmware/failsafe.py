@@ -1,4 +1,4 @@
-"""The failsafes that act when a vehicle hears nothing from its ground station: what each waits for, and what it does.
+"""The failsafes for a lost ground station: the time each waits, and its action.
 
 Sources: ArduPilot 4.5 to 4.7, ``Rover/failsafe.cpp``, ``Rover/radio.cpp``, ``ArduSub/failsafe.cpp``.
 """
@@ -18,9 +18,9 @@ DISARMS = "disarmed"
 class SetFailsafe:
     """One failsafe as a vehicle's parameters set it.
 
-    ``needs`` [s of the vehicle's time] without a word from the station before it acts; ``outcomes``: modes it may end
-    in, or ``DISARMS``; ``says``: what its STATUSTEXT contains, in lower case. ``by_overrides``: only overrides keep it
-    away, and with an RC receiver it has nothing to do with us.
+    ``needs``: silence of the station before it acts [s, vehicle time]; ``outcomes``: modes it may end in, or
+    ``DISARMS``; ``says``: content of its STATUSTEXT, in lower case. ``by_overrides``: only overrides prevent it; with
+    an RC receiver it does not depend on this tool.
     """
 
     name: str

@@ -38,14 +38,14 @@ class Outputs:
 
 
 def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = "") -> Outputs:
-    """Return *values* with the SERVOn parameters that mean the same, where they are of a version that had none.
+    """Return *values* with the equivalent SERVOn parameters, for firmware versions without these.
 
-    said : what the firmware calls itself, e.g. ``APM:Rover v3.1``: its version counts where no parameter tells.
+    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter determines the version.
 
     Raises
     ------
     PreconditionFailed
-        RCMAP_* has a value that no vehicle can mean.
+        RCMAP_* has an implausible value.
     """
     old = firmware.fixed_outputs
     if old is None or not _is_old(values, old, said):

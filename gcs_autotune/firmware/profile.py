@@ -15,7 +15,7 @@ __all__ = ["Axis", "Firmware", "FixedOutputs", "Gain", "Unsuited", "pid_context"
 
 
 def pid_context(prefix: str) -> tuple[str, ...]:
-    """Return what every AC_PID called *prefix* has besides its gains: its integral's limit and its filters."""
+    """Return the parameters of an AC_PID *prefix* other than its gains: limit of the integral, filters."""
     return tuple(f"{prefix}_{suffix}" for suffix in ("IMAX", "FLTT", "FLTE", "FLTD"))
 
 
@@ -59,7 +59,7 @@ class FixedOutputs:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One loop that ``tune`` can tune on this firmware.
+    """One loop of this firmware that ``tune`` can tune.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class Axis:
     law : name in ``design.LAWS`` of the autopilot's control structure.
     gains : the parameters that may be changed.
     context : other parameters the law needs to know (limits, filters, scalings); read, never written.
-    needs_speed : whether the actuator only bites with way on (a rudder).
-    names : what the vehicle calls ``gains`` and ``context``, which are canonical; see :meth:`called`.
+    needs_speed : whether the actuator needs speed to have an effect (a rudder).
+    names : the vehicle's names of ``gains`` and ``context``, which are canonical; see :meth:`called`.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Axis:
 
     @property
     def steers_by_way(self) -> bool:
-        """Whether it turns the craft, with a force that goes with throttle or way."""
+        """Whether it turns the craft with a force that depends on throttle or speed."""
         return self.needs_speed and not excitation_of(self.dof).by_throttle
 
     def called(self, names: Names) -> Self:
@@ -95,7 +95,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """One autopilot firmware as the tuner must know it.
+    """The profile of one autopilot firmware.
 
     ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in
     ``manual_mode``; how far is read from the vehicle's own RCn parameters. ``mixing`` maps a frame

@@ -136,11 +136,11 @@ def _by_function(
         if mixed:
             raise PreconditionFailed(
                 f"outputs of this vehicle are assigned to motors ({', '.join(map(str, mixed))}), as on an omni frame, "
-                f"and none to {', '.join(missing)}: only a rudder, a vectored thruster, or two thrusters side by side "
-                "(73 and 74) can be tuned. If it has those, set SERVOn_FUNCTION"
+                f"and none to {', '.join(missing)}. Only a rudder, a vectored thruster, or two thrusters side by side "
+                "(73 and 74) can be tuned. If the vehicle has these, set SERVOn_FUNCTION"
             )
         raise OutputsUnassigned(
-            f"no output of this vehicle is assigned to {', '.join(missing)}: set SERVOn_FUNCTION. "
+            f"no output of this vehicle is assigned to {', '.join(missing)}. Set SERVOn_FUNCTION. "
             "(A boat that steers by two thrusters has functions 73 and 74 instead.)",
             told=told,
             of=_OUTPUTS,
@@ -165,7 +165,8 @@ def _read_outputs(parameters: ParameterSource, channels: Iterable[int]) -> dict[
         low, trim, high, is_reversed = (values[f"SERVO{n}_{field}"] for field in fields)
         if not low < trim < high:
             raise PreconditionFailed(
-                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in order: set them before tuning"
+                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in ascending order. Correct them before "
+                f"tuning"
             )
         outputs[n] = Output(n, trim, low, high, -1.0 if is_reversed else 1.0)
     return outputs
@@ -178,14 +179,14 @@ def _by_frame(
     factors = firmware.mixing.get(frame)
     if factors is None:
         known = ", ".join(map(str, firmware.mixing))
-        raise PreconditionFailed(f"{firmware.frame_parameter} {frame} is not a frame we know (known: {known})")
+        raise PreconditionFailed(f"{firmware.frame_parameter} {frame} is not supported (supported: {known})")
     motors = range(1, len(factors) + 1)
     for m in motors:
         taken = int(functions.get(f"SERVO{m}_FUNCTION", 0.0))
         if _MOTOR1 + m - 1 not in by_function and taken and taken not in _MOTORS:
             raise PreconditionFailed(
-                f"motor {m} of {firmware.frame_parameter} {frame} has no output, for SERVO{m}_FUNCTION is {taken}: set "
-                f"SERVO{m}_FUNCTION to {_MOTOR1 + m - 1}, or {firmware.frame_parameter} to the frame it is"
+                f"motor {m} of {firmware.frame_parameter} {frame} has no output: SERVO{m}_FUNCTION is {taken}. Set "
+                f"SERVO{m}_FUNCTION to {_MOTOR1 + m - 1}, or {firmware.frame_parameter} to the vehicle's frame"
             )
     directions = parameters.read_existing(f"MOT_{m}_DIRECTION" for m in motors)
     centre, span = firmware.neutral_pwm, firmware.motor_span

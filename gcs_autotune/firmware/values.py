@@ -27,11 +27,11 @@ class Values:
     def fault(self, value: float) -> str:
         """Return in words what is wrong with *value*; empty when nothing is."""
         if math.isnan(value):
-            return "is nan: not a number"
+            return "is nan, not a number"
         if not self.low <= value <= self.high:
-            return f"is {value:g}: from {self.low:g} to {self.high:g} would make sense"
+            return f"is {value:g}, outside the plausible range {self.low:g} to {self.high:g}"
         if self.whole and value != int(value):
-            return f"is {value:g}: it counts in whole numbers"
+            return f"is {value:g}, not a whole number"
         return ""
 
 
@@ -72,17 +72,19 @@ _PATTERNS = tuple((re.compile(pattern), values) for pattern, values in VALUES.it
 
 
 def checked(name: str, value: float) -> float:
-    """Return *value*, which a vehicle or a log says the parameter *name* has.
+    """Return *value* of the parameter *name*, if plausible.
 
     Raises
     ------
     PreconditionFailed
-        No vehicle can mean that; with name and value.
+        It is implausible; the message has name and value.
     """
     values = next((v for pattern, v in _PATTERNS if pattern.fullmatch(name)), _ANY)
     fault = values.fault(value)
     if fault:
-        raise PreconditionFailed(f"{name} {fault}. Set it right (or load a parameter file that is), and try again")
+        raise PreconditionFailed(
+            f"{name} {fault}. Correct it on the vehicle or load a correct parameter file, and try again"
+        )
     return value
 
 

@@ -1,4 +1,4 @@
-"""What one number a user may give may be, how it is read, and what is said when it may not."""
+"""One number that a user can set: its range, its parser, and the error for a value outside."""
 
 from __future__ import annotations
 
@@ -10,46 +10,46 @@ from dataclasses import dataclass
 from gcs_autotune.errors import UsageError
 from gcs_autotune_files import Refused, number
 
-__all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "Slip", "finite"]
+__all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "UnitMistake", "finite"]
 
 _TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01, "min": 60.0}
 """Unit as typed -> factor to SI; the others are SI."""
 _TIMES: Mapping[str, float] = {"s": 1.0, "min": 60.0, "h": 3600.0}
-"""Unit of time -> how many seconds it has; a time may be typed with any of them."""
+"""Unit of time -> seconds; a time can be typed in any of them."""
 _WITH_UNIT = re.compile(r"([^a-z]+(?:e[+-]?\d+)?) ?(s|min|h)")
 _ROUNDING = 1e-9
-"""Share of a limit by which a value may miss it: radians and back."""
+"""Relative tolerance of a limit, for rounding to radians and back."""
 
 
 @dataclass(frozen=True, slots=True)
-class Slip:
-    """A usual mistake: the value times ``factor`` is what was meant, when it is *words*, e.g. "in percent"."""
+class UnitMistake:
+    """A common unit mistake: the user typed the value in the unit *words*, and meant the value times ``factor``."""
 
     factor: float
     words: str
 
 
-PERCENT = Slip(0.01, "in percent")
-CENTI = Slip(0.01, "in hundredths of a degree")
-RADIANS = Slip(180.0 / math.pi, "in radians")
-CM = Slip(0.01, "in centimetres")
-CM_S = Slip(0.01, "in cm/s")
-MS = Slip(0.001, "in milliseconds")
-MM = Slip(0.001, "in millimetres")
+PERCENT = UnitMistake(0.01, "in percent")
+CENTI = UnitMistake(0.01, "in hundredths of a degree")
+RADIANS = UnitMistake(180.0 / math.pi, "in radians")
+CM = UnitMistake(0.01, "in centimetres")
+CM_S = UnitMistake(0.01, "in cm/s")
+MS = UnitMistake(0.001, "in milliseconds")
+MM = UnitMistake(0.001, "in millimetres")
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One number. ``least`` and ``greatest`` are in ``unit``, as typed; SI otherwise.
+    """One number. ``least`` and ``greatest`` are in ``unit``, as typed.
 
     Attributes
     ----------
     name : the option without its dashes.
-    meaning : what it is, for the help; ``unset`` says in words what stands in for a missing ``default``.
+    meaning : text of the help; ``unset`` describes the default if there is no number ``default``.
     reason : why the range ends where it does.
-    axis : the axis it holds for, where that decides unit and range; empty for all.
-    slips : what was probably meant by a value outside.
-    whole : a whole number; ``signed``: its size is bounded, and it may be negative.
+    axis : the axis it belongs to, if unit and range depend on it; empty for all.
+    mistakes : likely unit mistakes behind a value outside.
+    whole : a whole number; ``signed``: its magnitude is bounded, and it may be negative.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Limit:
     default: float | None = None
     unset: str = ""
     axis: str = ""
-    slips: tuple[Slip, ...] = ()
+    mistakes: tuple[UnitMistake, ...] = ()
     whole: bool = False
     signed: bool = False
 
@@ -69,16 +69,16 @@ class Limit:
     def range(self) -> str:
         """The range in words, e.g. ``2 to 120 deg``, ``0.02 to 1``."""
         ends = f"{_shown(self.least)} to {_shown(self.greatest)}"
-        return ends + (f" {self.unit}" if self.unit else "") + (" either way" if self.signed else "")
+        return ends + (f" {self.unit}" if self.unit else "") + (" in either direction" if self.signed else "")
 
     @property
     def factor(self) -> float:
-        """What a typed value is multiplied by to be in SI and radians."""
+        """Factor from a typed value to SI and radians."""
         return _TO_SI.get(self.unit, 1.0)
 
     @property
     def help(self) -> str:
-        """What the help says: meaning, range and default."""
+        """Text of the help: meaning, range and default."""
         default = f" (default {_shown(self.default)})" if self.default is not None else ""
         unset = f" (default: {self.unset})" if self.unset else ""
         return f"{self.meaning}, {self.range}{default}{unset}"
@@ -89,12 +89,12 @@ class Limit:
         Raises
         ------
         UsageError
-            It is no number, not finite, or out of range; the message says what was probably meant.
+            It is not a number, not finite, or out of range; the message suggests the likely value.
         """
         try:
             value = number(text) if self.unit not in _TIMES else self._time(text)
         except Refused as error:
-            raise UsageError(f"{error}; {self._wanted}{self._comma(text)}") from None
+            raise UsageError(f"{error}. {self._wanted}{self._comma(text)}") from None
         return self.check(value)
 
     def _time(self, text: str) -> float:
@@ -103,23 +103,23 @@ class Limit:
         return number(text) if found is None else number(found[1]) * _TIMES[found[2]] / _TIMES[self.unit]
 
     def check(self, value: float) -> float:
-        """Return *value* (as typed, in ``unit``) when it may be used.
+        """Return *value* (as typed, in ``unit``) if it is valid.
 
         Raises
         ------
         UsageError
-            It may not; the message has range, reason and what was probably meant.
+            It is invalid; the message has range, reason and the likely value.
         """
         if not math.isfinite(value):
-            raise UsageError(f"{value:g} is no finite number; {self._wanted}")
+            raise UsageError(f"{value:g} is not a finite number. {self._wanted}")
         if self.whole and value != round(value):
-            raise UsageError(f"{value:g} is no whole number; {self._wanted}")
+            raise UsageError(f"{value:g} is not a whole number. {self._wanted}")
         if not self._holds(value):
-            raise UsageError(f"{_shown(value)} is out of range; {self._wanted}{self._meant(value)}")
+            raise UsageError(f"{_shown(value)} is out of range. {self._wanted}{self._meant(value)}")
         return int(value) if self.whole else value
 
     def check_si(self, value: float) -> None:
-        """See that *value*, in SI and radians, may be used; errors as those of :meth:`check`, with its name."""
+        """Check *value*, in SI and radians; errors as in :meth:`check`, with the name."""
         try:
             self.check(value / self.factor)
         except UsageError as error:
@@ -132,18 +132,20 @@ class Limit:
 
     @property
     def _wanted(self) -> str:
-        return f"allowed is {self.range}: {self.reason}"
+        return f"Allowed: {self.range} ({self.reason})"
 
     def _meant(self, value: float) -> str:
-        for slip in self.slips:
+        for slip in self.mistakes:
             meant = float(f"{value * slip.factor:.6g}")
             if self._holds(meant):
-                return f". Did you mean {_shown(meant)} ({_shown(value)} is that {slip.words})?"
+                return f". Did you mean {_shown(meant)} ({_shown(value)} {slip.words})?"
         if self._holds(-value):
             return f". Did you mean {_shown(-value)}?"
         nearest = self.least if value < self.least else self.greatest
-        usual = f"; usual is {_shown(self.default)}" if self.default is not None else ""
-        return f". The nearest allowed is {_shown(math.copysign(nearest, value) if self.signed else nearest)}{usual}"
+        usual = f"; the default is {_shown(self.default)}" if self.default is not None else ""
+        return (
+            f". The nearest allowed value is {_shown(math.copysign(nearest, value) if self.signed else nearest)}{usual}"
+        )
 
     def _comma(self, text: str) -> str:
         try:

@@ -1,9 +1,9 @@
-"""From samples to channels: which source to believe, globe to map, map to body; and what drove the craft.
+"""From samples to channels: choice of sources, globe to map, map to body; and the inputs.
 
-What drove it are servo outputs turned back to force fractions, or, failing that, the pilot's sticks. ArduPilot
-low-passes the gyro (``INS_GYRO_FILTER``, a second-order Butterworth filter) before ATTITUDE.yawspeed, RATE and IMU see
-it; the attitude itself is integrated from samples that are not filtered. At ArduRover's 4 Hz the rate lags by about
-50 ms, which a heading loop of a second's period sees: so each channel tells what it was filtered by.
+Inputs are servo outputs converted back to normalised forces, or else the pilot's sticks. ArduPilot
+low-passes the gyro (``INS_GYRO_FILTER``, a second-order Butterworth filter) before ATTITUDE.yawspeed, RATE and IMU use
+it; attitude is integrated from unfiltered samples. At ArduRover's 4 Hz the rate lags by about 50 ms, which matters for
+a heading loop with a period of a second. Therefore each channel records its filter.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 RATES = ("attitude", "rate", "imu", "steering")
 """Sources of ``p q r``, preferred first, but those that carry a stamp of their own before those that do not."""
 STILL = 0.01
-"""Chosen [m]: a depth that changes by less in a second (rms) tells no sign of a vertical speed."""
+"""Smallest change of depth per second (rms) that determines the sign of a vertical speed [m]. Chosen."""
 SPEEDS = ("hud", "gps")
 """Sources of ``U`` when no velocity over ground is there."""
 
@@ -120,7 +120,7 @@ def _depth(pick: _Pick, store: SampleStore) -> None:
         if _has(store, f"{source}.w"):
             t, w = store.series(f"{source}.w")
             if source == "global" and _is_upwards(t, w, *store.series(f"{source}.z")):
-                _put(pick, "w", f"{source}, counted upwards", t, -w)
+                _put(pick, "w", f"{source}, converted to depth", t, -w)
             else:
                 _put(pick, "w", source, t, w)
 
@@ -150,17 +150,17 @@ def _put(pick: _Pick, name: str, source: str, t: Array, values: Array) -> None:
 
 
 NO_OUTPUTS = (
-    "it holds no servo outputs",
-    "log SERVO_OUTPUT_RAW (on board: RCOU) and the vehicle's parameters (load all of them once while the ground "
-    "station records), or give a parameter file with --parameters",
+    "it has no servo outputs",
+    "record SERVO_OUTPUT_RAW (onboard: RCOU) and the vehicle's parameters (load all of them once while the ground "
+    "station records), or use a parameter file with --parameters",
 )
 """Cause and cure of a log that lacks an output it would need."""
-_OTHER = "neither ArduRover nor ArduSub, so what its outputs do is not known"
+_OTHER = "neither ArduRover nor ArduSub, so the functions of its outputs are unknown"
 LONGEST_GAP = 0.5
 """Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
 
 STICKS = 400.0
-"""Half the range of an RC channel [us] when the log does not tell its limits."""
+"""Half the range of an RC channel [us], if the log does not contain its limits."""
 
 
 def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[Note]]:
@@ -188,24 +188,24 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
         sources.append(("RC input", _from_rc(store, store.firmware)))
     for source, found in sources:
         if found:
-            note = ("input-is-command", f"the inputs are {source}, not what the actuators did ({why})", cure)
+            note = ("input-is-command", f"the inputs are {source}, not the actuator outputs ({why})", cure)
             return {**pwm, **found}, source, [note]
     return pwm, "", [("no-inputs", f"no input could be read: {why}", cure)]
 
 
 def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
-    """Return how the outputs of a log are wired, and its parameters under the names that was read by.
+    """Return the output wiring of a log, and its parameters under the names used for it.
 
     Raises
     ------
     PreconditionFailed
-        The log does not tell; the message says what is missing.
+        The log lacks information; the message states what is missing.
     """
     if store.firmware is None:
-        other = "the log does not tell what autopilot it is of"
+        other = "the log does not identify its autopilot"
         raise PreconditionFailed(other if store.vehicle == UNKNOWN else f"the log is of {store.vehicle}: {_OTHER}")
     if not store.parameters:
-        raise PreconditionFailed("the log holds no parameters (0), so its outputs have no meaning")
+        raise PreconditionFailed("the log has no parameters, so the functions of its outputs are unknown")
     outputs = with_outputs(store.parameters, store.firmware, store.vehicle)
     try:
         return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
@@ -213,18 +213,18 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"the log holds {len(store.parameters)} parameters, but only {error.told} of {error.of} SERVOn_FUNCTION, "
-            "so its outputs have no meaning"
+            f"the log has {len(store.parameters)} parameters, but only {error.told} of {error.of} SERVOn_FUNCTION, "
+            "so the functions of its outputs are unknown"
         ) from error
     except PreconditionFailed as error:
         raise PreconditionFailed(outputs.names.worded(str(error))) from error
 
 
 def _cure(store: SampleStore) -> str:
-    """Return what to do about a log whose outputs are not understood."""
+    """Return the advice for a log whose outputs cannot be interpreted."""
     if store.firmware is None:
         return "identify from a CSV with force columns"
-    return "give the vehicle's parameters with --parameters FILE (NAME,VALUE lines, as ground stations save them)"
+    return "supply the vehicle's parameters with --parameters FILE (NAME,VALUE lines, as ground stations save them)"
 
 
 def _assumed(outputs: Outputs) -> list[Note]:
@@ -234,8 +234,8 @@ def _assumed(outputs: Outputs) -> list[Note]:
     return [
         (
             "assumed-limits",
-            f"the log does not hold all limits of its outputs: the defaults of that firmware were taken ({taken})",
-            "give the vehicle's parameters with --parameters FILE",
+            f"the log does not have all limits of its outputs; firmware defaults are used ({taken})",
+            "supply the vehicle's parameters with --parameters FILE",
         )
     ]
 
@@ -266,7 +266,7 @@ def _dated(t: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _named(store: SampleStore, source: str) -> dict[str, Channel]:
-    """Return the forces that a source tells as shares of full output."""
+    """Return the normalised forces of a source."""
     found = {}
     for name in "XYZKMN":
         t, values = store.series(f"{source}.{name}")

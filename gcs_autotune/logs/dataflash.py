@@ -162,7 +162,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
             start = stream.read(4096)
         is_binary = HEAD in start
         if not is_binary and not FMT_LINE.search(start):
-            raise BadFile(f"{path} is no ArduPilot log: it begins with neither a binary message nor a FMT line")
+            raise BadFile(f"{path} is not an ArduPilot log: it starts with neither a binary message nor a FMT line")
         log: BinaryLog | DataflashTextLog = (
             BinaryLog(path.open("rb"))
             if is_binary
@@ -176,18 +176,18 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not decoder.blocks:
-        raise BadFile(f"{path} holds no dataflash message: it is no ArduPilot log, or damaged from its start")
+        raise BadFile(f"{path} contains no dataflash message. It is not an ArduPilot log, or it is damaged")
     if not decoder.is_dated:
         raise BadFile(_undated(path, decoder))
     notes: list[Note] = []
     if log.damaged or decoder.strays:
-        what = f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes)" if log.damaged else ""
-        stamps = f"{decoder.strays} stamps" if decoder.strays else ""
+        what = f"{log.damaged} segments of the log ({log.damaged_bytes} bytes)" if log.damaged else ""
+        stamps = f"{decoder.strays} timestamps" if decoder.strays else ""
         notes.append(
             (
                 "damaged-log",
-                f"{' and '.join(w for w in (what, stamps) if w)} were damaged and left out",
-                "fetch the log again; such a log carries no checksums, so look at the pictures before believing it",
+                f"{' and '.join(w for w in (what, stamps) if w)} were damaged and skipped",
+                "fetch the log again. Such logs have no checksums, so check the figures before you use the result",
             )
         )
     meta = {
@@ -198,22 +198,22 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
         "damaged_stamps": decoder.strays,
         "truncated": log.truncated,
     }
-    form = "log on board (binary)" if is_binary else "log on board (text)"
+    form = "onboard log (binary)" if is_binary else "onboard log (text)"
     return Recording(form, decoder.stores(), meta, notes, decoder.census)
 
 
 def _undated(path: Path, decoder: _Decoder) -> str:
-    """Return what a log is whose messages carry no stamp of the boot clock, and what to do."""
+    """Return the error of a log without timestamps of the boot clock, and what to do."""
     if "TIME" in decoder.census.seen:
         return (
-            f"{path} is a log of PX4's old logger (sdlog2), which is not read: convert it with sdlog2_dump.py, and "
-            "name its columns with --columns"
+            f"{path} is a log of PX4's old logger (sdlog2), which is not supported. Convert it with sdlog2_dump.py, "
+            "and map its columns with --columns"
         )
     store = decoder.stores()[-1]
     whose = f"of {store.vehicle}" if store.vehicle != UNKNOWN else "of an early ArduPilot"
     return (
-        f"{path} is a log {whose} whose messages carry no time stamp (TimeUS, or TimeMS until 2015), so nothing can be "
-        "identified from it: use the telemetry log (.tlog), or log with a newer firmware"
+        f"{path} is a log {whose} whose messages have no timestamp (TimeUS, or TimeMS until 2015), so nothing can be "
+        "identified from it. Use the telemetry log (.tlog), or a newer firmware"
     )
 
 
@@ -398,7 +398,7 @@ _PRODUCT = re.compile(
 
 
 def _name(store: SampleStore, text: str) -> None:
-    """Take the firmware's name and version from what it says of itself."""
+    """Read the firmware's name and version from its own messages."""
     product = _PRODUCT.match(text.strip())
     if product is None or store.firmware is not None or store.vehicle != UNKNOWN:
         return

@@ -1,10 +1,10 @@
-"""ArduPilot's log on board, read a piece at a time: binary (``.bin``) and text (``.log``).
+"""ArduPilot's onboard log, read in pieces: binary (``.bin``) and text (``.log``).
 
 Every binary message is ``A3 95``, a type, and a body whose length and layout an earlier FMT message of the same file
-told. There is no checksum: what does not fit together is stepped over and counted. Format letters: ArduPilot's
+contains. There is no checksum: inconsistent data are skipped and counted. Format letters: ArduPilot's
 ``AP_Logger/LogStructure.h``. In text (written by Mission Planner and ``mavlogdump``) a line is the kind and its values,
-``ATT, 1234567, 0.5, ...``; ``FMT`` lines told the names of the columns before, and values are scaled already. A line
-that does not fit its FMT is damage: left out and counted.
+``ATT, 1234567, 0.5, ...``; earlier ``FMT`` lines contain the column names, and values are already scaled. A line
+that does not fit its FMT is damaged: skipped and counted.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ LETTERS: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one kind of message lies in the file; ``length`` counts its three bytes of head."""
+    """Layout of one kind of message in the file; ``length`` counts its three bytes of head."""
 
     kind: str
     length: int
@@ -87,7 +87,7 @@ class Block:
         return self.layout.names
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return values scaled as the log's letters say (degrees stay degrees), or (n,) texts."""
+        """Return values scaled by the log's letters (degrees stay degrees), or (n,) texts."""
         raw = self.rows[name]
         factor = self.layout.factors[self.layout.names.index(name)]
         if factor == 0.0:

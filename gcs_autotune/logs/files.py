@@ -32,22 +32,22 @@ LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
 """Purposes (:attr:`Trial.purpose`) of what lasts long enough to identify from, when no whole experiment was flown."""
 
 LEAST_SAMPLES = 30
-"""Samples of motion below which a run tells nothing: three seconds at 10 Hz."""
+"""Fewest samples of motion of a usable run: three seconds at 10 Hz. Chosen."""
 
 
 def record(path: Path, system: int | None = None, parameters: Mapping[str, float] | None = None) -> Recording | None:
-    """Read *path* as the log that its content (or, where that is damaged, its suffix) says it is; None for columns.
+    """Read *path* as a log, recognised by its content or, if damaged, its suffix; None for columns.
 
-    parameters : of the vehicle, for what the log itself does not tell.
+    parameters : of the vehicle, for those missing in the log.
 
     Raises
     ------
     BadFile
-        Not there, unreadable, or of a kind that is not read; the message says what it is and how to convert it.
+        Missing, unreadable, or of an unsupported type; the message states the type and how to convert it.
         UsageError: no vehicle of that *system*.
     """
     if not path.exists():
-        raise BadFile(f"{path}: no such file")
+        raise BadFile(f"{path} does not exist")
     form = format_of(path)
     if form is None or form.record is None:
         return None
@@ -68,36 +68,36 @@ def load_runs(
     """Return the runs at *path*, in order of file name or of time.
 
     * a CSV file: that trial;
-    * a telemetry log (``.tlog``), a log on board (``.bin``, ``.log``), a PX4 ULog: one trial per stretch armed in one
-      mode; what it is is known by its content, whatever its name;
+    * a telemetry log (``.tlog``), an onboard log (``.bin``, ``.log``), a PX4 ULog: one trial per segment armed in one
+      mode; its type is recognised by its content;
     * a MATLAB file or a ROS bag: that run;
-    * a run directory: those of its ``trials/*.csv`` that were flown to identify, with what their inputs were during
-      the lead-in (recorded beside them). Where none of these came to its end: those that were cut off, and the steps
-      of a proof, with a doubt; when no side file names any manoeuvre at all (files from elsewhere), every CSV there;
+    * a run directory: those of its ``trials/*.csv`` that were flown for identification, with their inputs during the
+      lead-in (recorded next to them). If none of these is complete: the incomplete ones, and the steps of a proof,
+      with a doubt; if no meta file names a manoeuvre (files from elsewhere), every CSV there;
     * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
 
     Parameters
     ----------
-    pick : numbers of the stretches of a log to return (``dive#3`` is 3); all when empty.
-    system : system id of the vehicle meant, for a log that heard several.
+    pick : numbers of the segments of a log to return (``dive#3`` is 3); empty: all.
+    system : system id of the vehicle, for a log with several.
     columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
-    parameters : of the vehicle, for what a log itself does not tell.
+    parameters : of the vehicle, for those missing in the log.
 
     Raises
     ------
     BadFile
-        Nothing at *path*, nothing readable in it, or nothing flown that tells; and what ``load_trial`` raises.
+        Nothing at *path*, nothing readable, or nothing flown for identification; and as ``load_trial``.
     NotInformative
-        A log without a stretch that is armed, driven and moves.
+        A log without a segment that is armed, driven and moves.
     UsageError
-        A *pick*, *system* or *columns* that is not there.
+        A *pick*, *system* or *columns* that does not exist.
     """
     place = Path(path)
     form = format_of(place) if place.exists() else None
     if form is None and place.is_dir():
         return _of_directory(place, pick, system, columns, parameters)
     if not place.exists():
-        raise BadFile(f"{place}: no such file or run directory")
+        raise BadFile(f"{place} does not exist. Give a file or a run directory")
     if form is not None and form.runs is not None:
         return form.runs(place, columns or {})
     log = record(place, system, parameters)
@@ -115,7 +115,7 @@ def _picked(place: Path, runs: list[Trial], pick: Collection[int]) -> list[Trial
     if missing:
         there = "; ".join(r.name for r in runs)
         numbers = ", ".join(map(str, sorted(missing)))
-        raise UsageError(f"{place} has no stretch {numbers} to identify from; it has: {there}")
+        raise UsageError(f"{place} has no segment {numbers}; it has: {there}")
     return found
 
 
@@ -171,25 +171,25 @@ def _of_directory(
     if not found:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
         raise BadFile(
-            f"{folder} holds no run in which an actuator was driven long enough to identify from, only: {kinds}; name "
-            "a CSV file to try it all the same"
+            f"{folder} contains no run with an actuator driven long enough to identify from, only: {kinds}. Give "
+            "a CSV file to try it anyway"
         )
     return found
 
 
 def _holds(folder: Path) -> str:
     names = sorted(visible(f.name) for f in folder.iterdir())
-    return f"; it holds {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}" if names else "; it is empty"
+    return f". It contains {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}" if names else ". It is empty"
 
 
 class _FitData(Struct):
-    """What is wanted of ``fit.json``: the names of the runs that were fitted."""
+    """The part of ``fit.json`` that is read: the names of the fitted runs."""
 
     used: list[str]
 
 
 def _fitted_to(place: Path) -> set[str]:
-    """Return the names of the runs that the model beside them was fitted to, empty where none says."""
+    """Return the names of the runs that the model of their directory was fitted to; empty if unknown."""
     try:
         return set(conform(read(place / "fit.json"), _FitData).used)
     except Refused:
@@ -197,18 +197,18 @@ def _fitted_to(place: Path) -> set[str]:
 
 
 def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
-    """Yield what a run that never came to a whole experiment still tells, doubted: what was cut off, and its steps.
+    """Yield usable parts of a run without a complete experiment, with a doubt: incomplete ones, and its steps.
 
-    The pulses of a check are short; they are taken when there is nothing else.
+    The short pulses of a check are used only if there is nothing else.
     """
     driven = [t for t in flown if _is_driven(t)]
     longer = [t for t in driven if t.purpose in LONG_ENOUGH]
     for run in longer or [t for t in driven if t.purpose == "check"]:
-        why = "was cut off" if run.ending == "aborted" else f"was flown as a {run.purpose}, not to identify from"
+        why = "is incomplete" if run.ending == "aborted" else f"was flown as a {run.purpose}, not for identification"
         doubt = (
             f"makeshift-run-{run.name}",
-            f"'{run.name}' {why}; there is no whole experiment in its directory",
-            "fly the experiment to its end, then identify again",
+            f"'{run.name}' {why}; its directory has no complete experiment",
+            "fly the experiment completely, then identify again",
         )
         dof = _flown_dof(run)
         yield replace(run, meta={**run.meta, "dof": dof and dof.name, "notes": [*run.meta.get("notes", ()), doubt]})

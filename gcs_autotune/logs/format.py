@@ -1,4 +1,4 @@
-"""What a kind of file is: how it is recognised, and either how it is read or how somebody else converts it."""
+"""A type of file: how it is recognised, and its reader or the advice to convert it."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ class Format:
     Attributes
     ----------
     name : with its article, after "is": "a PX4 ULog".
-    fits : whether the beginning of a file shows it to be of this kind, whatever its name.
-    suffixes : by which a file whose beginning is damaged is taken for one of this kind.
-    record : reads a vehicle's log into stores. runs : reads columns into runs. Neither: it is not read here, and
-    advice : says how to convert it; ``{name}`` stands for the file's name.
+    fits : whether the first bytes of a file are of this type, whatever its name.
+    suffixes : recognise a file with a damaged start.
+    record : reads a vehicle's log into stores. runs : reads columns into runs. Neither: unsupported, and
+    advice : how to convert it; ``{name}`` is the file's name.
     """
 
     name: str
@@ -77,6 +77,6 @@ class Format:
 
 
 def absent(path: Path, what: str, library: str, instead: str) -> BadFile:
-    """Return the refusal of a file whose *library* is not installed; *instead* says how to do without."""
+    """Return the error of a file whose *library* is not installed; *instead* : the alternative."""
     cure = f"pip install 'gcs-autotune[formats]' to read it, or {instead}"
     return BadFile(f"{path} is {what}, and {library} is not installed: {cure}")

@@ -29,7 +29,7 @@ FIRST_FRAMES = 3
 """Chosen: MAVLink frames behind each other that show what a file is."""
 YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
 """Stamps of telemetry logs [us since 1970] of 2000 to 2099."""
-EXPORT = "export it from there as CSV (comma separated, UTF-8), with a head line like t[s],psi[deg],N[N m]"
+EXPORT = "export it as CSV (comma separated, UTF-8), with a head line like t[s],psi[deg],N[N m]"
 
 
 def _begins(*magic: bytes) -> Callable[[Head], bool]:
@@ -87,7 +87,7 @@ def _members(path: Path) -> list[str]:
 
 FORMATS: tuple[Format, ...] = (
     Format("a telemetry log", _is_stamped, (".tlog",), record=record_tlog),
-    Format("a log on board", _is_dataflash, (".bin", ".log"), record=record_dataflash),
+    Format("an onboard log", _is_dataflash, (".bin", ".log"), record=record_dataflash),
     Format("Mission Planner's CSV of a telemetry log", _of_text(is_mission_planner), record=record_mission_planner),
     Format("mavlogdump's CSV of a telemetry log", _of_text(is_mavlogdump), record=record_mavlogdump),
     Format("QGroundControl's CSV", _of_text(is_qgc), record=record_qgc),
@@ -95,9 +95,10 @@ FORMATS: tuple[Format, ...] = (
     matlab.FORMAT,
     rosbag.FORMAT,
     Format(
-        "MAVLink without time stamps (MAVProxy's .raw)",
+        "MAVLink without timestamps (MAVProxy's .raw)",
         _is_raw,
-        advice="give the telemetry log that MAVProxy writes beside it (mav.tlog): the same messages with stamps",
+        advice="use the telemetry log that MAVProxy writes next to it (mav.tlog), which has the same messages with "
+        "timestamps",
     ),
     Format(
         "a MATLAB file of version 7.3, or another HDF5 file",
@@ -111,6 +112,12 @@ FORMATS: tuple[Format, ...] = (
         advice=EXPORT,
     ),
     Format("an old Excel workbook", _begins(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), advice=EXPORT),
+    Format(
+        "a document of Word or PowerPoint",
+        _zipped(lambda names: any(n.startswith(("word/", "ppt/")) for n in names)),
+        (".docx", ".pptx"),
+        advice="give the data it was made of",
+    ),
     Format(
         "a spreadsheet of LibreOffice",
         _zipped(lambda names: "content.xml" in names and "mimetype" in names),
@@ -137,29 +144,27 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "a log of Betaflight's Blackbox", _begins(b"H Product:Blackbox"), advice="convert it: blackbox_decode {name}"
     ),
-    Format("a PDF", _begins(b"%PDF-"), advice="give the data it was made of"),
-    Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="give the data it was made of"),
-    Format("a web page", _text(r"<!doctype html|<html"), advice="give the file that it shows or links to"),
-    Format("a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track alone has no inputs: give the log"),
-    Format(
-        "NMEA sentences", _text(r"\$[A-Z]{2}[A-Z0-9]{3},"), advice="a receiver's output has no inputs: give the log"
-    ),
-    Format("a list of waypoints", _text(r"QGC WPL"), advice="give the log of the mission instead"),
+    Format("a PDF", _begins(b"%PDF-"), advice="use the original data"),
+    Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
+    Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that it shows or links to"),
+    Format("a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track has no inputs: use the log"),
+    Format("NMEA sentences", _text(r"\$[A-Z]{2}[A-Z0-9]{3},"), advice="a receiver's output has no inputs: use the log"),
+    Format("a list of waypoints", _text(r"QGC WPL"), advice="use the log of the mission"),
     Format(
         "JSON",
         _text(r"\{\s*[\"}]|\[\s*[\[{\"\d-]"),
         (".json",),
-        advice="give a run as CSV, with a head line like t[s],psi[deg],N[N m]",
+        advice="use CSV with a head line like t[s],psi[deg],N[N m]",
     ),
     Format(
-        "an early ArduPilot log without FMT lines (of before 2012)",
+        "an ArduPilot log without FMT lines (before 2012)",
         _text(r"(ATT|GPS|NTUN|CTUN|RAW|IMU|MOD|PM)\s*:"),
-        advice="it cannot be read: give the telemetry log (.tlog) of that day",
+        advice="it cannot be read: use the telemetry log (.tlog)",
     ),
     Format(
         "a list of parameters",
         _text(r"(#[^\n]*\n)*([A-Z][A-Z0-9]+_[A-Z0-9_]+[ ,\t]+-?[0-9.]+\s*\n){3}"),
-        advice="give it with --parameters, beside the log it belongs to",
+        advice="use it with --parameters, together with its log",
     ),
 )
 """Kinds of files, tried in this order by content and then by suffix. A format is one file and one line here."""
@@ -169,21 +174,21 @@ LOG_SUFFIXES = tuple(s for f in FORMATS if f.record or f.runs for s in f.suffixe
 
 
 def format_of(path: Path) -> Format | None:
-    """Return what kind of file is at *path*, None for a table of columns (CSV) or an ordinary folder.
+    """Return the type of the file at *path*, None for a table of columns (CSV) or an ordinary folder.
 
     Raises
     ------
     BadFile
-        It cannot be read, is empty, or is of a kind that is not read here: the message says which, and how to convert.
+        It cannot be read, is empty, or is unsupported; the message states the type, and how to convert it.
     """
     head = Head.of(path)
     if not head.data and not path.is_dir():
-        raise BadFile(f"{path} is empty (0 bytes): nothing was recorded, or it was not copied")
+        raise BadFile(f"{path} is empty (0 bytes). Check the recording and the copy")
     form = next((f for f in FORMATS if f.fits(head)), None) or _by_suffix(head)
     if form is not None and form.record is None and form.runs is None:
         inside = ", ".join(visible(name) for name in _members(path)[:3])
         advice = form.advice.replace("{name}", shlex.quote(visible(path.name)))
-        advice = advice.replace("{inside}", f" (it holds {inside})" if inside else "")
+        advice = advice.replace("{inside}", f" (it contains {inside})" if inside else "")
         raise BadFile(f"{path} is {form.name}: {advice}")
     return form
 

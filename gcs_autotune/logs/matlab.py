@@ -1,6 +1,6 @@
-"""MATLAB's MAT files (up to version 7.2) to runs: vectors of one length beside a vector ``t``, also within structures.
+"""MATLAB's MAT files (up to version 7.2) to runs: vectors of the length of a vector ``t``, also within structures.
 
-SciPy reads them. A MAT file names no units: they are those of the signals (SI), unless ``--columns`` says otherwise.
+SciPy reads them. A MAT file has no units: those of the signals (SI) apply, unless ``--columns`` sets others.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["FORMAT", "read_mat"]
 
 HEAD = re.compile(rb"MATLAB 5\.0 MAT-file")
-EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with a head line t[s],psi[rad],N[N m] above"
+EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the head line t[s],psi[rad],N[N m]"
 DEEPEST = 8
 """Chosen: structures within structures."""
 SHORTEST = 2
@@ -54,19 +54,19 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     if time is None:
         found = ", ".join(visible(name) for name in list(named)[:10]) or "none"
         raise BadFile(
-            f"{path} is a MATLAB file without a vector of times called t (vectors of numbers in it: {found}): say "
-            f"which is what with --columns OLD=t[s],..., or {EXPORT}"
+            f"{path} is a MATLAB file without a time vector t (its vectors: {found}). Map "
+            f"them with --columns OLD=t[s],..., or {EXPORT}"
         )
     table = {name: v for name, v in named.items() if len(v) == len(named[time])}
     other = [name for name in named if name not in table]
     run = trial_of_columns(table, path.name, columns)
     notes = [
         *run.meta.get("notes", ()),
-        ("assumed-units", f"{path.name} names no units: SI was assumed where --columns names none", "give --columns"),
+        ("assumed-units", f"{path.name} has no units: SI is assumed where --columns has none", "give --columns"),
     ]
     if other:
-        cause = f"vectors of another length than {time} were left out: {', '.join(map(visible, other[:5]))}"
-        notes.append(("left-out-vectors", cause, "resample them to the times of the run"))
+        cause = f"vectors of other length than {time} were skipped: {', '.join(map(visible, other[:5]))}"
+        notes.append(("left-out-vectors", cause, "resample them to the time vector"))
     return [replace(run, name=visible(path.stem), meta={**run.meta, "format": "MATLAB file", "notes": notes})]
 
 
@@ -90,10 +90,10 @@ def _see_it_is_whole(data: bytes) -> None:
     SciPy 1.17 ends the whole process by a segmentation fault where a type code of an element is none of these.
     """
     if not HEAD.match(data):
-        raise ValueError("it does not begin as a MAT file of level 5")
+        raise ValueError("it does not start like a MAT file of level 5")
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None or len(data) <= HEADER:
-        raise ValueError("nothing follows its head")
+        raise ValueError("it has no data after its header")
     _see_elements(data[HEADER:], order, 0)
 
 

@@ -3,8 +3,8 @@
 Mission Planner writes a line per message: its local time, the head of the frame in hexadecimal (7 cells of MAVLink 1,
 8 of MAVLink 2, the last three being system, component and message id), the name of its structure
 (``mavlink_attitude_t``), then ``name,value`` pairs and a tail after an empty cell. Numbers are in the language of
-its computer, so a decimal comma splits a value in two cells: values are put together again by the names that follow.
-``mavlogdump`` writes one table for all kinds asked for: ``timestamp`` [s since 1970], then ``ATTITUDE.roll``...
+its computer, so a decimal comma splits a value in two cells: values are reassembled by the names that follow.
+``mavlogdump`` writes one table for all requested kinds: ``timestamp`` [s since 1970], then ``ATTITUDE.roll``...
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ def record_mission_planner(path: Path, system: int | None = None) -> Recording:
 
 
 def record_mavlogdump(path: Path, system: int | None = None) -> Recording:
-    """Read mavlogdump's CSV at *path*, which does not tell senders. Raises as ``record_tlog``."""
+    """Read mavlogdump's CSV at *path*, which has no senders. Raises as ``record_tlog``."""
     lines = _Lines(path)
     note = (
         "senders-unknown",
-        "this CSV does not tell who sent a message: all are taken to be of one vehicle",
-        "use the .tlog itself when the log heard several",
+        "this CSV has no sender of messages: all are assigned to one vehicle",
+        "use the .tlog itself if several vehicles were heard",
     )
     return _recording(path, "mavlogdump CSV", lines, _dumped(lines), None, (note,))
 
@@ -98,11 +98,11 @@ def _recording(
     damaged = lines.bad + told.misfits
     if damaged > lines.read / 2:
         raise BadFile(
-            f"{path}: {damaged} of {lines.read} lines make no sense as {form}; convert the log again, or give the .tlog"
+            f"{path}: {damaged} of {lines.read} lines cannot be read as {form}. Convert the log again, or use the .tlog"
         )
     if damaged:
-        cure = "use the .tlog itself: it has checksums"
-        notes = (*notes, ("damaged-log", f"{damaged} lines of the log made no sense and were left out", cure))
+        cure = "use the .tlog itself, which has checksums"
+        notes = (*notes, ("damaged-log", f"{damaged} lines of the log could not be read and were skipped", cure))
     meta = {
         "source": path.name,
         "messages": told.messages,

@@ -1,11 +1,11 @@
 """MAVLink messages of a ground log to the samples of one vehicle, by its own clock, in one pass over the log.
 
-A vehicle tells its time in two ways: ``time_boot_ms`` and, in SERVO_OUTPUT_RAW and GPS_RAW_INT, ``time_usec`` since
-the same boot, which wraps after 71 minutes. Both are brought onto one axis. A message without a stamp is dated by
-when the ground heard it, measured from the last stamped one.
+A vehicle reports its time in two ways: ``time_boot_ms`` and, in SERVO_OUTPUT_RAW and GPS_RAW_INT, ``time_usec`` since
+the same boot, which wraps after 71 minutes. Both are converted to one axis. A message without a timestamp
+gets its arrival time, relative to the last one with a timestamp.
 
-Which message brings which sources, in SI, is one table; degrees, centimetres and hectopascals end here. SIMSTATE,
-SIM_STATE and the like are not in it: what a simulator knows no craft measures.
+Which message brings which sources, in SI, is one table; degrees, centimetres and hectopascals end here. SIMSTATE
+and SIM_STATE are not in it, since real craft do not measure them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ BOOT_MS = frozenset(
 BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT"})
 """Messages whose ``time_usec`` ArduPilot counts from its boot too (32 bits of it in SERVO_OUTPUT_RAW)."""
 TRUTH = frozenset({"SIMSTATE", "SIM_STATE", "SIM", "SIM2"})
-"""What only a simulator can tell: listed, never used."""
+"""Messages with a simulator's true state: listed, never used."""
 
 NO_PULSE = 0.0
 """Of outputs 9 to 16, which MAVLink 1 does not have."""
@@ -140,7 +140,7 @@ WRAP_MS = 2**32 * 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DecodedLog:
-    """What one vehicle said. ``misfits`` counts messages whose fields were not what their name promises."""
+    """The messages of one vehicle. ``misfits`` counts messages with unexpected fields."""
 
     vehicle: Vehicle
     stores: list[SampleStore]
@@ -155,12 +155,12 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
 
     Parameters
     ----------
-    system : the vehicle's system id, where the log heard several; the one heard most when None.
+    system : the vehicle's system id, in a log with several; None: the one with most messages.
 
     Raises
     ------
     BadFile
-        Not one message, or none of a vehicle.
+        No message, or none of a vehicle.
     UsageError
         No vehicle of that *system* in it.
     """
@@ -186,10 +186,13 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
         except (AttributeError, TypeError, ValueError, OverflowError):
             misfits += 1  # a damaged line of a CSV file; a frame with a checksum has its fields
     if not messages:
-        raise BadFile(f"{path} holds no MAVLink message: it is no telemetry log, or damaged from end to end")
+        raise BadFile(f"{path} contains no MAVLink message. It is not a telemetry log, or it is damaged")
     vehicles = known or others
     if not vehicles:
-        raise BadFile(f"{path} holds {messages} messages but no autopilot's HEARTBEAT: no vehicle was heard")
+        raise BadFile(
+            f"{path} contains {messages} messages but no autopilot's HEARTBEAT. Record again while the vehicle is "
+            f"connected"
+        )
     chosen = _chosen(path, vehicles, system)
     notes: list[Note] = []
     also = sorted({s for s, _ in vehicles} - {chosen[0]})
@@ -197,8 +200,8 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
         notes.append(
             (
                 "several-vehicles",
-                f"the log heard vehicles {', '.join(map(str, [chosen[0], *also]))}; only {chosen[0]} was read",
-                "name another with --system-id",
+                f"the log contains vehicles {', '.join(map(str, [chosen[0], *also]))}; only {chosen[0]} was read",
+                "select another with --system-id",
             )
         )
     decoder = scribes[chosen]
@@ -212,7 +215,7 @@ def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehic
     mine = [who for who, _ in vehicles.most_common() if who[0] == system]
     if not mine:
         heard = ", ".join(str(s) for s, _ in vehicles)
-        raise UsageError(f"{path} heard no vehicle of system id {system}; it heard {heard}")
+        raise UsageError(f"{path} contains no vehicle with system id {system}; it contains {heard}")
     return mine[0]
 
 
@@ -261,7 +264,7 @@ class _Decoder:
             self._ground.take(h.time, sticks(h.message))
 
     def stores(self) -> list[SampleStore]:
-        """Return the stores written; times are the vehicle's own if it ever told one, else the ground's."""
+        """Return the stores written; times are the vehicle's own if it reported any, else the ground station's."""
         found = self._stores
         if self._ground is not None:
             found, self.census = [self._ground], self._heard_at
@@ -322,7 +325,7 @@ def _beat(store: SampleStore, t: float, m: Any, system: int) -> None:
 
 
 def _said(store: SampleStore, t: float, text: str) -> None:
-    """Take in a STATUSTEXT; it tells of arming up to a second before the next HEARTBEAT does."""
+    """Process a STATUSTEXT; it reports arming up to a second before the next HEARTBEAT."""
     store.texts.append((t, text))
     armed = SAID_ARMING.get(text.lower())
     if armed is not None and math.isfinite(t) and store.arming and store.arming[-1][1] != armed:

@@ -1,8 +1,8 @@
-"""QGroundControl's own CSV (settings: "Save CSV log of telemetry data"): what its instruments showed, once a second.
+"""QGroundControl's own CSV (settings: "Save CSV log of telemetry data"): displayed values, once a second.
 
 Its head line is ``Timestamp,roll,pitch,heading,rollRate,...,gps.lat,...,localPosition.x,...``. Values are as displayed:
-whole degrees of heading, speeds in the unit chosen in the settings (metres per second unless somebody changed it),
-``--.--`` for nothing. It holds neither actuator outputs nor mode nor arming: motion only, nothing to identify from.
+whole degrees of heading, speeds in the unit chosen in the settings (metres per second by default),
+``--.--`` for missing. It has neither actuator outputs nor mode nor arming, so nothing can be identified from it.
 Where batteries were found after its head line was written, all later columns are shifted (qgroundcontrol issue 11763):
 of such rows only the columns in front of the groups are read.
 """
@@ -39,8 +39,8 @@ COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
 
 MOTION_ONLY: Note = (
     "motion-only",
-    "QGroundControl's CSV holds no actuator outputs: motion without its cause, once a second, as displayed",
-    "use the .tlog that QGroundControl saves beside it (settings: Save log after each flight)",
+    "QGroundControl's CSV has no actuator outputs, and displayed values once a second",
+    "use the .tlog that QGroundControl saves next to it (settings: Save log after each flight)",
 )
 
 
@@ -81,10 +81,10 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not rows:
-        raise BadFile(f"{path} holds QGroundControl's head line but no row with a time")
+        raise BadFile(f"{path} has QGroundControl's head line but no row with a time")
     notes: list[Note] = [MOTION_ONLY]
     if bad:
-        notes.append(("damaged-log", f"{bad} rows of the log were damaged and left out", "use the .tlog"))
+        notes.append(("damaged-log", f"{bad} rows of the log were damaged and skipped", "use the .tlog"))
     meta = {"source": path.name, "messages": rows, "damaged": bad, "shifted_rows": shifted, "truncated": False}
     return Recording("QGroundControl CSV", [store], meta, notes, census)
 

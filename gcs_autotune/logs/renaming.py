@@ -1,4 +1,4 @@
-"""Columns by other names: what ``--columns`` says, and channels renamed by it."""
+"""Renaming of columns and channels by ``--columns``."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def parse_columns(text: str) -> dict[str, str]:
     for piece in (p.strip() for p in text.split(",")):
         name, equals, head = piece.partition("=")
         if not equals or not name.strip() or not head.strip():
-            raise UsageError(f"--columns: '{piece}' is not of the form name=channel[unit], e.g. heading_deg=psi[deg]")
+            raise UsageError(f"--columns: '{piece}' is not name=channel[unit]. Write e.g. heading_deg=psi[deg]")
         if name.strip() in found:
-            raise UsageError(f"--columns names '{name.strip()}' twice")
+            raise UsageError(f"--columns has '{name.strip()}' twice. Remove one")
         found[name.strip()] = head.strip()
     if len({parse_header(h)[0] for h in found.values()}) < len(found):
-        raise UsageError("--columns gives two columns the same channel name")
+        raise UsageError("--columns maps two columns to the same channel. Change one")
     return found
 
 
@@ -56,7 +56,7 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
             notes += more
             continue
         if channel.unit not in ("1", si):
-            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}: not {new}[{unit}]")
+            raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}, not {new}[{unit}]")
         if new in channels:
             raise UsageError(f"run '{trial.name}' would have two channels called {new}")
         scale = factor if channel.unit == "1" else 1.0

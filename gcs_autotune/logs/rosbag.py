@@ -1,7 +1,7 @@
 """ROS bags (ROS 1 ``.bag``, ROS 2 ``.db3``, ``.mcap`` or their directory) to runs, read by rosbags (extra ``formats``).
 
-ROS counts east, north, up and ahead, port, up (REP 103); here it is north, east, down and ahead, starboard, down.
-Frames whose name ends in ``_ned`` or ``_frd`` are ours already. Numbers of any other topic keep its name, for
+ROS uses east, north, up and ahead, port, up (REP 103); here it is north, east, down and ahead, starboard, down.
+Frames whose name ends in ``_ned`` or ``_frd`` need no conversion. Numbers of any other topic keep its name, for
 ``--columns``.
 """
 
@@ -26,7 +26,7 @@ __all__ = ["FORMAT", "read_bag"]
 Message: TypeAlias = Any
 Samples: TypeAlias = dict[str, float]
 
-INSTEAD = "convert it to CSV (ros2 bag, bagpy: bag.message_by_topic) and name the columns with --columns"
+INSTEAD = "convert it to CSV (ros2 bag, bagpy: bag.message_by_topic) and map the columns with --columns"
 OURS = ("_ned", "_frd")
 CAPACITY = 20_000_000
 """Chosen: messages read of one bag."""
@@ -116,7 +116,7 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
         raise BadFile(f"{path} is a ROS bag that cannot be read ({why}): {INSTEAD}") from None
     if not found:
         shown = ", ".join(visible(f"{name} ({kind})") for name, kind in topics[:8]) or "none"
-        raise BadFile(f"{path} is a ROS bag without a topic that is understood; it has {shown}: {INSTEAD}")
+        raise BadFile(f"{path} is a ROS bag without a supported topic; it has {shown}: {INSTEAD}")
     channels: dict[str, Channel] = {}
     notes: list[Note] = []
     for name, (t, values) in found.items():
@@ -130,8 +130,8 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     notes += [
         (
             "ros-axes",
-            f"the axes of {path.name} were taken as ROS counts them (east, north, up; ahead, port, up) and turned",
-            "name frames that are north, east, down as such: map_ned, base_link_frd",
+            f"the axes of {path.name} were converted from the ROS convention (east, north, up; ahead, port, up)",
+            "use frame names such as map_ned and base_link_frd if the axes are north, east, down",
         )
     ]
     run = Trial(visible(path.stem), channels, meta={"source": path.name, "format": "ROS bag", "notes": notes})

@@ -44,7 +44,7 @@ UNKNOWN = "unknown vehicle"
 
 
 class RecordedParameters:
-    """Parameters as a log tells them; a ``ParameterSource``."""
+    """Parameters of a log; a ``ParameterSource``."""
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self.values = dict(values)
@@ -59,18 +59,18 @@ class RecordedParameters:
         Raises
         ------
         ParameterMissing
-            The log does not tell one of them.
+            The log does not contain one of them.
         PreconditionFailed
-            It tells what no vehicle can mean.
+            It contains an implausible value.
         """
         wanted = list(names)
         missing = [n for n in wanted if n not in self.values]
         if missing:
-            raise ParameterMissing(f"the log does not tell the parameter {', '.join(missing)}", name=missing[0])
+            raise ParameterMissing(f"the log does not contain the parameter {', '.join(missing)}", name=missing[0])
         return checked_all({n: self.values[n] for n in wanted})
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
-        """Return those of *names* that the log tells."""
+        """Return those of *names* that the log contains."""
         return checked_all({n: self.values[n] for n in names if n in self.values})
 
 
@@ -132,10 +132,10 @@ class SampleStore:
     Attributes
     ----------
     name : of the file. vehicle : in words. firmware : its profile, None when unknown.
-    parameters : last recorded value of each. texts, modes, arming : what was said or became so, with its time.
-    clock : whose stamps these are. late : samples left out because they came after younger ones.
-    absurd : samples left out because they were no number, or one that no craft can have (see :data:`LIMITS`).
-    dated_by_arrival : sources whose messages carry no stamp: dated by when they came.
+    parameters : last recorded value of each. texts, modes, arming : messages and changes, with their times.
+    clock : source of the timestamps. late : samples skipped because they arrived after later ones.
+    absurd : samples skipped because they are not a number, or implausible (see :data:`LIMITS`).
+    dated_by_arrival : sources without timestamps, timed by arrival.
     """
 
     name: str
@@ -248,7 +248,7 @@ def _limits(names: Iterable[str]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One MAVLink message as any ground log tells it: ``time`` [s since 1970], who sent it, its fields by name."""
+    """One MAVLink message of a ground log: ``time`` [s since 1970], sender, fields by name."""
 
     time: float
     system: int

@@ -1,7 +1,7 @@
-"""A recording cut into runs: one per stretch armed in one mode, those that nothing drives or moves left out.
+"""Segmentation of a recording into runs: one per segment armed in one mode, if driven and moving.
 
-How much a run may tell of each degree of freedom is said at a glance: was it driven, did it answer, how densely told. A
-first look before anybody waits for a fit; what can really be told the identification says, with standard errors.
+A quick assessment of each degree of freedom covers excitation, response and sampling. The identification itself
+determines the information, with standard errors.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ Array = NDArray[np.float64]
 
 AXES = ("yaw", "surge", "sway", "heave")
 SMALL_INPUT = 0.05
-"""Chosen: an input that moves by less of full output tells nothing a sensor could see."""
+"""Smallest range of a useful input, normalised. Chosen."""
 FEW_CHANGES = 4
-"""Chosen: fewer swings of the input from one side to the other leave inertia and drag hard to tell apart."""
+"""Fewest reversals of the input that separate inertia from drag. Chosen."""
 QUIET = 3.0
 """Chosen: a response that scatters by less than so many times its noise is none."""
 SLOW = 0.5
 """Chosen [s]: samples further apart miss what a small craft does."""
 FEWEST = 20
 """Fewest samples of any motion channel."""
-GOOD = "worth a try"
+GOOD = "possibly usable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,9 @@ class DofExcitation:
     ----------
     input_range : of full output (or in the input's unit), from the 2nd to the 98th percentile.
     swings : times the input went from the upper to the lower third of that range or back.
-    response : name of the channel looked at. response_to_noise : its scatter over that of its short-time noise.
+    response : name of the response channel. response_to_noise : its scatter divided by its short-time noise.
     input_interval, response_interval : median [s] between samples.
-    verdict : ``worth a try``, ``weak`` or ``nothing``; why : in words.
+    verdict : ``possibly usable``, ``weak`` or ``nothing``; why : in words.
     """
 
     dof: str
@@ -73,12 +73,12 @@ def excitation_of(run: Trial) -> list[DofExcitation]:
 
 
 def little_told(looks: list[DofExcitation]) -> Note | None:
-    """Return the doubt of a run none of whose axes is worth a try; None when one is, or there was none to look at."""
+    """Return the doubt about a run without a usable axis; None if one is usable, or there is none."""
     if not looks or any(e.verdict == GOOD for e in looks):
         return None
     return (
         "little-excitation",
-        f"this run hardly tells anything ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
+        f"this run contains little information ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
         "record a relay, a zig-zag or steps to both sides, larger and longer",
     )
 
@@ -96,8 +96,8 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
-        (ratio < QUIET, "nothing", "the response is lost in its noise"),
-        (swings < FEW_CHANGES, "weak", f"the input swings only {swings} times from side to side"),
+        (ratio < QUIET, "nothing", "the response is below its noise"),
+        (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
@@ -133,9 +133,9 @@ def _interval(channel: Channel) -> float:
 SHORTEST = 5.0
 """Chosen [s]: a shorter stretch is no manoeuvre."""
 SILENCE = 3.0
-"""Chosen [s]: when nothing at all was heard for longer, what follows is another run."""
+"""Longest silence inside a run [s]. Chosen."""
 NO_INPUT = ("motion-only", "no-inputs")
-"""Notes that say why a log has no input."""
+"""Slugs of notes about a missing input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -173,7 +173,7 @@ def runs_of(log: Recording) -> list[Trial]:
     Raises
     ------
     NotInformative
-        No stretch is driven and moves; the message says what was there.
+        No segment is driven and moves; the message states the contents.
     """
     cut = cut_runs(log)
     if not cut.runs:
@@ -233,7 +233,7 @@ def _between(channel: Channel, start: float, end: float) -> Channel:
 
 
 def _looked_at(run: Trial) -> Trial:
-    """Return a run with a first look at what it may tell, and a doubt when that is little."""
+    """Return a run with its quick assessment, and a doubt if it contains little information."""
     looks = excitation_of(run)
     doubt = little_told(looks)
     notes = [*run.meta["notes"], *([doubt] if doubt else [])]
@@ -266,7 +266,7 @@ def _stretches(store: SampleStore) -> list[_LogSegment]:
 
 
 def _at(changes: list[tuple[float, Any]], t: float) -> Any:
-    """Return what was last said at or before *t*, None before the first word."""
+    """Return the last entry at or before *t*, None before the first."""
     before = [value for moment, value in changes if moment <= t]
     return before[-1] if before else None
 
@@ -288,9 +288,9 @@ def _useless(run: Trial, stretch: _LogSegment, doubts: list[Note]) -> str:
         return f"shorter than {SHORTEST:g} s"
     forces = [run[n] for n in FORCES if n in run]
     if not forces:
-        return next((cause for slug, cause, _ in doubts if slug in NO_INPUT), "no input was recorded")
+        return next((cause for slug, cause, _ in doubts if slug in NO_INPUT), "no input recorded")
     if not any(_varies(c) for c in forces):
-        return "nothing was driven"
+        return "no actuator was driven"
     if not any(_varies(c) and len(c) >= FEWEST for n, c in run.channels.items() if n in _MOTION):
         return "nothing moves"
     return ""
@@ -307,18 +307,18 @@ def _nothing(log: Recording, dropped: list[LeftOut]) -> str:
     stores = log.stores
     name = str(log.meta.get("source") or (stores[0].name if stores else "the log"))
     if not stores or all(t.span == (0.0, 0.0) for t in stores):
-        return f"{name} holds no motion of a vehicle: was an autopilot connected while it was recorded?"
+        return f"{name} contains no motion of a vehicle. Check that an autopilot was connected during the recording"
     long = sum(t.span[1] - t.span[0] for t in stores)
     if not dropped:
         return (
-            f"{name} holds {long:.0f} s of {stores[0].vehicle}, but it was never armed: nothing was driven, so nothing "
-            "can be learnt; record a relay, a zig-zag or steps"
+            f"{name} contains {long:.0f} s of {stores[0].vehicle}, but it was never armed, so nothing can be "
+            "identified. Record a relay, a zig-zag or steps"
         )
     notes = {cause: cure for left in dropped for slug, cause, cure in left.run.meta["notes"] if slug in NO_INPUT}
     whys = {left.why for left in dropped if not left.why.startswith("shorter")}
     if len(whys) == 1 and (cure := notes.get(*whys)):
-        return f"{name} holds no stretch to identify from: {whys.pop()}; {cure}"
+        return f"{name} contains no segment to identify from: {whys.pop()}. {cure}"
     return (
-        f"{name} holds no stretch to identify from ({'; '.join(map(str, dropped[:6]))}): record a relay or steps, with "
-        "servo outputs and parameters in the log"
+        f"{name} contains no segment to identify from ({'; '.join(map(str, dropped[:6]))}). Record a relay or steps, "
+        "with servo outputs and parameters in the log"
     )

@@ -1,6 +1,6 @@
-"""What is in a log, as plain data: messages and rates, modes, parameters, damage, and what its runs may tell.
+"""The contents of a log as plain data: messages and rates, modes, parameters, damage, excitation of its runs.
 
-Its runs are written to disk as the CSV files and side files every command reads.
+Its runs are written to disk as the CSV files and meta files that every command reads.
 """
 
 from __future__ import annotations
@@ -112,18 +112,18 @@ def fresh_folder(folder: Path) -> Path:
         It holds CSV files: other runs would be mixed with these. BadFile: it cannot be made.
     """
     if folder.is_dir() and any(folder.glob("*.csv")):
-        raise UsageError(f"{folder} holds runs already: name another folder with --out")
+        raise UsageError(f"{folder} already contains runs. Use another folder with --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadFile(f"{folder} cannot be made: {error.strerror}; name another folder with --out") from error
+        raise BadFile(f"{folder} cannot be created: {error.strerror}. Use another folder with --out") from error
     return folder
 
 
 def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, told: Mapping[str, Any]) -> list[Path]:
-    """Write *runs* (``LABEL-03-MANUAL.csv``, marks and meta data beside it as ``.json``) and return their paths.
+    """Write *runs* (``LABEL-03-MANUAL.csv``, with marks and meta data as ``.json``) and return their paths.
 
-    Beside them go the survey (*told*) as ``LABEL.log.json`` and, where the log tells any, the vehicle's parameters as
+    Also writes the survey (*told*) as ``LABEL.log.json`` and, if the log contains any, the vehicle's parameters as
     ``LABEL.param``.
 
     Raises
@@ -140,7 +140,7 @@ def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, 
             paths.append(path)
         (folder / f"{stem}.log.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        raise BadFile(f"{folder} cannot be written: {error.strerror}; check the disk") from error
+        raise BadFile(f"{folder} cannot be written: {error.strerror}. Check the disk") from error
     for store in log.stores[-1:]:
         if store.parameters:
             save_params(

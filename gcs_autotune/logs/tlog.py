@@ -33,8 +33,8 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
         notes.append(
             (
                 "damaged-log",
-                f"{log.damaged} stretches of the log ({log.damaged_bytes} bytes) were damaged and left out",
-                "record nearer to the radio, or use the log on board (.bin)",
+                f"{log.damaged} segments of the log ({log.damaged_bytes} bytes) were damaged and skipped",
+                "record closer to the radio, or use the onboard log (.bin)",
             )
         )
     meta = {

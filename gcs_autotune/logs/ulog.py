@@ -1,7 +1,7 @@
 """PX4's log (``.ulg``) to samples, read by pyulog (extra ``formats``).
 
-PX4 counts heading, body axes and depth as we do (north over east; ahead, starboard, down). What drove the craft is the
-normalised force and torque that its controllers asked for: which output does what is not looked up.
+PX4 uses the same heading, body axes and depth (north over east; ahead, starboard, down). Inputs are the normalised
+force and torque set-points of its controllers; the functions of outputs are not evaluated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Array: TypeAlias = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
 
 MAGIC = b"ULog\x01\x12\x35"
-INSTEAD = "convert it with ulog2csv (pip install pyulog) and name the columns with --columns"
+INSTEAD = "convert it with ulog2csv (pip install pyulog) and map the columns with --columns"
 ARMED = 2
 """vehicle_status.arming_state when armed."""
 
@@ -96,18 +96,18 @@ def record_ulog(path: Path, system: int | None = None) -> Recording:
     if store.span == (0.0, 0.0):
         raise BadFile(
             f"{path} is a PX4 ULog without attitude, position and force set-points, so nothing can be identified from "
-            "it; ulog2csv (pip install pyulog) shows what it holds"
+            "it. ulog2csv (pip install pyulog) shows its contents"
         )
     notes: list[Note] = []
     if damaged:
-        notes.append(("damaged-log", "stretches of the log were damaged and left out", "fetch the log again"))
+        notes.append(("damaged-log", "segments of the log were damaged and skipped", "fetch the log again"))
     messages = sum(int(row[0]) for row in census.seen.values())
     meta = {"source": path.name, "messages": messages, "damaged": int(damaged), "truncated": False}
     return Recording("PX4 ULog", [store], meta, notes, census)
 
 
 def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> None:
-    """Write one topic; one whose columns are not what its name promises is left out."""
+    """Write one topic; one with unexpected columns is skipped."""
     t = np.asarray(columns["timestamp"], dtype=np.float64) * 1e-6
     if not len(t):
         return

@@ -24,7 +24,7 @@ Point = tuple[float, float]
 MOST_CORNERS = 2000
 """Chosen: an outline is looked at with every sample."""
 _THINNEST = 1e-4
-"""Chosen: width in shares of length below which corners count as lying on one line: 10 cm in a kilometre."""
+"""Ratio of width to length below which corners count as collinear: 10 cm in a kilometre. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +112,14 @@ def how_far(distance: float) -> str:
 
 
 def read_area(text: str) -> Area:
-    """Return the area that *text* says: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or a GeoJSON file.
+    """Return the area of *text*: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or a GeoJSON file.
 
-    Of a file the outer rings of its polygons are stayed in (of several: of the first), their holes stayed out of.
+    The craft must stay inside the outer ring of the file's first polygon, and outside its holes.
 
     Raises
     ------
     UsageError
-        Fewer than three corners, or no latitude and longitude.
+        Fewer than three corners, or not latitude and longitude.
     BadFile
         The file cannot be read, or has no polygon.
     """
@@ -132,7 +132,8 @@ def read_area(text: str) -> Area:
             lat, lon = (number(piece) for piece in pair.split(","))
         except ValueError:
             raise UsageError(
-                f"--area: {shown(pair)} is no corner; write 'lat,lon lat,lon lat,lon' in degrees, or name a .geojson "
+                f"--area: {shown(pair)} is not a corner. Write 'lat,lon lat,lon lat,lon' in degrees, or give a "
+                f".geojson "
                 "file"
             ) from None
         corners.append((lat, lon))
@@ -142,12 +143,12 @@ def read_area(text: str) -> Area:
 def _zone(corners: Sequence[Point], where: str, *, inside: bool = True) -> Zone:
     points = tuple(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners)
     if len(points) < 3:
-        raise UsageError(f"{where}: {len(points)} corners hold no water; give three or more")
+        raise UsageError(f"{where}: {len(points)} corners do not enclose an area. Use three or more")
     if len(points) > MOST_CORNERS:
-        raise UsageError(f"{where}: {len(points)} corners are too many; simplify the outline to at most {MOST_CORNERS}")
+        raise UsageError(f"{where}: {len(points)} corners are too many. Simplify the outline to at most {MOST_CORNERS}")
     for lat, lon in points:
         if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
-            raise UsageError(f"{where}: {lat:g},{lon:g} is no latitude and longitude in degrees")
+            raise UsageError(f"{where}: {lat:g},{lon:g} is not a latitude and longitude in degrees")
     _see_outline(points, where)
     return Zone(points, inside=inside)
 
@@ -156,7 +157,7 @@ def _see_outline(points: Sequence[Point], where: str) -> None:
     """Refuse an outline that goes round the back of the world, holds no water, or crosses itself."""
     if max(lon for _, lon in points) - min(lon for _, lon in points) > 180.0:
         raise UsageError(
-            f"{where}: it reaches across 180 degrees of longitude; give an area on one side of it, or two flights"
+            f"{where}: the area crosses 180 degrees of longitude. Use an area on one side of it, or two flights"
         )
     middle = sum(lat for lat, _ in points) / len(points), points[0][1]
     metres = [flat(lat, lon, middle) for lat, lon in points]
@@ -165,18 +166,20 @@ def _see_outline(points: Sequence[Point], where: str) -> None:
     far = max(metres, key=lambda p: math.dist(metres[0], p))
     wide = max(abs(_turn(metres[0], far, p)) for p in metres)
     if doubled is not None or wide <= _THINNEST * math.dist(metres[0], far) ** 2:
-        why = "its corners lie on one line" if doubled is None else f"corner {doubled} is given twice"
-        raise UsageError(f"{where}: {why}; give the corners of the water in order, once each")
+        why = "the corners are on one line" if doubled is None else f"corner {doubled} is given twice"
+        raise UsageError(f"{where}: {why}. Give the corners in order, once each")
     crossing = _crossing(sides)
     if crossing is not None:
         one, two = (f"corner {k + 1} to {(k + 1) % len(sides) + 1}" for k in crossing)
-        raise UsageError(f"{where}: the side from {one} meets the one from {two}; give the corners in order around it")
+        raise UsageError(
+            f"{where}: the side from {one} crosses the side from {two}. Give the corners in order around the area"
+        )
 
 
 def _crossing(sides: Sequence[tuple[Point, Point]]) -> tuple[int, int] | None:
-    """Return the first two sides, not neighbours, that have a point in common; None when no two have.
+    """Return the first two non-adjacent sides with a common point; None if there are none.
 
-    Only pairs whose extents from south to north overlap are looked at.
+    Only pairs with overlapping north-south extents are checked.
     """
     extent = [(min(a[0], b[0]), max(a[0], b[0])) for a, b in sides]
     order = sorted(range(len(sides)), key=lambda k: extent[k][0])
@@ -206,7 +209,7 @@ def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
 
 
 def _between(a: Point, b: Point, c: Point) -> bool:
-    """Whether c, on the line through a and b, lies on the segment."""
+    """Return whether c, on the line through a and b, is on the segment."""
     return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
 
 
@@ -220,7 +223,7 @@ def _of_file(path: Path) -> Area:
     told: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
     rings = next(iter(_polygons(told)), None)
     if not rings:
-        raise BadFile(f"{path} has no polygon: draw the water as a GeoJSON Polygon")
+        raise BadFile(f"{path} has no polygon. Draw the area as a GeoJSON Polygon")
     try:
         zones = [_zone([(p[1], p[0]) for p in ring], str(path), inside=k == 0) for k, ring in enumerate(rings)]
     except UsageError as error:

@@ -49,11 +49,11 @@ class ComeBack(Manoeuvre):
             away = math.hypot(north, east)
             patience = max(patience, SPARE + away / LEAST_WAY)
             if not math.isfinite(away):
-                self._end("stopped", "the vehicle tells no position, so it is left where it is")
+                self._end("stopped", "not moved: the vehicle reports no position")
             elif away <= THERE:
-                self._end("completed", f"back, {away:.0f} m from where it began")
+                self._end("completed", f"back, {away:.0f} m from the start")
             elif now.t - start > patience:
-                self._end("stopped", f"still {away:.0f} m from where it began after {patience:.0f} s")
+                self._end("stopped", f"still {away:.0f} m from the start after {patience:.0f} s")
             error = math.remainder(math.atan2(east, north) - now.psi, 2.0 * math.pi)
             rate = now.r if math.isfinite(now.r) else 0.0
             steering = GAIN * error - DAMPING * rate if math.isfinite(error) else 0.0
@@ -94,8 +94,8 @@ class CalmCheck(Manoeuvre):
             elif now.t - start > WAIT:
                 self._end(
                     "aborted",
-                    f"the craft rolls or pitches by {math.degrees(rocking):.1f} deg (rms), and calm is up to "
-                    f"{math.degrees(CALM):.0f} deg: wait for smaller waves, or take calm out of the plan",
+                    f"roll and pitch motion is {math.degrees(rocking):.1f} deg (rms), above the limit of "
+                    f"{math.degrees(CALM):.0f} deg. Wait for smaller waves, or remove calm from the plan",
                 )
             now = yield Actuate()
 
@@ -137,7 +137,7 @@ class ComeToRest(Manoeuvre):
             # not at every reading: held by a hand whose thrusters have a dead band, it swings about rest for ever
             rms = np.sqrt(np.mean(np.square(np.array(seen)[:, 1:]), axis=0))
             if now.t - start >= STILL_FOR and not np.any(rms > STILL):
-                self._end("completed", "it lies still")
+                self._end("completed", "at rest")
             elif now.t - start >= REST:
-                self._end("completed", f"it still moves after {REST:.0f} s")
+                self._end("completed", f"not at rest after {REST:.0f} s")
             now = yield hold(Actuate(), self._holds, now)

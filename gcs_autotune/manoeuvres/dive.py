@@ -13,15 +13,15 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 __all__ = ["Dive", "DiveSettings"]
 
 RAMP = 0.25
-"""Chosen [m/s]: how fast the wanted depth goes down; gentle enough for a loop that is still to be tuned."""
+"""Rate of the depth reference [m/s]. Chosen: gentle enough for an untuned loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiveSettings:
     """Go to ``depth`` [m] and be within ``band`` [m] of it for ``steady_time`` [s], in ``patience`` [s] at most.
 
-    A loop that is still to be tuned may swing about the depth, or hold another: by then it is enough to have been
-    deeper than ``enough`` [m], and not deeper than wanted by more than as much, for ``long`` [s].
+    An untuned loop may oscillate about the depth, or hold another one. Then it is sufficient to stay deeper than
+    ``enough`` [m], and at most that much below ``depth``, for ``long`` [s].
     """
 
     depth: float
@@ -60,17 +60,17 @@ class Dive(Manoeuvre):
             if now.t - there_since >= s.steady_time:
                 self._end("completed", f"{now.z:.1f} m deep")
             elif elapsed > s.patience and now.t - deep_since >= s.long:
-                self._end("completed", f"{now.z:.1f} m deep: deep enough, though it does not settle")
+                self._end("completed", f"{now.z:.1f} m deep: deep enough, but not settled")
             elif elapsed > s.patience:
                 self._end("aborted", self._why(now))
             now = yield DepthTarget(self.target)
 
     def _why(self, observation: Observation) -> str:
         s, z, output = self._settings, observation.z, observation.output.get("Z", math.nan)
-        where = f"the craft is {z:.1f} m deep and does not come to {s.depth:g} m within {s.patience:g} s"
+        where = f"the craft is {z:.1f} m deep and did not reach {s.depth:g} m within {s.patience:g} s"
         if z > s.depth + s.band:
-            cause = "does it sink by itself, or does its depth loop swing (lower its gains)?"
+            cause = "Check its buoyancy, and lower the depth gains if the loop oscillates."
         else:
             where += f", with {output:+.2f} of full thrust down" if math.isfinite(output) else ""
-            cause = "is it too buoyant, does its depth loop swing, or are the vertical thrusters reversed?"
-        return f"{where}: {cause} Take it to that depth by hand and start again there"
+            cause = "Check buoyancy, oscillation of the depth loop, and the direction of the vertical thrusters."
+        return f"{where}. {cause} Or take the craft to that depth by hand and start there"

@@ -14,10 +14,9 @@ from gcs_autotune.watch import Room
 __all__ = ["FAR_OUT", "GUARDS", "NEARLY", "Envelope", "Guard", "Watch", "far_out"]
 
 NEARLY = 0.9
-"""Chosen: the share of the distance limit that no manoeuvre may lead to, where that can be helped."""
+"""Fraction of the distance limit at which manoeuvres end early. Chosen."""
 FAR_OUT = 0.4
-"""Chosen: the share of the distance limit beyond which a boat turns around first, where more than one manoeuvre is to
-come."""
+"""Fraction of the distance limit beyond which a boat turns around before a further manoeuvre. Chosen."""
 TO_COME_ABOUT = 12.0
 """Chosen [s]: what a boat at its cruise goes on while it turns about; Charlie, out of an unsteady step, 8 to 11."""
 
@@ -59,7 +58,7 @@ class Envelope:
         for limit in fields(self):
             value = getattr(self, limit.name)
             if isinstance(value, (int, float)) and not value >= 0.0:
-                raise UsageError(f"safety limit {limit.name}: {value:g} guards nothing; give a number of 0 or more")
+                raise UsageError(f"safety limit {limit.name}: {value:g} is not a limit. Use a number of 0 or more")
 
     @property
     def speed_limit(self) -> float:
@@ -97,7 +96,7 @@ class Guard:
     below: bool = False
 
     def share(self, envelope: Envelope, anchor: Observation, now: Observation) -> float:
-        """Return the used share of the limit; 0 when it does not apply, ``inf`` for a value or limit that is NaN."""
+        """Return the used fraction of the limit; 0 if it does not apply, ``inf`` if value or limit is NaN."""
         pair = self.measure(envelope, anchor, now)
         if pair is None:
             return 0.0
@@ -174,7 +173,7 @@ class Watch:
 
     @property
     def room(self) -> Room:
-        """Where the manoeuvre may go, for who watches it."""
+        """The limits in space, for the watcher."""
         e, a = self.envelope, self.anchor
         zones = () if e.area is None else tuple((z.corners, z.radius, z.inside) for z in e.area.zones)
         bounds = {
@@ -184,11 +183,11 @@ class Watch:
         return Room(a.x, a.y, e.distance_limit, zones, bounds)
 
     def away(self, now: Observation) -> float:
-        """Return how far [m] the craft is from where the visit began; NaN while nobody knows."""
+        """Return the distance [m] from the start of the visit; NaN if unknown."""
         return _distance(self.anchor, now)
 
     def room_ends(self, now: Observation) -> str:
-        """Return in words which limit of its room the craft is so near that it should come back now; empty: none."""
+        """Return the space limit the craft is too close to, in words; empty if none."""
         envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
         to_come_about = TO_COME_ABOUT * envelope.cruise
         least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
@@ -207,7 +206,7 @@ class Watch:
         Raises
         ------
         GuardTripped
-            With guard, value and limit, when any limit is broken, or can be watched no more.
+            A limit is crossed or can no longer be monitored; with guard, value and limit.
         """
         self._anchor_late(now)
         nearest, most = "", 0.0
@@ -224,7 +223,7 @@ class Watch:
         return nearest, most
 
     def _anchor_late(self, now: Observation) -> None:
-        """Count from the first position or depth there is, where there was none to begin with."""
+        """Anchor at the first position or depth, if there was none at the start."""
         if not math.isfinite(self.anchor.x + self.anchor.y) and math.isfinite(now.x + now.y):
             self.anchor = replace(self.anchor, x=now.x, y=now.y)
         if not math.isfinite(self.anchor.z) and math.isfinite(now.z):
@@ -236,8 +235,8 @@ class Watch:
         shown = _shown(guard, value), _shown(guard, limit)
         if not math.isfinite(value):
             raise GuardTripped(
-                f"safety limit '{guard.name}' cannot be watched any more: the vehicle tells no number for it (limit "
-                f"{shown[1]}). The actuators were brought to neutral. See to that sensor first",
+                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting it (limit "
+                f"{shown[1]}). The actuators were brought to neutral. Check that sensor",
                 guard=guard.name,
                 value=value,
                 limit=limit,
@@ -245,15 +244,15 @@ class Watch:
         if guard.name == OUTSIDE and self.envelope.area is not None:
             raise GuardTripped(
                 f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were brought to "
-                "neutral. Take it to where there is more room, or give a larger area",
+                "neutral. Take the craft to more open water, or use a larger area",
                 guard=guard.name,
                 value=value,
                 limit=limit,
             )
         cure = (
-            "Charge it first, or set"
+            "Charge the battery, or set"
             if guard.name.startswith("battery")
-            else "Fly something smaller, slower or shorter, or, where there is room, set"
+            else "Fly a smaller, slower or shorter manoeuvre, or, if there is space, set"
         )
         raise GuardTripped(
             f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to neutral",

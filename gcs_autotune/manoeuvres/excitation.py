@@ -1,4 +1,4 @@
-"""Excitation signals: a share of full as a function of time, which runs from 0 to 1 over a programme.
+"""Excitation signals: normalised output as a function of time, which runs from 0 to 1 over a programme.
 
 Levels, a sine, a ramp, staircases, chirps, multisines, pseudo-random binary sequences (Ljung1999, section 13.3), the
 push before a free decay. An option that cannot be met raises :class:`UsageError`.
@@ -16,7 +16,7 @@ from gcs_autotune.errors import UsageError
 __all__ = ["Signal", "chirp", "decay", "full", "growing", "levels", "multisine", "prbs", "sine", "staircase"]
 
 Signal = Callable[[float], float]
-"""Time as a share of the programme's, 0 to 1 -> fraction of the size asked for."""
+"""Normalised time, 0 to 1 -> fraction of the requested amplitude."""
 
 
 def levels(*values: float) -> Signal:
@@ -47,12 +47,12 @@ def staircase(steps: int, both: bool) -> Signal:
 
 
 def chirp(options: Mapping[str, float]) -> Signal:
-    """Return a sine whose frequency goes exponentially from one to the other, faded in and out by half a cosine."""
+    """Return an exponential sine sweep, faded in and out by half a cosine."""
     seconds, first, last = options["duration"], options["f-start"], options["f-stop"]
     fade_in, fade_out = options["fade-in"], options["fade-out"]
     if fade_in + fade_out > seconds:
         raise UsageError(
-            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s are longer than the {seconds:g} s of --duration"
+            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s exceed the {seconds:g} s of --duration"
         )
     rate = math.log(last / first) / seconds
 
@@ -79,7 +79,7 @@ def multisine(options: Mapping[str, float]) -> Signal:
     first, last = max(math.ceil(low * seconds - 1e-9), 1), math.floor(high * seconds + 1e-9)
     if last < first:
         raise UsageError(
-            f"no whole period of a frequency from {low:g} to {high:g} Hz fits into {seconds:g} s: give a longer "
+            f"no period of a frequency from {low:g} to {high:g} Hz fits into {seconds:g} s. Use a longer "
             "--duration or a higher --f-stop"
         )
     every = max(math.ceil((last - first + 1) / LINES), 1)
@@ -109,8 +109,10 @@ def prbs(options: Mapping[str, float]) -> Signal:
 
 
 def decay(options: Mapping[str, float]) -> Signal:
-    """Return a push and nothing afterwards: the craft is let go."""
+    """Return a push followed by zero output."""
     share = options["push"] / options["duration"]
     if share >= 1.0:
-        raise UsageError(f"--push {options['push']:g} s leaves nothing of the {options['duration']:g} s of --duration")
+        raise UsageError(
+            f"--push {options['push']:g} s is not shorter than the {options['duration']:g} s of --duration"
+        )
     return lambda x: 1.0 if x < share else 0.0

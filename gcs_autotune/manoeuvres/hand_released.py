@@ -1,4 +1,4 @@
-"""Free decay after a push by hand: tilted by somebody and let go, the craft swings by itself until it has died away.
+"""Free decay after a push by hand: the operator tilts and releases the craft, and its oscillation decays.
 
 For roll and pitch, which no output drives here (ITTC 7.5-02-07-04.5).
 """
@@ -21,9 +21,9 @@ REST = 3.0
 PUSHED = math.radians(5.0)
 """Chosen [rad]: further from rest than waves and handling make it."""
 PATIENCE = 120.0
-"""Chosen [s]: for somebody to push it."""
+"""Longest wait for the push [s]. Chosen."""
 DIED_AWAY, QUIET = 0.1, 3.0
-"""Share of the largest angle that counts as none, once it has lasted so long [s]."""
+"""Fraction of the largest angle that counts as zero, and how long it must last [s]. Chosen."""
 
 
 class HandReleased(Manoeuvre):
@@ -47,15 +47,15 @@ class HandReleased(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield neutral outputs."""
         start, seen = now.t, []
-        self.phase = "at rest: leave it alone"
+        self.phase = "at rest: do not touch the craft"
         while now.t - start < REST:
             seen.append(now.value(self.signal))
             now = yield Actuate()
         self._rest = self.target = sum(seen) / len(seen)
-        self.phase, start = "push it down and let go", now.t
+        self.phase, start = "push the craft down and release it", now.t
         while not abs(now.value(self.signal) - self._rest) > PUSHED:
             if not now.t - start <= PATIENCE:
-                self._end("aborted", f"nobody pushed it within {PATIENCE:.0f} s; its {self.signal} stayed at rest")
+                self._end("aborted", f"no push within {PATIENCE:.0f} s: {self.signal} stayed at rest")
                 yield Actuate()
                 return
             now = yield Actuate()
@@ -66,17 +66,17 @@ class HandReleased(Manoeuvre):
             largest = max(largest, angle)
             last = now.t if angle > DIED_AWAY * largest else last
             now = yield Actuate()
-        self._end("completed", f"swung from {math.degrees(largest):.0f} deg for {now.t - start:.0f} s")
+        self._end("completed", f"decay from {math.degrees(largest):.0f} deg recorded for {now.t - start:.0f} s")
         yield Actuate()
 
 
 def _of(force: str) -> ManoeuvreKind:
     """Return the row for roll (``K``) or pitch (``M``)."""
     if force not in ("K", "M"):
-        raise UsageError(f"hand-release is of roll (--force K) or pitch (M); {force} is driven: fly free-decay")
+        raise UsageError(f"hand-release works for roll (--force K) or pitch (--force M). For {force} fly free-decay")
     return ManoeuvreKind(
         name="hand-release",
-        help="outputs neutral; somebody pushes the craft down and lets go: how roll (--force K) or pitch (M) dies away",
+        help="decay of roll (--force K) or pitch (--force M) after a push by hand, with neutral outputs",
         excites=frozenset({"roll" if force == "K" else "pitch"}),
         drives=frozenset(),
         make=lambda options: HandReleased(force, options["duration"]),

@@ -1,5 +1,5 @@
-"""Holding what is not being tried, in manual mode, where nobody else does: an ROV's depth while its heading swings (or
-the other way round), a boat's heading while its throttle is stepped.
+"""Controllers for the other axes in manual mode: an ROV's depth during a heading relay (or the reverse), a boat's
+heading during throttle steps.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
 }
-"""Signal that is being swung -> what is kept meanwhile."""
+"""Signal of the relay -> signals held during it."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
-"""Signal that is going to be swung -> how it is held until then: with neutral outputs a buoyant craft would be at the
-surface, where it can swing one way only."""
+"""Signal of the relay -> how it is held before. With neutral outputs a buoyant craft would rise to the
+surface, where it can move in one direction only."""
 
 
 class HoldController:
@@ -94,18 +94,17 @@ Proportional alone: with a turning lag T and a turn rate K at full rudder it is 
 or so, which leaves room for boats of K = 0.6 rad/s and T = 4 s."""
 MOST_RUDDER = 0.4
 CALMING = 0.5
-"""Every swing through zero that is not clearly smaller than the one before takes this share of the gain ..."""
+"""Factor on the gain after every oscillation that is not clearly smaller than the previous one. Chosen."""
 LEAST_SHARE = 0.1
-"""... down to this share of :data:`RUDDER_GAIN`."""
+"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Chosen."""
 NOTED = math.radians(5.0)
-"""Swings smaller than this do no harm."""
+"""Oscillations below this are acceptable. Chosen."""
 
 
 class HeadingHold:
-    """Holds a boat on the heading found at the first observation while something else is measured; gentler whenever it
-    finds itself swinging.
+    """Hold a boat on the heading of the first observation, with lower gain whenever it oscillates.
 
-    The boat's own heading loop cannot do it, for the throttle is ours (MANUAL) and its gains may be what is wrong.
+    The boat's own heading loop is not available in MANUAL, and its gains may be wrong.
     """
 
     def __init__(self) -> None:

@@ -14,9 +14,9 @@ __all__ = ["ManoeuvreKind", "Preset"]
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A manoeuvre of a given size, as `identify --plan-next` weighs it: ``make(seconds)`` returns one so long.
+    """A candidate manoeuvre of `identify --plan-next`: ``make(seconds)`` returns one of that duration.
 
-    ``forces`` (letters with spaces between) it drives; ``closed``: whether its commands answer to the motion.
+    ``forces``: letters it drives, separated by spaces; ``closed``: whether its commands depend on the motion.
     """
 
     title: str
@@ -42,23 +42,22 @@ class ManoeuvreKind:
 
     Attributes
     ----------
-    name, help : its name, as records carry it, and what is done.
-    excites : degrees of freedom it tells about. drives : forces it commands.
-    make : a manoeuvre from options (SI and radians) by name: those of ``options``, besides ``throttle``, ``duration``,
-        ``side`` (1 starboard, -1 port) and ``keep-still`` (1: an ROV's other axes are held); None when it is flown by
-        ``command`` only.
+    name, help : its name in records, and its description.
+    excites : degrees of freedom it excites. drives : forces it commands.
+    make : a manoeuvre from options (SI and radians) by name: those of ``options``, and ``throttle``, ``duration``,
+        ``side`` (1 starboard, -1 port) and ``keep-still`` (1: hold an ROV's other axes); None if only ``command``
+        flies it.
     options : names in :data:`gcs_autotune.limits.LIMITS`.
-    room : the free water it takes, in words; the preview says it in metres.
-    identifies : whether its record is for identification. turns : whether the bow goes
-        right round, or may (a craft that is let go of is held by nobody).
-    needs_way : for craft that steer under way only. stays : for craft that stay where they are, and push either way.
-    needs : a signal it cannot do without, that not every vehicle tells.
-    tied : for a craft that is tied up: nothing is checked by its motion before, and it comes back from nowhere.
-    presets : what `identify --plan-next` weighs.
-    axis : the autopilot's own loop that flies it, where one does; its options are in that loop's units.
-    command : what flies it when ``gcs-autotune fly`` does not.
-    for_force : the same row for another force, of those that can be driven by the clock; see :meth:`of`.
-    shrinks : option -> the power of a scale below 1 that makes it smaller or shorter, where the room asks for that.
+    room : the space it needs, in words; the preview has metres.
+    identifies : whether its record is for identification. turns : whether the heading may change by a full turn.
+    needs_way : for craft that steer only under way. stays : for craft that hold position and thrust in both directions.
+    needs : a required signal that not every vehicle reports.
+    tied : for a tied craft: no check by motion, and no way back.
+    presets : candidates of `identify --plan-next`.
+    axis : the autopilot's own loop that flies it, if any; its options are in that loop's units.
+    command : the command that flies it, if not ``gcs-autotune fly``.
+    for_force : the same row for another force, of those that an open-loop programme can drive; see :meth:`of`.
+    shrinks : option -> power of the scale (below 1) that reduces it to fit the space.
     """
 
     name: str
@@ -67,7 +66,7 @@ class ManoeuvreKind:
     drives: frozenset[str]
     make: Callable[[Mapping[str, float]], Manoeuvre] | None = None
     options: tuple[str, ...] = ()
-    room: str = "about where the craft is"
+    room: str = "at the spot"
     identifies: bool = True
     turns: bool = False
     needs_way: bool = False
@@ -91,7 +90,9 @@ class ManoeuvreKind:
         if not force or self.drives == {force}:
             return self
         if self.for_force is None:
-            raise UsageError(f"{self.name} drives {' and '.join(sorted(self.drives))}; it takes no --force {force}")
+            raise UsageError(
+                f"{self.name} drives {' and '.join(sorted(self.drives))} and does not accept --force {force}"
+            )
         return self.for_force(force)
 
     def suits(self, firmware: Firmware) -> bool:

@@ -26,7 +26,7 @@ Ending = Literal["completed", "stopped", "aborted"]
 ``aborted``: something went wrong; the data are kept and marked."""
 
 Commands = Generator[Command, Observation, None]
-"""What :meth:`Manoeuvre.commands` returns: each command answers the observation sent in."""
+"""Generator returned by :meth:`Manoeuvre.commands`: takes an observation, yields the next command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +42,14 @@ class Manoeuvre(ABC):
 
     Attributes
     ----------
-    kind : its name in the table of manoeuvres, as records carry it.
-    purpose : what its record is for.
-    in_manual : which of the firmware's two modes it wants: actuators driven directly, or the autopilot's own loops.
-    by_hand : whether somebody pushes the craft.
+    kind : its name in the table of manoeuvres and in records.
+    purpose : purpose of its record.
+    in_manual : mode required: True for direct control of actuators, False for the autopilot's own loops.
+    by_hand : whether the operator pushes the craft.
     name : the trial's name.
     outcome : how it ended, None while it runs. It is set together with the last command.
-    signal, force : what is watched and what is driven, for people. phase, target : where it stands, likewise.
-    at_most : how long [s] it takes at most where the loop that flies it hardly damps; NaN: its preview says it.
+    signal, force : the controlled signal and the driven force, for display. phase, target : current ones, likewise.
+    at_most : longest duration [s] with a poorly damped loop; NaN: from its preview.
     """
 
     kind: str
@@ -72,11 +72,11 @@ class Manoeuvre(ABC):
     @property
     @abstractmethod
     def asked(self) -> Mapping[str, Any]:
-        """What it was asked to do and has found (SI units), for the trial's ``meta``."""
+        """Settings and results (SI units), for the trial's ``meta``."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """The trial's ``meta``: which manoeuvre it is, what it is for, and :attr:`asked`."""
+        """The trial's ``meta``: manoeuvre, purpose, and :attr:`asked`."""
         return {"manoeuvre": self.kind, "purpose": self.purpose, **self.asked}
 
     def take_marks(self) -> Sequence[Mark]:
@@ -112,18 +112,18 @@ class Manoeuvre(ABC):
 
 
 _NOTED, _LIMITED = 0.1, 0.9
-"""An order that matters, as a share of full, and the share of it that must come out."""
+"""Smallest relevant command (normalised), and the fraction of it that must reach the output. Chosen."""
 _MOST, _STEADY = (0.1, 0.9), 0.5
-"""Quantiles between which most of an output lies, and how far apart they may be, as a share of the order: more is no
-limit but another order, which follows a clock or a controller from there on."""
+"""Quantiles of an output, and their largest distance relative to the command. A larger one indicates another command
+source (a clock or a controller) instead of a limit. Chosen."""
 _LASTED = 1.0
 """Chosen [s]: an order that stands for less is over before a slow link shows what came of it."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
-    """Return the forces of which clearly less came out than was asked for: force -> (asked, came out), largest orders.
+    """Return the forces with clearly less output than commanded: force -> (commanded, output), largest commands.
 
-    Both as shares of full: thrusters that drive ahead as well have no more room to steer.
+    Both normalised. Thrusters that also drive ahead have less range left to steer.
     """
     forces = {d.force for d in DOFS.values()}
     found: dict[str, tuple[float, float]] = {}

@@ -36,7 +36,7 @@ Programme = Callable[[float], Mapping[str, float]]
 """Time since the beginning [s] -> force name -> fraction of full."""
 
 APPROACH, NO_APPROACH = 0.12, 0.02
-"""Shares of the time spent straight ahead, or at rest, before anything is steered."""
+"""Fractions of the duration straight ahead, or at rest, before the first steering."""
 
 DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
 """Force -> the degree of freedom that it drives."""
@@ -45,7 +45,7 @@ DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
 class OpenLoopProgramme(Manoeuvre):
     """Flies a programme for ``duration`` [s]. Marks ``level`` where *force* jumps.
 
-    ``keep_still``: an ROV's other axes are held meanwhile. ``on_course``: a light hand on the rudder keeps the heading.
+    ``keep_still``: hold an ROV's other axes. ``on_course``: keep the heading by gentle steering.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class OpenLoopProgramme(Manoeuvre):
 
     @property
     def held(self) -> frozenset[str]:
-        """The signals that are held meanwhile: only to their motion does it answer."""
+        """The signals held during the manoeuvre, the only ones it responds to."""
         course = {"psi"} if self._heading_hold is not None else set()
         return frozenset({hold.signal for hold in self._holds} | course)
 
@@ -137,7 +137,7 @@ def _random(forces: str, thrust: tuple[float, float], shortest: float, size: flo
 
 
 def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoopProgramme]:
-    """Return what makes, for so many seconds, acceleration at each share of thrust in turn, and coasting after it."""
+    """Return a maker of acceleration at each thrust level in turn, with coasting after it."""
 
     def make(seconds: float) -> OpenLoopProgramme:
         each = seconds / len(shares)
@@ -281,14 +281,14 @@ GENTLER = 0.4
 """Chosen: the size shrinks as this power of the duration: at an eighth of it thrusters are still beyond their dead
 band."""
 WITHOUT_THROTTLE = 0.5
-"""Chosen: thrust ahead, where it takes some, of a craft that has no cruise and was told no --throttle."""
+"""Default thrust ahead of a craft without cruise throttle and without --throttle. Chosen."""
 ROOM: Mapping[str, str] = {
-    "N": "some turning circles under way, about where the craft is without --throttle",
-    "X": "what the speed makes of the duration, straight ahead",
-    "Y": "some metres to either side",
-    "Z": "the depth that it takes",
-    "K": "about where the craft is",
-    "M": "about where the craft is",
+    "N": "a few turning circles under way; at the spot without --throttle",
+    "X": "speed times duration, straight ahead",
+    "Y": "a few metres to either side",
+    "Z": "the depth the manoeuvre needs",
+    "K": "at the spot",
+    "M": "at the spot",
 }
 _UP_AND_DOWN = levels(1.0, 0.0, -1.0, 0.0, 0.5, -0.5)
 _EITHER_WAY = levels(1.0, 0.5, 0.0, -1.0, -0.5, 0.0)
@@ -298,7 +298,7 @@ _DOUBLET, _DOUBLETS = levels(1.0, -1.0, 0.0), levels(1.0, -1.0, 0.0, 1.0, -1.0, 
 KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "steps",
-        "one force by the clock: full, half, none, then the other way (a boat's thrust: ahead only)",
+        "one force in timed steps: full, half, none, then in the other direction (a boat's thrust: ahead only)",
         lambda given, either_way: _EITHER_WAY if either_way else _THROTTLES,
         ("steering step", "N", partial(_timed, full, "N", 0.0)),
         ("steering steps", "N", partial(_timed, _EITHER_WAY, "N", 0.0)),
@@ -308,20 +308,20 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "staircase",
-        "one force in equal steps up and down again, then the other way (a boat's thrust: ahead only)",
+        "one force in equal steps up and down, then in the other direction (a boat's thrust: ahead only)",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
     ),
     _of_any_force(
         "bollard-staircase",
-        "one force in equal steps up and down again, either way, on a craft tied to a bollard; pulls are written in",
+        "one force in equal steps up and down, in both directions, on a craft tied to a bollard; add the pulls later",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
         tied=True,
     ),
     _of_any_force(
         "doublets",
-        "one force one way, the other way, none; and again",
+        "one force in one direction, in the other, none; repeated",
         lambda given, either_way: _DOUBLETS if either_way else levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
         ("steering doublet", "N", partial(_timed, _DOUBLET, "N", 0.0)),
         ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
@@ -329,21 +329,21 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "chirp",
-        "one force as a sine from one frequency to another, faded in and out",
+        "one force as a sine sweep, faded in and out",
         lambda given, either_way: _ahead(chirp(given), either_way),
         options=("f-start", "f-stop", "fade-in", "fade-out"),
         shrinks={"f-start": -1.0, "fade-in": 1.0, "fade-out": 1.0},
     ),
     _of_any_force(
         "multisine",
-        "one force as many sines at once, from one frequency to another",
+        "one force as a multisine between two frequencies",
         lambda given, either_way: _ahead(multisine(given), either_way),
         options=("f-start", "f-stop"),
         shrinks={"f-start": -1.0},
     ),
     _of_any_force(
         "prbs",
-        "one force at two levels, in a pseudo-random binary sequence",
+        "one force as a pseudo-random binary sequence",
         lambda given, either_way: _ahead(prbs(given), either_way),
         ("pseudo-random steering", "N", partial(_random, "N", (0.0, 0.0), 1.0)),
         ("pseudo-random steering at 60 % throttle", "X N", partial(_random, "N", (0.0, 0.6), 1.0)),
@@ -356,27 +356,27 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "free-decay",
-        "one force for a while, then none: how the motion dies away, or the craft comes back",
+        "one force for a while, then none: decay of the motion",
         lambda given, either_way: decay(given),
         options=("push",),
         shrinks={"push": 1.0},
     ),
     _steered(
         "s-manoeuvre",
-        "constant thrust, steering one way and the other; then the same astern (ROVs, and with --astern)",
+        "constant thrust, steering to one side and the other; then the same astern (ROVs, and with --astern)",
         _s_flown,
         ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),
-        room="what the speed makes of the duration, straight ahead",
+        room="speed times duration, straight ahead",
         options=("astern",),
     ),
     _steered(
         "growing-turn",
-        "steering that grows from none to all",
+        "steering that grows from zero to full",
         _grown,
         ("growing turn (spiral) at 60 % throttle", "X N", partial(_timed, growing, "N", 0.6)),
         ("growing turn (spiral) at 100 % throttle", "X N", partial(_timed, growing, "N", 1.0)),
-        room="some turning circles",
+        room="a few turning circles",
     ),
 )
 """The rows of the table that are flown by the clock."""

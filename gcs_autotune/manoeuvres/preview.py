@@ -1,7 +1,7 @@
-"""A manoeuvre flown on paper before anything moves: the track, the room and the time it takes, and what would end it.
+"""Simulated preview of a manoeuvre: track, space, time, and a limit that would end it.
 
-The craft on paper is one degree of freedom beside the other: it turns as a model of its yaw says, and does not slow
-down in its turns nor slip sideways unless it is pushed. For room that is enough: a craft that slows down needs less.
+The degrees of freedom are uncoupled. The craft turns by its yaw model, and neither slows down in turns nor drifts
+sideways unless driven. This is conservative for space, since a craft that slows down needs less.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
 LONGEST = 3600.0
 LOOP_RATE = 0.5
-"""Chosen [rad/s]: turn rate wanted per heading error, where the autopilot steers."""
+"""Turn rate per heading error of the simulated heading loop [1/s]. Chosen."""
 DEEP = 10.0
-"""Chosen [m]: where a craft below the surface is, where nobody says."""
+"""Assumed depth of a submerged craft without depth information [m]. Chosen."""
 SURFACE = 0.2
 """Chosen [m]: a craft that comes up so far is at the surface, where its thrusters draw air."""
 WALL = 5.0
@@ -42,14 +42,14 @@ SPEED_TIME = 3.0
 
 @dataclass(frozen=True, slots=True)
 class PaperCraft:
-    """A craft on paper; inputs are fractions of full output.
+    """A simulated craft; inputs are normalised outputs.
 
     Attributes
     ----------
-    yaw : its turning. others : its motion along a force (``X``, ``Y``, ``Z``); without, it does not answer to ``Y``
-        and ``Z``, and any thrust ahead brings it to ``speed`` [m/s].
-    speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, beside what the speed takes.
-    source : of these numbers in words. assumed : they are guesses, good enough for room but not to refuse by.
+    yaw : yaw model. others : models along a force (``X``, ``Y``, ``Z``); without one it does not respond to ``Y``
+        and ``Z``, and any thrust ahead gives ``speed`` [m/s].
+    speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, in addition to the steady thrust.
+    source : origin of these numbers in words. assumed : they are assumptions, sufficient to estimate space.
     """
 
     yaw: SingleDof
@@ -79,11 +79,11 @@ class PaperState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
-    """What came of it.
+    """The result of a preview.
 
-    ``trial`` has psi, r, x, y, u and the forces. ``outcome``: how it ended, None when a safety limit did, which
-    ``refusal`` tells. ``room`` [m] is the longer side of the box around the track, ``turned`` [rad] the range of the
-    heading, ``deep`` [m] that of the depth. ``away`` [m] is the greatest distance from home, ``ends`` the last state.
+    ``trial`` has psi, r, x, y, u and the forces. ``outcome``: how it ended, None if a safety limit ended it
+    (``refusal``). ``room`` [m]: longer side of the box around the track; ``turned`` [rad]: range of the heading;
+    ``deep`` [m]: range of the depth; ``away`` [m]: greatest distance from home; ``ends``: the last state.
     """
 
     trial: Trial
@@ -103,18 +103,18 @@ class Preview:
 
     @property
     def trouble(self) -> str:
-        """Why it had better not be flown; empty when nothing speaks against it."""
+        """Reason not to fly it; empty if there is none."""
         if self.refusal or self.outcome is None:
             return self.refusal
         return self.outcome.reason if self.outcome.ending == "aborted" else ""
 
     def told(self) -> str:
-        """Return time, room and turning in one sentence."""
+        """Return time, space and turning in one sentence."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
         at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
         deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
-        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at}, by {self.craft.source}"
+        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at} (predicted from {self.craft.source})"
 
 
 def preview(
@@ -184,7 +184,7 @@ def preview(
         if outcome is not None:
             break
         if manoeuvre.force == "Z" and z < SURFACE <= depth:
-            refusal = f"it comes up to the surface, from {depth:.1f} m: begin deeper, or push less"
+            refusal = f"the craft would surface from {depth:.1f} m. Start deeper, or push less"
             break
         command = commands.send(now)
     table = np.array(rows).T
@@ -203,13 +203,13 @@ def preview(
 
 
 def _pushed(t: float) -> float:
-    """Return the tilt [rad] of a craft that is pushed by hand after 10 s and swings for some seconds."""
+    """Return the tilt [rad] of a craft that is pushed by hand after 10 s and oscillates for some seconds."""
     since = t - 10.0
     return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
 def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float) -> Actuate:
-    """Return what a command comes to; a heading is held as by a well tuned autopilot, at the speed asked for."""
+    """Return the forces of a command; heading is held as by a well tuned autopilot, at the commanded speed."""
     if isinstance(command, Actuate):
         return command
     if not isinstance(command, HeadingTarget):
@@ -234,7 +234,7 @@ def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) 
 
 
 def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:
-    """Return the acceleration [m/s^2] along a force; what nobody knows goes ahead at its one speed, or not at all."""
+    """Return the acceleration [m/s^2] along a force; without a model the craft moves ahead at its speed, or not."""
     if force in craft.others:
         return _acceleration(craft.others[force], nu, tau)
     return ((craft.speed if tau > 0.0 else 0.0) - nu) / SPEED_TIME if force == "X" else 0.0

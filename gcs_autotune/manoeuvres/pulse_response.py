@@ -24,11 +24,11 @@ Tick = tuple[float, float, float]
 """Time [s], position [rad or m], measured output [fraction of full]."""
 
 FOLLOWS = 0.5
-"""Chosen: share of the commanded output that must be measured; keepers and rounding take a little of it."""
+"""Fraction of the commanded output that must be measured; holding loops and rounding reduce it slightly. Chosen."""
 SURE = 4.0
 """A fitted motion must be so many times its standard error to count, ..."""
 MOST_COLOUR = 0.9
-"""Correlation of neighbouring residuals beyond which a short record cannot tell it."""
+"""Largest correlation of neighbouring residuals that a short record can determine."""
 CLEAR = 3.0
 """... or the craft must plainly have gone that way, by so many thresholds: a quick one leaves few ticks to fit."""
 
@@ -48,7 +48,7 @@ class Pulse:
 
     @property
     def obeyed(self) -> float:
-        """Share of the command found in the measured output; 1 when all of it, negative when turned round."""
+        """Measured output relative to the command; 1 if equal, negative if reversed."""
         return self.output / self.command
 
 
@@ -120,7 +120,7 @@ def pulse_response(
 
 
 def _slope(ticks: Sequence[Tick]) -> float:
-    """Return the mean rate of the position over *ticks*, 0 when there are too few to tell."""
+    """Return the mean rate of the position over *ticks*, 0 if there are too few."""
     t, x = (np.array([tick[i] for tick in ticks]) for i in (0, 1))
     t = t - np.mean(t)
     spread = float(t @ t)
@@ -168,7 +168,7 @@ def _fitted(t: Array, x: Array, u: Array, *, each: bool = True) -> tuple[float, 
 
 
 def _inflation(residual: Array) -> float:
-    """Return how much less neighbouring residuals tell than independent ones would (first-order autoregression)."""
+    """Return the variance inflation by correlation of neighbouring residuals (first-order autoregression)."""
     power = float(residual @ residual)
     if power <= 0.0:
         return 1.0

@@ -33,7 +33,7 @@ ENOUGH_TO_TELL = 2
 """Chosen: proper periods after which it is clear how quick an oscillation is."""
 
 LEAST_REVERSALS = 3
-"""Chosen: fewer tell nothing of how the craft answers either way."""
+"""Fewest switchings that show the response in both directions. Chosen."""
 
 MOST_SLOWINGS = 4
 """Chosen: widenings for the link's sake; five times the hysteresis at least."""
@@ -42,7 +42,7 @@ WIDEST_STEP = 3.0
 """Chosen: a relay is not widened by more than this at once, whatever the link would like."""
 
 LEAST_MOMENTUM = 5.0
-"""Chosen [s]: no craft is said to drift against the relay sooner than this after a switching."""
+"""Shortest time after a switching until drift against the relay is reported [s]. Chosen."""
 
 ROUNDING = 1e-9
 """A difference of two readings in whole centimetres that is the hysteresis but for rounding has come to it."""
@@ -64,24 +64,24 @@ OF_A_TUNE = OptionNames()
 
 @dataclass(frozen=True, slots=True)
 class RelaySettings:
-    """What to fly. Outputs are fractions of full actuator output; angles rad, lengths m, times s.
+    """Settings. Outputs are normalised; angles rad, lengths m, times s.
 
     Attributes
     ----------
-    signal, force : what is watched (``psi``, ``z``, ``d``; ``x``, ``y`` for integrated surge and sway speed) and what
-        is driven.
-    output : relay output C; None lets it start at ``first_output`` and grow by ``growth`` up to ``most_output``.
-    hysteresis : switching value x_a; None takes ``least_hysteresis`` or five times the measured noise.
-    throttle : constant thrust ahead during the experiment (a boat's rudder needs way on).
-    reference_speed : speed [m/s] around which a surge relay swings.
-    keep_still : hold an ROV's other axes (heading, depth) by hand meanwhile.
+    signal, force : the feedback signal (``psi``, ``z``, ``d``; ``x``, ``y`` for integrated surge and sway speed) and
+        the driven force.
+    output : relay output C; None: start at ``first_output`` and grow by ``growth`` up to ``most_output``.
+    hysteresis : switching value x_a; None: ``least_hysteresis`` or five times the measured noise.
+    throttle : constant thrust ahead during the experiment (a boat's rudder needs speed).
+    reference_speed : mean speed of a surge relay [m/s].
+    keep_still : hold an ROV's other axes (heading, depth).
     periods, tolerance : the stop rule.
-    unsettled_periods, most_widenings : after so many periods that do not settle, a hysteresis that was not
-        given is widened by ``growth``, so many times at most.
+    unsettled_periods, most_widenings : after this many unsettled periods an automatic hysteresis is widened by
+        ``growth``, at most this many times.
     patience : longest time without a switching [s].
     least_distance : nearest to a wall ahead [m], of a relay on ``d``.
-    noise_std : noise of the signal where it is known, and the way is on: there is no approach then.
-    least_period : shortest oscillation [s] that the link can carry; a quicker one is widened, then refused.
+    noise_std : noise of the signal, if known; then there is no approach.
+    least_period : shortest period [s] that the link can resolve; a shorter one is widened, then rejected.
     names : what the command at hand calls output and hysteresis.
 
     Raises
@@ -118,15 +118,15 @@ class RelaySettings:
             value = getattr(self, name)
             if value is not None and not 0.0 < value <= 1.0:
                 raise UsageError(
-                    f"relay: {name} is {value:g}; it is a fraction of full output, above 0 and up to 1"
-                    + (f" beside a throttle of {self.throttle:g}" if self.throttle else "")
+                    f"relay: {name} is {value:g}. It must be a normalised output above 0, at most 1"
+                    + (f" with a throttle of {self.throttle:g}" if self.throttle else "")
                 )
         for name in ("hysteresis", "least_hysteresis"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
-                raise UsageError(f"relay: {name} is {value:g}; a relay switches at a finite value above 0")
+                raise UsageError(f"relay: {name} is {value:g}. The switching value must be finite and above 0")
         if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
-            raise UsageError(f"relay: throttle {self.throttle:g}, speed {self.reference_speed:g} m/s: no such numbers")
+            raise UsageError(f"relay: throttle {self.throttle:g} or speed {self.reference_speed:g} m/s is out of range")
 
 
 class StopRule(Protocol):

@@ -23,40 +23,40 @@ __all__ = [
 def never_settled(settings: RelaySettings, scatter: float) -> str:
     """The periods went on differing by *scatter* (a share)."""
     return (
-        f"the limit cycle never settled: {settings.most_periods} periods, the last scatter {100 * scatter:.0f} % "
-        f"(needed {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it; wait for calmer water, or "
-        f"use a larger {settings.names.output} or {settings.names.hysteresis}"
+        f"the limit cycle did not settle in {settings.most_periods} periods: the last ones scatter by "
+        f"{100 * scatter:.0f} %, limit {100 * settings.tolerance:.0f} %. Waves, gusts or a tether disturb it. Wait for "
+        f"calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
     )
 
 
 def room_ends(reversals: int, where: str) -> str:
     """It has not settled yet *where* the room ends."""
-    return f"not settled after {reversals} reversals, and the room ends: {where}; what was recorded is used"
+    return f"out of space, not settled after {reversals} reversals: {where}. The record so far is used"
 
 
 def link_too_slow(settings: RelaySettings, period: float) -> str:
     """It oscillates in *period* [s], quicker than the link can carry."""
     return (
-        f"the link is too slow for this craft: it oscillates in {period:.2f} s, and through it nothing "
-        f"quicker than {settings.least_period:.2f} s tells about the craft rather than about the link's "
-        f"delay and sampling. Use a faster link, a higher --control-rate, or a larger {settings.names.hysteresis}"
+        f"the link is too slow for this craft: it oscillates with a period of {period:.2f} s. Periods below "
+        f"{settings.least_period:.2f} s reflect the link's delay and sampling. Use a faster link, a higher "
+        f"--control-rate, or a larger {settings.names.hysteresis}"
     )
 
 
 def wrong_way(settings: RelaySettings, output: float) -> str:
     """The first push moved it away from where it was pushed to."""
     return (
-        f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way: "
-        "the actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION) or a constant disturbance is "
-        "stronger than it"
+        f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way. "
+        "The actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION), or a constant disturbance is "
+        "stronger"
     )
 
 
 def overwhelmed(settings: RelaySettings, output: float) -> str:
-    """It did swing, and then drifted on against the relay."""
+    """Return the message of an oscillation that drifted off against the relay."""
     return (
         f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
-        f"{settings.signal} drifts on against it. Trim the craft, wait for less wind or current, or give a "
+        f"{settings.signal} keeps drifting. Trim the craft, wait for less wind or current, or use a "
         f"larger {settings.names.output}"
     )
 
@@ -64,31 +64,33 @@ def overwhelmed(settings: RelaySettings, output: float) -> str:
 def no_oscillation(settings: RelaySettings, output: float) -> str:
     """It did not reach the hysteresis in time."""
     return (
-        f"no self-oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
-        f"{settings.patience:.0f} s. Check that the actuator moves it, or give a larger {settings.names.output} or a "
-        f"smaller {settings.names.hysteresis}"
+        f"no oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
+        f"{settings.patience:.0f} s. Check that the actuator moves the craft, or use a larger {settings.names.output} "
+        f"or a smaller {settings.names.hysteresis}"
     )
 
 
 def too_fast(settings: RelaySettings, output: float, least_ticks: float, tick: float) -> str:
     """Half a period is over within *least_ticks* control ticks of *tick* [s]."""
     return (
-        f"the craft swings through the hysteresis within {least_ticks:g} control ticks of {tick:.2f} s at "
-        f"relay output {output:.2f}: the relay cannot follow it. Give a higher --control-rate, a larger "
+        f"the craft crosses the hysteresis within {least_ticks:g} control ticks of {tick:.2f} s at "
+        f"relay output {output:.2f}, too fast for the relay. Use a higher --control-rate, a larger "
         f"{settings.names.hysteresis} or a smaller {settings.names.output}"
     )
 
 
 def improper(settings: RelaySettings, output: float) -> str:
-    """It swings, but condition (7.12) is not met."""
+    """Return the message of an oscillation that does not fulfil condition (7.12)."""
     return (
-        f"the oscillation stayed improper (condition (7.12), x_a* + |x_0| < X_m) up to relay output "
-        f"{output:.2f}; give a larger {settings.names.output} or a smaller {settings.names.hysteresis}"
+        f"the oscillation did not fulfil condition (7.12), x_a* + |x_0| < X_m, up to relay output "
+        f"{output:.2f}. Use a larger {settings.names.output} or a smaller {settings.names.hysteresis}"
     )
 
 
 def no_wall(distance: float, least: float) -> str:
     """Why a relay on the distance to a wall ends: too near, or nothing seen."""
     if math.isfinite(distance):
-        return f"the wall ahead is {distance:.2f} m away, nearer than {least:g} m (--least-distance): begin further off"
-    return "the rangefinder tells no distance ahead any more: face the wall squarely, within its reach"
+        return (
+            f"the wall ahead is {distance:.2f} m away, nearer than {least:g} m (--least-distance). Start further away"
+        )
+    return "the rangefinder stopped reporting the distance ahead. Face the wall squarely, within its range"

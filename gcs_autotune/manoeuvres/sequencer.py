@@ -1,8 +1,8 @@
-"""The engine: the only object that flies a manoeuvre, and the one that always cleans up after it.
+"""The engine, which alone flies manoeuvres and always cleans up after them.
 
-Clean-up lives here, not in the manoeuvres, so that it happens on every ending: success, stop, abort, a bug,
-Ctrl-C, a lost link. Order: actuators neutral (checked on the measured outputs), then, when the visit ends,
-mode as found, armed state as found.
+Clean-up is here and not in the manoeuvres, so that it happens on every ending: success, stop, abort, a bug, Ctrl-C, a
+lost link. Order: actuators neutral (checked at the measured outputs), then, at the end of the visit, the original mode
+and armed state.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Sequencer:
             Whatever ended it early; by then the actuators are neutral and the record is kept.
         """
         if self._broken:
-            raise PreconditionFailed(f"nothing more is flown after an abort ({self._broken}); start again")
-        outcome = Outcome("aborted", "the program failed")
+            raise PreconditionFailed(f"no further manoeuvre after an abort ({self._broken}). Start a new run")
+        outcome = Outcome("aborted", "a program error")
         self._craft.start_recording(manoeuvre.name)
         try:
             outcome = self._run(manoeuvre, stage, envelope or self._envelope)
@@ -80,11 +80,11 @@ class Sequencer:
         return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
 
     def away(self, now: Observation) -> float:
-        """Return how far [m] the craft is from where the first manoeuvre began; NaN while nobody knows."""
+        """Return the distance [m] from the start of the first manoeuvre; NaN if unknown."""
         return math.nan if self._home is None else math.hypot(now.x - self._home.x, now.y - self._home.y)
 
     def home_side(self, now: Observation) -> float:
-        """Return 1 if the first manoeuvre began to starboard of the bow, -1 if to port; 1 if nobody knows."""
+        """Return 1 if the start of the first manoeuvre is to starboard of the bow, -1 if to port; 1 if unknown."""
         if self._home is None:
             return 1.0
         north, east = self._home.x - now.x, self._home.y - now.y
@@ -128,7 +128,7 @@ class Sequencer:
         failure: AutotuneError | None = None
         with self._craft.shielded():
             if isinstance(error, LinkLost):
-                self._watcher.say("the link is lost: waiting up to 30 s for the vehicle, to put it back as found")
+                self._watcher.say("Lost contact. Waiting up to 30 s for the vehicle to restore its state.")
             try:
                 self._craft.neutral()
             except AutotuneError as trouble:
@@ -144,37 +144,37 @@ class Sequencer:
 
     def _say_not_neutral(self, failure: AutotuneError) -> None:
         self._watcher.say(
-            f"neutral outputs could not be confirmed ({failure}); the vehicle's own override time-out brings "
-            "them to neutral"
+            f"Neutral outputs could not be confirmed ({failure}). The vehicle's own override time-out makes them "
+            f"neutral."
         )
 
 
 ROUNDS = 3
-"""Times a craft is put back that does not stay so."""
+"""Attempts to restore a craft that does not stay restored. Chosen."""
 
 DISARMED_ITSELF = (
-    "although it was found armed, it was disarmed meanwhile (by a restart, a failsafe or another station), and is not "
-    "armed again without you"
+    "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. It is not armed "
+    "again automatically"
 )
-"""What is promised of a craft found armed: we do not disarm it, and nobody but the operator arms anything again."""
+"""Note for a craft that was armed before the run: this tool does not disarm it, and only the operator arms it again."""
 
 
 @contextmanager
 def restore_on_exit(
     craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None
 ) -> Iterator[Observation]:
-    """Restore actuators, armed state and mode on every way out, except what another operator has ordered meanwhile.
+    """Restore actuators, armed state and mode on every exit, except for orders of another operator.
 
-    Yields the first observation. *settled* is called when nothing is left to restore, and only then.
+    Yields the first observation. *settled* is called only once nothing is left to restore.
 
     Raises
     ------
     NotAsFound
-        When something could not be restored; if an error was under way it stays the cause.
+        Something could not be restored; an earlier error stays the cause.
     """
     craft.take_over()
     found = craft.observe()
-    watcher.say(f"found: mode {found.mode}, {_armed(found.armed)}")
+    watcher.say(f"State before the run: mode {found.mode}, {_armed(found.armed)}")
     trouble: BaseException | None = None
     try:
         yield found
@@ -190,7 +190,7 @@ def restore_on_exit(
         if change is not None and order is None and trouble is not None and change.what not in str(trouble):
             watcher.say(change.what)
         if order is not None:
-            watcher.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. That order stands")
+            watcher.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. This order is respected")
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()
@@ -206,18 +206,18 @@ def _armed(armed: bool) -> str:
 
 def _not_as_found(differences: dict[str, str], trouble: BaseException | None) -> NotAsFound:
     what = "; ".join(f"{name}: {why}" for name, why in differences.items())
-    first = f"{trouble}. Then the craft" if trouble is not None else "the craft"
+    first = f"{trouble}. Afterwards the vehicle" if trouble is not None else "the vehicle"
     return NotAsFound(
-        f"{first} could not be left as found: {what}. Its own override time-out makes the actuators neutral; check it "
-        "by eye, and run `gcs-autotune restore` when it answers again",
+        f"{first} could not be restored: {what}. Its own override time-out makes the actuators neutral. Check the "
+        "vehicle by eye, and run `gcs-autotune restore` once it answers again",
         differences=differences,
     )
 
 
 def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Intervention | None]:
-    """Restore the craft, and look again: a restart may undo it. Return what differs, and the first intervention.
+    """Restore the craft and check again, since a restart may undo it. Return differences and the first intervention.
 
-    An order of another station is not undone. Where it may have been a late copy of ours, it counts as a difference.
+    An order of another station is not undone. If it may have been a late copy of ours, it counts as a difference.
     """
     change: Intervention | None = None
     for _ in range(ROUNDS):
@@ -233,14 +233,14 @@ def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Interve
             return {} if change.is_certain else _left_in_doubt(craft, found, change), change
         if craft.mode == found.mode and (found.armed or not craft.armed):
             return {}, change
-    return {"mode": f"it is in {craft.mode} and {_armed(craft.armed)} again and again"}, change
+    return {"mode": f"still {craft.mode} and {_armed(craft.armed)} after several attempts"}, change
 
 
 def _left_in_doubt(craft: Craft, found: Observation, change: Intervention) -> dict[str, str]:
-    """Return what is otherwise than *found* because of a *change* that may have been another operator's order."""
-    left = {} if craft.mode == found.mode else {"mode": f"it is in {craft.mode}: {change.what}"}
+    """Return the differences from *found* by a *change* that may have been another operator's order."""
+    left = {} if craft.mode == found.mode else {"mode": f"is {craft.mode}: {change.what}"}
     if craft.armed and not found.armed:
-        left["armed state"] = f"it is armed: {change.what}"
+        left["armed state"] = f"is armed: {change.what}"
     return left
 
 

@@ -68,15 +68,15 @@ class SetPointRelay(Manoeuvre):
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
-                    f"a relay that commands {self._told(C)} never sees the {axis.name} pass {self._told(x_a)} "
-                    "surely: give a --hysteresis below --set-point"
+                    f"with a relay of {self._told(C)} the {axis.name} may never cross {self._told(x_a)}. "
+                    "Use a --hysteresis below --set-point"
                 )
         most = max(C for C, _ in relays)
         self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
         if self.signal == "u" and 0.0 < speed <= 2.0 * most:
             raise UsageError(
-                f"a relay of {self._told(most)} about {self._middle:g} m/s goes down to no speed ahead: "
-                "give a smaller --set-point, or more --speed"
+                f"a relay of {self._told(most)} about {self._middle:g} m/s leaves no speed ahead. "
+                "Use a smaller --set-point, or more --speed"
             )
 
     @property
@@ -107,7 +107,9 @@ class SetPointRelay(Manoeuvre):
                 break
         else:
             rest = (
-                f", of which {self._unsettled} did not settle: the loop hardly damps" if self._unsettled else " settled"
+                f", of which {self._unsettled} did not settle: the loop is poorly damped"
+                if self._unsettled
+                else " settled"
             )
             self._end("completed", f"{len(self._relays)} relays about the {self._about}{rest}")
         yield self._wanted(0.0)
@@ -117,8 +119,8 @@ class SetPointRelay(Manoeuvre):
         if self._switchings < LEAST_SWITCHINGS:
             return None
         which = "the last relay" if self._flown == len(self._relays) else f"relay {self._flown}"
-        told = f"not settled after {self._switchings} reversals of {which}, and the room ends: {where}"
-        return Outcome("stopped", f"{told}; what was recorded is used")
+        told = f"out of space, not settled after {self._switchings} reversals of {which}: {where}"
+        return Outcome("stopped", f"{told}. The record so far is used")
 
     @property
     def _about(self) -> str:
@@ -149,7 +151,7 @@ class SetPointRelay(Manoeuvre):
         amplitude = 0.5 * (max(last) - min(last))
         if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
             self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
-            self._end("completed", f"the loop oscillates by {self._told(float(f'{amplitude:.3g}'))} by itself")
+            self._end("completed", f"the loop oscillates on its own, amplitude {self._told(float(f'{amplitude:.3g}'))}")
         self._swollen = False
         return now
 
@@ -180,8 +182,8 @@ class SetPointRelay(Manoeuvre):
             if now.t - switched > PATIENCE:
                 self._end(
                     "aborted",
-                    f"commanded {self._told(C)} to one side, the {self._axis.name} does not pass "
-                    f"{self._told(x_a)} within {PATIENCE:.0f} s: the loop does not follow",
+                    f"the loop does not follow: with {self._told(C)} commanded to one side, the {self._axis.name} did "
+                    f"not cross {self._told(x_a)} within {PATIENCE:.0f} s",
                 )
                 return now
             now = yield command
@@ -194,7 +196,7 @@ def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
 
 
 _UNITS: Mapping[str, str] = {"z": "m", "u": "m/s"}
-_ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at its cruise"}
+_ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at cruise speed"}
 
 
 def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
@@ -207,21 +209,20 @@ def _of_force(force: str) -> ManoeuvreKind:
     """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
     name = next((n for n in ("heading", "depth", "speed") if DOFS[AXES[n].dof].force == force), None)
     if name is None:
-        raise UsageError(
-            f"the loops that command N (heading), Z (depth) and X (speed) can be looked at, none of {force}"
-        )
+        raise UsageError(f"there is no loop for {force}. Use N (heading), Z (depth) or X (speed)")
     return _row(AXES[name])
 
 
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="set-point-relay",
-        help=f"the {axis.name} commanded jumps to either side, under the autopilot's own loop; two sizes",
+        help=f"set-point relay: the commanded {axis.name} steps to either side, under the autopilot's own loop; two "
+        f"sizes",
         excites=frozenset({axis.dof}),
         drives=frozenset(),
         make=partial(_make, axis),
         options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
-        room=_ROOM.get(axis.name, "a boat goes on at its cruise meanwhile"),
+        room=_ROOM.get(axis.name, "a boat keeps its cruise speed"),
         identifies=False,
         shrinks={"set-point": 1.0, "hysteresis": 1.0, "second-set-point": 1.0, "second-hysteresis": 1.0},
         axis=axis.name,

@@ -1,7 +1,7 @@
-"""Before anything swings: a small pulse each way, to see that the actuator moves the craft, and the right way.
+"""Check before a relay: a small pulse in each direction must move the craft in the right direction.
 
-A relay on a reversed rudder, or the autopilot's own loop on it, turns the craft round and round; on a dead one it waits
-in vain. The pulse grows until it is answered; the least that says something is used.
+A relay or loop on a reversed rudder would turn the craft round and round; on a dead one it would wait forever. The
+pulse grows until there is a response.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ SHORTEST = 0.6
 DRIFT_WINDOW = 3.0
 """Seconds before the pulse from which the drift is taken."""
 NOISES = 5.0
-"""A motion below so many standard deviations of the noise says nothing."""
+"""Smallest significant motion, in standard deviations of the noise. Chosen."""
 BACK_LONGER = 2.5
 """The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
 LAST_LONGER = 2.0
-"""Chosen: the largest pulse may take so many times ``longest``: a boat with a yaw time constant of 8 s turns by 2.5 deg
-in 4 s of 0.6 of full rudder, which a poor compass does not tell, and by 9 deg in 8 s."""
+"""Duration of the largest pulse, in multiples of ``longest``. Chosen: with 0.6 of full rudder a boat with a yaw time
+constant of 8 s turns by 2.5 deg in 4 s, too little for a poor compass, and by 9 deg in 8 s."""
 TWICE = 2
 """Pulses there and back that must move the craft the wrong way before its actuator is called turned round."""
 STANDING = 0.9
@@ -42,27 +42,26 @@ ASTERN = 0.7
 CIRCLING = math.radians(5.0)
 """Chosen [rad/s]: a boat that turns so fast with nothing steered, its speed going up and down, goes not straight."""
 EASED, LEAST_SHARE = 1.0, 1.0 / 64.0
-"""Chosen: seconds between two halvings of the throttle, and the least share of it that is left."""
+"""Time between two halvings of the throttle [s], and the smallest remaining fraction. Chosen."""
 WAY_NOISES = 4.0
 """Way of less than so many standard deviations of the speed measurement is no way to steer by."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignCheckSettings:
-    """What to fly. Outputs are fractions of full; ``reach``, ``least`` rad or m; times s; ``least_speed`` m/s.
+    """Settings. Outputs are normalised; ``reach``, ``least`` rad or m; times s; ``least_speed`` m/s.
 
     Attributes
     ----------
-    signal, force : what is watched (``psi`` or ``z``) and what is driven.
-    outputs : sizes of the pulse, tried until one is answered.
-    reach : a pulse ends when the craft has moved so far, else after ``longest``, the largest after twice that.
-    least : the least motion that counts as an answer.
-    throttle : constant thrust ahead meanwhile; with it the craft must make ``least_speed``, or a rudder has nothing to
-        bite on.
-    most_speed, wanted_speed : a boat that goes faster than the first [m/s] gets half the throttle, until it does not;
-        the throttle for the second is then known.
-    cure, astern : what to change when it turns the wrong way, or goes astern, for a message.
-    outlets : the servo outputs that drive this force, for a message.
+    signal, force : the signal observed (``psi`` or ``z``) and the driven force.
+    outputs : sizes of the pulse, tried until one has a response.
+    reach : motion that ends a pulse, else it ends after ``longest``, the largest after twice that.
+    least : smallest motion that counts as a response.
+    throttle : constant thrust ahead; the craft must make ``least_speed`` with it, or a rudder has no effect.
+    most_speed, wanted_speed : above the first [m/s] the throttle is halved; the throttle for the second is then
+        estimated.
+    cure, astern : advice if it turns the wrong way, or goes astern.
+    outlets : the servo outputs that drive this force, for messages.
     """
 
     signal: str
@@ -82,7 +81,7 @@ class SignCheckSettings:
 
 
 class SignCheck(Manoeuvre):
-    """Approach (way on, noise and drift measured), then pulses until the craft has answered both ways."""
+    """Approach (speed, noise and drift measured), then pulses until there is a response in both directions."""
 
     kind, purpose = "sign-check", "check"
 
@@ -160,7 +159,7 @@ class SignCheck(Manoeuvre):
 
     @property
     def throttle(self) -> float:
-        """The throttle [fraction] for the wanted speed, once the boat went too fast; else the one it was flown at."""
+        """The throttle [normalised] for the required speed, if the boat was too fast; else the one flown."""
         s, flown = self._settings, self._share * self._settings.throttle
         if not self.eased or not self._approach.speed > 0.0 or not math.isfinite(s.wanted_speed):
             return flown
@@ -191,9 +190,9 @@ class SignCheck(Manoeuvre):
             self._push(t, self._way(x) * self._settings.outputs[self._size])
 
     def _way(self, x: float) -> float:
-        """Return the side of the first pulse: to port if waves that swing the bow have it far to starboard by now.
+        """Return the side of the first pulse: to port if waves have turned the bow far to starboard.
 
-        Nothing holds it there, and the pulses add to that. What drifts one way is no swing.
+        Nothing holds it there, and pulses add to it. Steady drift to one side does not count.
         """
         s, seen = self._settings, [x for _, x, _ in self._rest]
         if self.answer is None:  # afterwards it swings by what was done to it, too
@@ -222,7 +221,7 @@ class SignCheck(Manoeuvre):
 
     @property
     def _least(self) -> float:
-        """The least motion that counts as an answer [rad or m]."""
+        """Smallest motion that counts as a response [rad or m]."""
         return max(self._settings.least, NOISES * self._approach.noise_std)
 
     def _push(self, t: float, command: float) -> None:
@@ -243,10 +242,10 @@ class SignCheck(Manoeuvre):
             self._not_right(seen)
 
     def _not_right(self, seen: PulseResponse) -> None:
-        """Refuse, or come to rest and pulse once more.
+        """Reject, or come to rest and pulse once more.
 
-        Against the surface, a quay or a net a craft is turned back in the midst of a pulse, which looks like an answer
-        the wrong way: that must be seen twice, and nothing the right way at the end.
+        The surface, a quay or a net can push the craft back during a pulse, which looks like a response in the wrong
+        direction. It must occur twice, without a right response at the end.
         """
         s, is_last = self._settings, self._size + 1 == len(self._settings.outputs)
         self._reversals += seen.is_reversed

@@ -18,11 +18,11 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands
 __all__ = ["KINDS", "BechSpiral", "DirectSpiral"]
 
 KNEE = 1.0 - math.exp(-1.0)
-"""Share of its steady rate at which a turn is one time constant old."""
+"""Fraction of the steady rate that a turn reaches after one time constant."""
 RATE_TIMES, LEAST_RATE_TIME = 6.0, 8.0
 """Chosen: a rate is held for so many time constants of the turn, and so many seconds at least."""
 LEAST_LAG = 0.5
-"""Chosen [s]: no craft is thought quicker; the hand on its rudder would swing with the link's delay."""
+"""Shortest time constant assumed [s]. Chosen: with a shorter one the link's delay causes oscillation."""
 LEAST_TURN = math.radians(0.5)
 """Chosen [rad/s]: a craft that turns no faster at the helm given does not turn."""
 
@@ -52,15 +52,15 @@ class DirectSpiral(UnderWay):
         for k, share in enumerate([*there, *reversed(there[:-1])], start=1):
             self._execute(f"helm {k}", share * helm, now)
             now = yield from self._held(share * helm, now)
-        self._end("completed", f"{4 * n + 1} helms held")
+        self._end("completed", f"{4 * n + 1} rudder levels held")
         yield self._command(0.0, now)
 
 
 class BechSpiral(UnderWay):
-    """Yaw rates from that of the helm given to as much to the other side, each held by a light hand on the rudder.
+    """Yaw rates from that of the first rudder angle to the same on the other side, each held by a slow controller.
 
-    The first turn, at the helm given, tells the rate and the time constant that the hand is made for: a helm per rate
-    error that closes it with about the craft's own time constant, and an integral that takes as long.
+    The first turn determines the rate and the time constant of the controller: a proportional gain that closes the loop
+    with about the craft's own time constant, and an integral of the same time constant.
     """
 
     kind = "reverse-spiral"
@@ -84,8 +84,8 @@ class BechSpiral(UnderWay):
         if abs(rate) < LEAST_TURN:
             self._end(
                 "aborted",
-                f"at {abs(helm):.0%} steering the craft turns at {math.degrees(abs(rate)):.1f} deg/s only: give more "
-                "rudder (--rudder or --steering) or more way (--throttle)",
+                f"at {abs(helm):.0%} steering the craft turns at only {math.degrees(abs(rate)):.1f} deg/s. Use more "
+                "rudder (--rudder or --steering) or more speed (--throttle)",
             )
             yield self._command(0.0, now)
         n, integral = self._levels, helm
@@ -116,22 +116,23 @@ def _within(helm: float) -> float:
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="spiral",
-        help="direct spiral (Dieudonne): one helm after the other, to the other side and back, each until it is steady",
+        help="direct spiral (Dieudonne): a series of rudder angles, to the other side and back, each until steady",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),
         options=("levels", "rudder", "full-rudder", "steering"),
-        room="the turning circle of the smallest helm",
+        room="the turning circle of the smallest rudder angle",
         turns=True,
     ),
     ManoeuvreKind(
         name="reverse-spiral",
-        help="reverse spiral (Bech): one yaw rate after the other, held by a light hand; the helm it takes is read",
+        help="reverse spiral (Bech): a series of yaw rates, each held by a slow controller; records the rudder each "
+        "needs",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: BechSpiral(int(options["levels"]), Steering.of(options)),
         options=("levels", "rudder", "full-rudder", "steering"),
-        room="the turning circle of the smallest rate",
+        room="the turning circle of the smallest yaw rate",
         turns=True,
     ),
 )

@@ -31,35 +31,34 @@ Array = NDArray[np.float64]
 __all__ = ["Step", "StepSettings", "common_windows", "windows_of"]
 
 SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
-"""Chosen: a signal within this share of the step of its target, or within so many standard deviations of its noise,
-stands there."""
+"""A signal has reached its target within this fraction of the step, or within this many standard deviations of its
+noise. Chosen."""
 ONE_QUANTUM = 1.01
-"""A reading one quantum off is as near as the sensor can tell."""
+"""Tolerance in quanta of the sensor."""
 SWINGS, SWUNG = 4, 8.0
-"""Chosen: what passes its mean so often in the later two thirds of a hold, of so many seconds at least, swings: by
-waves, or by itself. More of it tells nothing new."""
+"""Mean crossings in the last two thirds of a hold of at least this duration [s] that count as oscillation, by waves or
+by the loop. A longer hold adds no information. Chosen."""
 MOST_SWING = 0.5
-"""Chosen: of the step. A signal that swings about its target by less stands there; what swings by more is recorded for
-as long as was asked."""
+"""Largest oscillation about the target, relative to the step, that counts as settled; a larger one is recorded for the
+full requested time. Chosen."""
 LEAST_HALF = 4.0
 """Chosen [s]: a half that lasted so long can be compared. Twice that is less than a boat has where its room ends."""
 LEAST_SAMPLES = 5
-"""Second differences fewer than this tell no noise."""
+"""Fewest second differences that determine the noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """What to fly. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI), times s.
+    """Settings. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI), times s.
 
     ``base`` is the value to step from; None takes the present one, which a craft at rest can hold. ``speed`` [m/s] is
-    the way on meanwhile, of no meaning for ``u``.
+    the speed ahead, without meaning for ``u``.
     ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
-    ``steady_time``; ``hold`` is the shortest, steady or not: what an integral has come to decides how the step begins.
-    ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as running
-    away and the manoeuvre stops by itself.
-    ``duration`` is the longest that each half lasts; it is over once the signal has stood at its target for ``enough``.
-    ``least_hold`` and ``least_enough``: after so long ``hold`` and ``enough`` may end early, where signal and output
-    are at rest.
+    ``steady_time``; ``hold`` is the shortest, steady or not, since the integral's state affects the step.
+    ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as diverged
+    and the manoeuvre stops.
+    ``duration`` is the longest that each half lasts; it ends once the signal has been at its target for ``enough``.
+    ``least_hold`` and ``least_enough``: shortest ``hold`` and ``enough``, if signal and output are at rest.
     """
 
     signal: str
@@ -78,7 +77,7 @@ class StepSettings:
 
 
 class Rest:
-    """Whether signal and output have come to rest; NaN in either, and there is no telling."""
+    """Return whether signal and output are at rest; False if either is NaN."""
 
     def __init__(self) -> None:
         self._seen: deque[tuple[float, float, float]] = deque()
@@ -124,7 +123,7 @@ def _swing_in(x: Array) -> float:
 
 
 class Step(Manoeuvre):
-    """Hold, step, step back. Marks ``target`` at each change of the wanted value."""
+    """Hold, step, step back. Marks ``target`` at each change of the reference."""
 
     kind, purpose, in_manual = "step", "proof", False
 
@@ -168,7 +167,7 @@ class Step(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the wanted value: the present one, the step, the step back."""
+        """Yield the reference: the present value, the step, the step back."""
         base = self._settings.base
         self._base = now.value(self._settings.signal) if base is None else base
         self._course = now.psi
@@ -185,10 +184,10 @@ class Step(Manoeuvre):
         held = self._step > 0 or s.base is None
         if not math.isfinite(error):
             self._step = 3
-            self._end("aborted", f"the vehicle tells no number for {s.signal}, which is stepped")
+            self._end("aborted", f"the vehicle does not report {s.signal}, the stepped signal. Check its sensor")
         elif held and abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._step = 3
-            self._end("stopped", "the loop runs away from its target: these gains are not stable here")
+            self._end("stopped", "the loop diverges from its target: it is unstable with these gains")
         elif self._step == 0:
             self._held.append(error)
             self._wait_for_steadiness(observation, error, elapsed)
@@ -209,8 +208,8 @@ class Step(Manoeuvre):
         there, back = self._lasted
         return Outcome(
             "stopped",
-            f"the room ends {there:.0f} s into the step and {back:.0f} s into the step back: {where}; "
-            "what was recorded is used",
+            f"out of space {there:.0f} s into the step and {back:.0f} s into the step back: {where}. "
+            "The record so far is used",
         )
 
     def _stands_there(self, t: float, error: float) -> bool:
@@ -224,7 +223,7 @@ class Step(Manoeuvre):
         return self._is_over(t - self._there_since, s.enough, s.least_enough)
 
     def _is_over(self, waited: float, enough: float, least: float) -> bool:
-        """Whether *waited* [s] is *enough*, or at *least* so much that the rest of it would tell nothing new."""
+        """Return whether *waited* [s] is *enough*, or at *least* that and the rest would add no information."""
         return waited >= enough or (waited >= least and self._rest.lasts(enough - waited, abs(self._settings.size)))
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
@@ -238,7 +237,7 @@ class Step(Manoeuvre):
             self._next(observation.t)
 
     def _only_swings(self, elapsed: float) -> bool:
-        """Whether what is held swings about where it is held, and longer waiting will not change that."""
+        """Return whether the held signal oscillates persistently about its target."""
         s, late = self._settings, _later(np.array(self._held))
         if elapsed < SWUNG or not math.isfinite(s.enough) or abs(late.mean()) > s.steady_band * abs(s.size):
             return False

@@ -17,16 +17,16 @@ from gcs_autotune.manoeuvres.open_loop import WITHOUT_THROTTLE, coasting
 __all__ = ["KIND", "STOPPED", "Stopping"]
 
 STOPPED = 0.1
-"""Share of the approach's speed below which a craft counts as stopped: with drag by the square it never quite does."""
+"""Fraction of the approach speed below which a craft counts as stopped; quadratic drag alone never stops it. Chosen."""
 LEAST_SPEED = 0.1
 """Chosen [m/s]: slower than that there is no way to stop from."""
 PATIENCE = 180.0
 
 
 class Stopping(UnderWay):
-    """Approach at the throttle given, then none, or ``astern`` of full astern, until the way is off.
+    """Approach at a throttle, then zero or ``astern`` (normalised) until stopped.
 
-    The rudder stays amidships meanwhile. Marks ``execute`` with the thrust ordered.
+    The rudder stays amidships. Marks ``execute`` with the commanded thrust.
     """
 
     kind = "stopping"
@@ -47,8 +47,8 @@ class Stopping(UnderWay):
         if not speed >= LEAST_SPEED:
             self._end(
                 "aborted",
-                f"the craft makes {speed:.2f} m/s at {self._steering.throttle:.0%} throttle, which is no way to stop "
-                "from: give more --throttle, and see that the vehicle tells its speed",
+                f"the craft makes {speed:.2f} m/s at {self._steering.throttle:.0%} throttle, too little for a stopping "
+                "trial. Use more --throttle, and check that the vehicle reports its speed",
             )
         self.phase, self.target = "stopping", STOPPED * speed
         self._mark(now.t, "execute", {"X": -self._astern})
@@ -56,7 +56,10 @@ class Stopping(UnderWay):
             if now.u <= STOPPED * speed:
                 self._end("completed", f"stopped from {speed:.2f} m/s in {now.t - start:.0f} s")
             elif now.t - start > PATIENCE:
-                self._end("stopped", f"from {speed:.2f} m/s it still makes {now.u:.2f} m/s after {PATIENCE:.0f} s")
+                self._end(
+                    "stopped",
+                    f"not stopped {PATIENCE:.0f} s after {speed:.2f} m/s: the craft still makes {now.u:.2f} m/s",
+                )
             else:
                 now = yield self._command(0.0, now, -self._astern)
         yield self._command(0.0, now, 0.0)
@@ -64,14 +67,14 @@ class Stopping(UnderWay):
 
 KIND = ManoeuvreKind(
     name="stopping",
-    help="steady way ahead, then no thrust, or thrust astern (--astern), until the craft has stopped",
+    help="steady speed ahead, then no thrust, or thrust astern (--astern), until the craft has stopped",
     excites=frozenset({"surge"}),
     drives=frozenset({"X"}),
     make=lambda options: Stopping(
         options.get("astern", 0.0), Steering.of({**options, "throttle": options["throttle"] or WITHOUT_THROTTLE})
     ),
     options=("astern",),
-    room="some twenty lengths straight ahead",
+    room="about twenty lengths straight ahead",
     presets=(
         Preset("acceleration and coast-down", "X", coasting("stopping", (1.0,))),
         Preset("accelerations to three speeds and coast-down", "X", coasting("stopping", (0.3, 0.6, 1.0))),

@@ -16,7 +16,7 @@ __all__ = ["MANOEUVRES"]
 
 
 def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
-    """Return a relay at full output that swings on for as long as it is given."""
+    """Return a relay at full output that oscillates for the given time."""
 
     def make(seconds: float) -> Relay:
         settings = RelaySettings(signal, force, 1.0, hysteresis, periods=10**6, most_periods=10**6, patience=math.inf)
@@ -33,7 +33,7 @@ def _relay_of(force: str) -> ManoeuvreKind:
     """Return the row for a relay of one *force*, which finds its own size."""
     d = next((e for e in EXCITATIONS.values() if e.names.force == force), None)
     if d is None:
-        raise UsageError(f"a relay swings N, X, Y or Z, not {force}")
+        raise UsageError(f"a relay can drive N, X, Y or Z, not {force}")
 
     def make(options: Mapping[str, float]) -> Relay:
         settings = RelaySettings(
@@ -48,7 +48,7 @@ def _relay_of(force: str) -> ManoeuvreKind:
 
     return ManoeuvreKind(
         name="relay",
-        help="self-oscillation: a relay with hysteresis on heading, depth, or speed ahead or to the side",
+        help="relay experiment: a relay with hysteresis on heading, depth, or distance ahead or to the side",
         excites=frozenset({d.dof}),
         drives=frozenset({force}),
         make=make,
@@ -58,7 +58,7 @@ def _relay_of(force: str) -> ManoeuvreKind:
             _relay("roll relay", "phi", "K", math.radians(3.0)),
             _relay("pitch relay", "theta", "M", math.radians(3.0)),
         ),
-        room="about where the craft is; a boat goes on at its cruise meanwhile",
+        room="at the spot; a boat keeps its cruise speed",
         stays=force != "N",
         for_force=_relay_of,
     )
@@ -81,12 +81,12 @@ def _wall_relay(options: Mapping[str, float]) -> WallRelay:
 
 _WALL_RELAY = ManoeuvreKind(
     name="wall-relay",
-    help="self-oscillation ahead and astern on the distance to a wall, by the vehicle's rangefinder (DISTANCE_SENSOR)",
+    help="relay experiment ahead and astern on the distance to a wall, from the rangefinder (DISTANCE_SENSOR)",
     excites=frozenset({"surge"}),
     drives=frozenset({"X"}),
     make=_wall_relay,
     options=("wall-hysteresis", "least-distance"),
-    room="some times the hysteresis, in front of a flat wall",
+    room="a few times the hysteresis, in front of a flat wall",
     stays=True,
     needs="d",
 )
@@ -100,11 +100,11 @@ _STEP = ManoeuvreKind(
 )
 _SIGN_CHECK = ManoeuvreKind(
     name="sign-check",
-    help="a pulse, and one back, to see that an actuator moves the craft, and the right way",
+    help="a pulse and one back, to check that an actuator moves the craft in the right direction",
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
-    command="every command that flies, first of all",
+    command="every command that flies, at its start",
 )
 _THROTTLE_STEPS = ManoeuvreKind(
     name="throttle-steps",
@@ -112,12 +112,12 @@ _THROTTLE_STEPS = ManoeuvreKind(
     excites=frozenset({"surge"}),
     drives=frozenset({"X", "N"}),
     needs_way=True,
-    room="a minute of going straight ahead",
+    room="a minute straight ahead",
     command="experiment surge, and tune speed",
 )
 _TURN_ABOUT = ManoeuvreKind(
     name="turn-about",
-    help="half a circle, to come back to where the last manoeuvre began",
+    help="a half circle, back to the start of the last manoeuvre",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -127,16 +127,16 @@ _TURN_ABOUT = ManoeuvreKind(
 )
 _DIVE = ManoeuvreKind(
     name="dive",
-    help="down from the surface by the autopilot's own depth loop",
+    help="dive from the surface with the autopilot's own depth loop",
     excites=frozenset(),
     drives=frozenset({"Z"}),
     identifies=False,
     room="1.5 m of depth",
-    command="every command that swings depth, where the craft is at the surface",
+    command="every depth manoeuvre that starts at the surface",
 )
 _COME_BACK = ManoeuvreKind(
     name="come-back",
-    help="back to where the first run began, by a light hand on the rudder",
+    help="back to the start of the first run, with gentle steering",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -150,7 +150,7 @@ _CALM_CHECK = ManoeuvreKind(
     excites=frozenset(),
     drives=frozenset(),
     identifies=False,
-    command="fly PLAN.toml, where the plan wants calm water",
+    command="fly PLAN.toml, if the plan requires calm water",
 )
 
 MANOEUVRES: Mapping[str, ManoeuvreKind] = {

@@ -1,12 +1,11 @@
-"""Throttle steps under way: how a boat's surge is identified.
+"""Throttle steps under way, which identify a boat's surge.
 
-A relay on speed would need thrust that pushes as hard astern as ahead; a boat under way has its propeller ahead, its
-thrust goes with the square of the throttle, and nearly all there is to know lies in how fast it gains way at one
-throttle and loses it at another. So: steady at a working throttle, then levels well apart, one of them none at all.
-Each lasts until the speed is steady. A light hand on the rudder keeps the course meanwhile, but not while she coasts:
-of two thrusters that steer by their difference the one astern is the weaker, so that together they push ahead at no
-throttle at all (on a BlueBoat 1 % of steering is worth 0.25 % of full throttle, which bends the thrust curve), and a
-rudder without a race does little.
+A relay on speed would need equal thrust ahead and astern. A boat under way only drives ahead, with thrust about
+quadratic in throttle, so the information is in how fast it gains and loses speed. The manoeuvre holds a working
+throttle, then levels well apart, one of them zero, each until the speed is steady. Gentle steering keeps the course,
+except while coasting: of two thrusters the one astern is weaker, so differential steering pushes ahead at zero throttle
+(on a BlueBoat 1 % of steering gives 0.25 % of full throttle, which distorts the thrust curve), and a rudder without
+propeller race has little effect.
 """
 
 from __future__ import annotations
@@ -27,34 +26,33 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 __all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
 
 LEVELS: tuple[tuple[float, ...], ...] = ((0.45, 1.35, 0.0, 1.0), (0.0, 1.35, 0.7, 1.0))
-"""Throttles of the two runs, as shares of the working throttle, which each begins and ends with. Chosen: coasting tells
-drag from inertia, a burst and a low level bend the thrust curve apart from the drag curve, and both orders differ."""
+"""Throttles of the two runs, relative to the working throttle, at which each starts and ends. Chosen: coasting
+separates drag from inertia; a high and a low level separate thrust curve from drag curve; the orders differ."""
 
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.04
-"""Speed counts as steady when it changes less than this share of the working speed over the window [s]."""
+"""Speed counts as steady if it changes by less than this fraction of the working speed over the window [s]."""
 NOISE_STDS = 2.0
-"""... or less than the noise can tell."""
+"""Speed also counts as steady if its change is within this many standard errors."""
 ANSWERED = 0.08
-"""Chosen: a boat has answered a level once the mean speed over its last quarter differs from that over the quarter
-before by less than this share of the whole change: after three time constants, with 95 % of the change, however quick
-she is."""
+"""Criterion that a level is complete: the mean speed of its last quarter differs from that of the previous quarter by
+less than this fraction of the whole change. Chosen: three time constants, 95 % of the change, for any boat."""
 COASTED = 0.35
-"""Coasting ends at this share of the working speed: the rudder is to bite again."""
+"""Coasting ends at this fraction of the working speed, so that the rudder regains effect."""
 FEW = 5
 """Chosen: of so many readings is the speed that a level begins with."""
 TELLING = 2
-"""Chosen: so many levels flown to their end tell something, where the room ends."""
+"""Complete levels that are enough for an identification if space ends. Chosen."""
 BEFORE = 2.0
 """So much [s] of the steady approach belongs to the record proper: the state the first step starts from."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThrottleStepsSettings:
-    """What to fly: ``throttle`` the working throttle [fraction of full], ``levels`` shares of it, ``most`` the largest.
+    """Settings: ``throttle`` the working throttle (normalised), ``levels`` relative to it, ``most`` the largest.
 
-    A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: slower than that is no
-    way to tell anything from. ``until_answered``: a level ends once the boat has answered it, steady or not.
+    A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: lowest usable speed.
+    ``until_answered``: a level ends once its response is complete, steady or not.
     """
 
     throttle: float
@@ -106,7 +104,7 @@ class ThrottleSteps(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then each level until it has told what it can."""
+        """Yield the approach, then each level until its response is complete."""
         self._approach.start(now)
         self._heading_hold.start(now)
         while True:
@@ -115,20 +113,20 @@ class ThrottleSteps(Manoeuvre):
             now = yield command
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the levels that are recorded, if they tell anything."""
+        """End with the levels recorded, if they suffice."""
         flown = self._next - 1
         if flown < TELLING:
             return None
         return Outcome(
             "stopped",
-            f"the room ends after {flown} of {len(self._levels)} throttle levels: {where}; what was recorded is used",
+            f"out of space after {flown} of {len(self._levels)} throttle levels: {where}. The record so far is used",
         )
 
     def _tick(self, observation: Observation) -> Command:
         if math.isfinite(observation.u):
             self._take(observation)
         elif not self._approach.done and observation.t - self._first(observation) > self._settings.most_time:
-            self._end("aborted", "the vehicle does not tell its speed: has it a position fix?")
+            self._end("aborted", "the vehicle reports no speed. Check that it has a position fix")
         return Actuate(X=self._level, N=self._heading_hold.steer(observation) if self._level else 0.0)
 
     def _first(self, observation: Observation) -> float:
@@ -160,7 +158,7 @@ class ThrottleSteps(Manoeuvre):
             self._end(
                 "aborted",
                 f"the boat makes {speed:.2f} m/s at {s.throttle:.0%} throttle, less than the {s.least_speed:g} m/s "
-                "wanted: give a larger --throttle, or check that propeller and throttle point the same way",
+                "required. Use a larger --throttle, or check the propeller's direction",
             )
             return
         self._began = t - BEFORE

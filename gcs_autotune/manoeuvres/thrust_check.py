@@ -1,8 +1,8 @@
-"""Before throttle is stepped or swung: a pulse ahead, to see that it drives the craft, and ahead.
+"""Check before throttle manoeuvres: a pulse ahead must drive the craft, and ahead.
 
-A propeller that turns the wrong way takes a boat backwards into its mooring while an identification waits for way; a
-dead thruster of two turns it round on the spot. Ahead only: plenty of boats cannot go astern. From rest and with the
-steering neutral, so that what a propeller does is all there is to be seen.
+A reversed propeller would drive a boat backwards into its mooring; a dead thruster of two would turn it on the spot.
+The pulse is ahead only, since many boats cannot go astern, and starts from rest with neutral steering, so that only the
+propeller acts.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ __all__ = ["ThrustCheck", "ThrustCheckSettings"]
 WINDOW = 3.0
 """Seconds at rest over which speed and its noise are taken."""
 STILL = 0.04
-"""Chosen [m/s]: a boat whose speed changes less than this from one half of the window to the other lies still, or
-drifts steadily."""
+"""Largest change of speed between the halves of the window, at rest or in steady drift [m/s]. Chosen."""
 LONGEST_REST = 30.0
 """Chosen [s]: one that still is not at rest then is taken as it is."""
 UNKNOWN = 12.0
@@ -43,16 +42,16 @@ LAST = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ThrustCheckSettings:
-    """What to fly: outputs are fractions of full, times s, speeds m/s, angles rad.
+    """Settings: outputs normalised, times s, speeds m/s, angles rad.
 
     Attributes
     ----------
-    outputs : sizes of the pulse, tried until one is answered.
-    reach : a pulse ends when the craft has gained so much speed, else after ``longest``.
-    least : the least speed gained that counts as an answer.
-    turned : a craft that turns by so much on thrust alone (beyond the drift it had) has something wrong on one side.
-    cure, crooked : what to change when it goes astern, or turns, for a message.
-    outlets : the servo outputs that drive it, for a message.
+    outputs : sizes of the pulse, tried until one has a response.
+    reach : speed gained that ends a pulse, else it ends after ``longest``.
+    least : smallest speed gained that counts as a response.
+    turned : turn under thrust alone, beyond the drift, that indicates a fault on one side.
+    cure, crooked : advice if it goes astern, or turns.
+    outlets : the servo outputs that drive it, for messages.
     """
 
     outputs: tuple[float, ...] = (0.25, 0.5)
@@ -62,7 +61,7 @@ class ThrustCheckSettings:
     turned: float = math.radians(60.0)
     keep_still: bool = False
     cure: str = "check SERVOn_REVERSED or MOT_n_DIRECTION"
-    crooked: str = "check propellers and their directions, and the trim"
+    crooked: str = "check the propellers, their directions and the trim"
     outlets: tuple[Outlet, ...] = ()
 
 
@@ -112,7 +111,7 @@ class ThrustCheck(Manoeuvre):
         elif math.isfinite(observation.u):
             self._wait(observation)
         elif observation.t - self._began > UNKNOWN:
-            self._refuse("the vehicle does not tell its speed: has it a position fix?")
+            self._refuse("the vehicle reports no speed. Check that it has a position fix")
         return hold(Actuate(X=self._command), self._holds, observation)
 
     # --- the course of it ---------------------------------------------------------------------------------
@@ -174,9 +173,9 @@ class ThrustCheck(Manoeuvre):
         if not seen.obeyed >= FOLLOWS:
             self._refuse(messages.not_followed(seen, "X", s.outlets))
         elif gained >= self._least:
-            self._end("completed", f"{messages.gained(seen)}: X acts the right way")
+            self._end("completed", f"{messages.gained(seen)}: X acts in the right direction")
         elif gained <= -self._least:
-            self._refuse(f"{messages.gained(seen)}: the wrong way. {s.cure}")
+            self._refuse(f"{messages.gained(seen)}, the wrong way. {s.cure}")
         elif self._size + 1 < len(s.outputs):
             self._size += 1
             self._began, self._pulse = self._pulse[-1][0], []

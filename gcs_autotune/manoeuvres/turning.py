@@ -60,9 +60,9 @@ class CircleAndPullOut(UnderWay):
 
     def _stuck(self, turned: float) -> str:
         return (
-            f"the bow came round by {math.degrees(turned):.0f} deg and by no {math.degrees(LEAST_GAIN):.0f} deg more "
-            f"in {PATIENCE:.0f} s, and {math.degrees(self._turn):.0f} deg are wanted: give more rudder (--rudder or "
-            "--steering; less where it stalls) or more way (--throttle)"
+            f"the heading changed by {math.degrees(turned):.0f} deg, then by less than {math.degrees(LEAST_GAIN):.0f} "
+            f"deg in {PATIENCE:.0f} s, of {math.degrees(self._turn):.0f} deg required. Use more rudder (--rudder or "
+            "--steering; less if it stalls) or more speed (--throttle)"
         )
 
 
@@ -87,7 +87,7 @@ class PullOuts(UnderWay):
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="turning-circle",
-        help="helm to one side until the bow has come round by an angle, then amidships (pull-out)",
+        help="rudder to one side until the heading has changed by an angle, then amidships (pull-out)",
         excites=frozenset({"yaw", "surge", "sway"}),
         drives=frozenset({"N"}),
         make=lambda options: CircleAndPullOut(options["turn"], Steering.of(options)),

@@ -72,7 +72,7 @@ class ZigZag(UnderWay):
             if executed >= s.executes and executed > 1 and side * deviation >= 0.0:
                 self._end("completed", f"{executed} executes flown")
             elif now.t - start >= s.duration:
-                self._end("completed", f"{executed} executes flown in the time given")
+                self._end("completed", f"{executed} executes flown in the available time")
             elif now.t - since > s.patience:
                 self._end("aborted", self._too_far(executed, farthest))
             now = yield self._command(side * self._steering.share, now)
@@ -80,9 +80,9 @@ class ZigZag(UnderWay):
     def _too_far(self, executed: int, farthest: float) -> str:
         s = self._settings
         return (
-            f"after execute {executed} the heading came to {math.degrees(farthest):.1f} deg in {s.patience:.0f} s, and "
-            f"{math.degrees(s.heading):g} deg are wanted: give a smaller --heading, more rudder (--rudder or "
-            "--steering; less where it stalls) or more way (--throttle)"
+            f"after execute {executed} the heading reached {math.degrees(farthest):.1f} deg in {s.patience:.0f} s, of "
+            f"{math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder (--rudder or --steering; "
+            "less if it stalls) or more speed (--throttle)"
         )
 
 
@@ -102,12 +102,12 @@ def _preset(angle: float, throttle: float) -> Preset:
 
 KIND = ManoeuvreKind(
     name="zig-zag",
-    help="helm to one side until the heading has followed by an angle, then to the other",
+    help="rudder to one side until the heading has changed by an angle, then to the other side, repeated",
     excites=frozenset({"yaw"}),
     drives=frozenset({"N"}),
     make=_make,
     options=("heading", "rudder", "full-rudder", "steering", "executes"),
-    room="some ten times the speed per second ahead, and a third of it to either side",
+    room="ahead about ten seconds of travel, a third of that to either side",
     presets=(
         *(_preset(angle, throttle) for angle in (10.0, 20.0, 35.0) for throttle in (0.3, 0.6, 1.0)),
         _preset(20.0, 0.0),

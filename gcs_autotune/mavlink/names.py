@@ -27,7 +27,7 @@ _STAGES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "official"}
 
 @dataclass(frozen=True, slots=True)
 class VehicleIdentity:
-    """An autopilot as it introduced itself.
+    """The identity of an autopilot.
 
     ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers; ``version`` comes from AUTOPILOT_VERSION and
     is empty when it was not told, as is ``uid``, the unique id of the autopilot's board (hexadecimal); ``frame`` is
@@ -144,7 +144,7 @@ class TextLog:
         return self._texts[-new:] if new > 0 else []
 
     def recent(self, t: float, *, at_most: int = 3) -> list[str]:
-        """Return the last few texts heard since link time *t*."""
+        """Return the last few texts received since link time *t*."""
         return [text.text for text in self._texts if text.t >= t][-at_most:]
 
     def __iter__(self) -> Iterator[StatusText]:

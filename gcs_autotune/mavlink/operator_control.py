@@ -1,4 +1,4 @@
-"""Operator control (MAVLink's development set): which station a vehicle obeys and who steers it, as it says itself.
+"""Operator control (MAVLink's development set): the station a vehicle obeys, and its source of steering.
 
 CONTROL_STATUS and MANUAL_INPUT_STATUS are in no dialect of pymavlink yet, so they are read here from the frame. The
 first has been on the wire in two forms; the checksum, which covers the fields' names, tells them apart. The second was
@@ -37,7 +37,7 @@ _RC = 1
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """Who is in control: ``station`` its system id, 0: nobody; ``takeover_allowed``: another one gets it for asking."""
+    """The controlling station: ``station`` its system id, 0: none; ``takeover_allowed``: another one may take over."""
 
     station: int
     takeover_allowed: bool
@@ -45,15 +45,15 @@ class ControlStatus:
 
 @dataclass(frozen=True, slots=True)
 class ManualInput:
-    """Whose sticks count: ``station`` (system, component) of a MAVLink input device, (0, 0): none; ``is_receiver``: the
-    vehicle's own RC receiver alone."""
+    """The source of manual input: ``station`` (system, component) of a MAVLink input device, (0, 0): none;
+    ``is_receiver``: only the vehicle's own RC receiver."""
 
     station: tuple[int, int]
     is_receiver: bool
 
 
 def control_status(message: Message) -> ControlStatus | None:
-    """Return what a CONTROL_STATUS says; None when it is damaged, or of a form that is not known."""
+    """Return the contents of a CONTROL_STATUS; None if damaged or of unknown form."""
     found = _checked(message, _FORMS)
     if found is None:
         return None
@@ -63,7 +63,7 @@ def control_status(message: Message) -> ControlStatus | None:
 
 
 def manual_input(message: Message) -> ManualInput | None:
-    """Return what a MANUAL_INPUT_STATUS says; None when it is damaged, or of a form that is not known."""
+    """Return the contents of a MANUAL_INPUT_STATUS; None if damaged or of unknown form."""
     found = _checked(message, (_MANUAL_INPUT_EXTRA,))
     if found is None:
         return None

@@ -25,7 +25,7 @@ _NAME = 16
 
 @dataclass(frozen=True, slots=True)
 class PackedParameters:
-    """Values by name, their MAV_PARAM_TYPE, and the firmware's defaults (empty where the file does not tell them)."""
+    """Values by name, their MAV_PARAM_TYPE, and the firmware's defaults (empty if the file has none)."""
 
     values: Mapping[str, float]
     types: Mapping[str, int]
@@ -43,7 +43,7 @@ def unpack_parameters(data: bytes) -> PackedParameters:
     Raises
     ------
     BadFile
-        It is none, cut off, or does not hold as many parameters as it says.
+        It is another format, truncated, or has another number of parameters than declared.
     """
     try:
         return _unpacked(data)
@@ -54,7 +54,7 @@ def unpack_parameters(data: bytes) -> PackedParameters:
 def _unpacked(data: bytes) -> PackedParameters:
     magic, here, whole = _HEAD.unpack_from(data)
     if magic not in (MAGIC, MAGIC_DEFAULTS):
-        raise BadFile(f"no packed parameters: they begin with {MAGIC:#x}, not {magic:#x}")
+        raise BadFile(f"not packed parameters: these start with {MAGIC:#x}, not {magic:#x}")
     at, before = _HEAD.size, b""
     values: dict[str, float] = {}
     types: dict[str, int] = {}
@@ -79,5 +79,7 @@ def _unpacked(data: bytes) -> PackedParameters:
                 defaults[name] = float(struct.unpack_from(code, data, at)[0])
                 at += struct.calcsize(code)
     if not len(values) == here == whole or not all(map(math.isfinite, values.values())):
-        raise BadFile(f"the vehicle's packed parameters hold {len(values)} of {whole} parameters, or one is no number")
+        raise BadFile(
+            f"the vehicle's packed parameters contain {len(values)} of {whole} parameters, or one is not a number"
+        )
     return PackedParameters(values, types, defaults)

@@ -73,7 +73,7 @@ def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise BadFile(f"{path} cannot be written: {error.strerror}; check the folder and the disk") from error
+        raise BadFile(f"{path} cannot be written: {error.strerror}. Check the folder and the disk") from error
 
 
 def load_params(path: Path) -> dict[str, float]:
@@ -90,7 +90,7 @@ def load_params(path: Path) -> dict[str, float]:
         raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
     values = _from_json(path, text) if text.lstrip().startswith("{") else _from_lines(path, text)
     if not values:
-        raise BadFile(f"{path} holds no parameters; a line looks like ATC_STR_RAT_P,0.2")
+        raise BadFile(f"{path} has no parameters. A line looks like ATC_STR_RAT_P,0.2")
     return values
 
 
@@ -118,9 +118,7 @@ def _from_lines(path: Path, text: str) -> dict[str, float]:
             raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE")
         name = cells[0]
         if name in lines:
-            raise BadFile(
-                f"{path}, line {row}: {shown(name)} is named in line {lines[name]} already; take one of them out"
-            )
+            raise BadFile(f"{path}, line {row}: {shown(name)} is already in line {lines[name]}. Remove one of them")
         lines[name] = row
         values[name] = _checked(path, f"line {row}", name, cells[1])
     return values

@@ -1,11 +1,11 @@
-"""MAVLink 2 signing: who may be believed, and who we are.
+"""MAVLink 2 signing: sign our messages, verify those received.
 
 A signed frame ends with 13 bytes: link id, a 48-bit time [10 us since 2015-01-01 UTC], and the first 6 bytes of the
-SHA-256 of key and frame. A receiver refuses what is unsigned, wrongly signed, or not newer than what it has heard in
-the same stream of (system, component, link id); a new stream may be a minute behind at most. Source: MAVLink developer
+SHA-256 of key and frame. A receiver rejects frames that are unsigned, wrongly signed, or not newer than the last one
+of the same stream (system, component, link id); a new stream may be at most a minute behind. Source: MAVLink developer
 guide, "Message Signing". A passphrase becomes the key by SHA-256, as in Mission Planner and MAVProxy.
 
-The latest signing time ever used is kept on disk: a vehicle refuses what is not newer, even if our clock was set back.
+The latest signing time is stored on disk, since a vehicle rejects older ones even if our clock was set back.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ _TRAILER, _SIGNATURE = 13, 6
 _BEHIND = 60 * UNITS_PER_SECOND
 _V2, _SIGNED = 0xFD, 0x01
 _UNSIGNED_IS_FINE = ("RADIO_STATUS", "RADIO")
-"""What a telemetry radio says of itself; it has no key, and ArduPilot excepts the same two."""
+"""Messages of a telemetry radio itself; it has no key, and ArduPilot exempts the same two."""
 
 
 class SigningKey:
-    """The 32 secret bytes. Shows them to nobody: not in text, not in a copy on disk."""
+    """The 32 secret bytes. They are never shown as text or stored on disk."""
 
     __slots__ = ("_origin", "_secret")
 
@@ -97,7 +97,7 @@ class SigningKey:
             lines = []
         if len(lines) != 1 or not lines[0]:
             raise BadFile(
-                f"{path} holds no signing key: it must be {_KEY_LENGTH} bytes (the key itself) or one line of text "
+                f"{path} has no signing key: it must be {_KEY_LENGTH} bytes (the key itself) or one line of text "
                 f"(the passphrase); it has {len(data)} bytes"
             )
         return cls.from_passphrase(lines[0], f"passphrase in {path}")
@@ -116,7 +116,7 @@ class SigningKey:
         return f"<signing key, {self._origin or 'given'}>"
 
     def __reduce__(self) -> str | tuple[object, ...]:
-        raise TypeError("a signing key is not to be stored")
+        raise TypeError("a signing key must not be stored")
 
 
 class Refusal(StrEnum):
@@ -128,7 +128,7 @@ class Refusal(StrEnum):
 
 
 class Signer:
-    """Signing time for what we send, and judgement of what we hear.
+    """Signing time of messages sent, and verification of messages received.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class Signer:
 
 
 def refusals(signer: Signer | None) -> str:
-    """Return how many messages were refused and why, for an error that tells of silence; empty when none were."""
+    """Return the number of rejected messages and why, for errors about silence; empty if none."""
     if signer is None or not signer.refused:
         return ""
     return "refused: " + ", ".join(f"{count} messages {why}" for why, count in signer.refused.most_common())
@@ -211,11 +211,11 @@ def state_folder() -> Path:
 
 
 class StampStore:
-    """One number in one file, which only grows. It says nothing about any key.
+    """A number in a file, which only grows. It contains no part of a key.
 
     Attributes
     ----------
-    trouble : why it cannot be kept, empty while it can; signing then rests on the machine's clock alone.
+    trouble : why it cannot be stored; empty if it can. Signing then depends on the computer's clock alone.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -248,6 +248,7 @@ class StampStore:
 
     def _note(self, error: Exception) -> None:
         self.trouble = self.trouble or (
-            f"the signing time of earlier runs ({self._path}) cannot be kept: {error}; were this machine's clock set "
-            "back, the vehicle would not hear us"
+            f"the signing time of earlier runs ({self._path}) cannot be stored: {error}. If this computer's clock is "
+            f"set "
+            "back, the vehicle will ignore our messages"
         )

@@ -41,7 +41,7 @@ class TlogWriter:
         try:
             self._stream = path.open("wb")
         except OSError as error:
-            raise BadFile(f"the telemetry log {path} cannot be written: {error.strerror}; check the folder") from error
+            raise BadFile(f"the telemetry log {path} cannot be written: {error.strerror}. Check the folder") from error
 
     def write(self, frame: bytes) -> None:
         """Append one frame, stamped now."""
@@ -65,12 +65,12 @@ class TlogWriter:
             raise self._unwritable(error) from error
 
     def _unwritable(self, error: OSError) -> BadFile:
-        return BadFile(f"the telemetry log {self._path} cannot be written: {error.strerror}; check the disk")
+        return BadFile(f"the telemetry log {self._path} cannot be written: {error.strerror}. Check the disk")
 
 
 @dataclass(frozen=True, slots=True)
 class TlogRecord:
-    """One logged frame; ``time`` [s since 1970] as stamped by whoever logged it."""
+    """One logged frame; ``time`` [s since 1970] the recorder's timestamp."""
 
     time: float
     frame: Frame
@@ -169,5 +169,5 @@ def read_tlog(path: Path) -> TlogReader:
         raise BadFile(f"{path} cannot be read: {error.strerror}") from error
     if is_empty:
         stream.close()
-        raise BadFile(f"{path} is empty: nothing was logged")
+        raise BadFile(f"{path} is empty. Check the recording")
     return TlogReader(stream)

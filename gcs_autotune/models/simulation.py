@@ -48,10 +48,10 @@ STEPS_PER_SAMPLE = 500
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedMotion:
-    """A simulated run at the stamps asked for.
+    """A simulated run at the requested timestamps.
 
     ``eta``, ``nu`` : (n,) position [rad or m] and velocity. ``eta_by``, ``nu_by`` : (n, 7) their derivatives
-    by :data:`COLUMNS`. ``finite`` is False when the simulation ran away; the arrays then hold NaN.
+    by :data:`COLUMNS`. ``finite`` is False if the simulation diverged; the arrays then hold NaN.
     """
 
     eta: Array
@@ -209,7 +209,7 @@ def simulate(
     Parameters
     ----------
     t_in, tau : (m,) stamps [s] and input; each value holds from its stamp to the next, the first also before it.
-    t_out : (n,) non-decreasing stamps [s] at which the motion is wanted, evenly spaced or not.
+    t_out : (n,) non-decreasing timestamps [s] of the output, evenly spaced or not.
     """
     return simulate_explicit((*explicit_parameters(model), eta_0, nu_0), t_in, tau, t_out)
 

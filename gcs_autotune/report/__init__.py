@@ -1,18 +1,19 @@
-"""The only room that formats for people: pages, terminal tables, live lines, wording.
+"""The only package that formats for people: pages, terminal tables, live lines, wording.
 
 =========  ======================================================================
-toolkit    what all are made of
+toolkit    the parts of every report
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
-summaries  what commands without a page print
+summaries  terminal output of the commands without a page
 =========  ======================================================================
 """
 
 from __future__ import annotations
 
+from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
 from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
 from gcs_autotune.report.flight.page import FlightModel, TrialTold, render_flight, render_preview
@@ -58,6 +59,8 @@ __all__ = [
     "fit_summary",
     "format_factor",
     "frequency_plot",
+    "hint_stories",
+    "lead_sentence",
     "log_summary",
     "method_list",
     "model_summary",

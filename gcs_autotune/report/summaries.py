@@ -1,4 +1,4 @@
-"""What commands without a page print: logs, plans, ship figures, thrusters."""
+"""Terminal output of the commands without a page: logs, plans, ship figures, thrusters."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ __all__ = ["log_summary", "plan_summary", "propeller_summary", "sheet_table", "s
 
 
 MESSAGES = 12
-"""Kinds of messages shown, the most frequent of those that are read."""
+"""Most kinds of messages shown; the most frequent first. Chosen."""
 
 CHANGES = 8
-"""Changes of mode or arming shown of each boot."""
+"""Most changes of mode or arming shown per boot. Chosen."""
 
 AT_ONCE = 2.0
-"""What is first told within so long [s] of a log's beginning was so before: heartbeats come once a second."""
+"""States first reported within this time [s] of a log's start count as initial; heartbeats come once a second."""
 
 
 def log_summary(told: Mapping[str, Any]) -> Group:
-    """Return what ``logs list`` shows of one log."""
+    """Return the output of ``logs list`` for one log."""
     counts = told["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
     stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
@@ -59,15 +59,19 @@ def log_summary(told: Mapping[str, Any]) -> Group:
         )
         parts.append(paragraph(_course(boot)))
         if boot["dated_by_arrival"]:
-            parts.append(paragraph(f"Dated by arrival (no stamp of their own): {', '.join(boot['dated_by_arrival'])}."))
+            parts.append(
+                paragraph(f"Timed by arrival, without a timestamp of their own: {', '.join(boot['dated_by_arrival'])}.")
+            )
     parts.append(grid(_messages(told["messages"])))
     if told["truth"]:
-        parts.append(paragraph(f"A simulator's own truth ({', '.join(told['truth'])}) is in it and is not used."))
+        parts.append(
+            paragraph(f"The log contains a simulator's true state ({', '.join(told['truth'])}); it is not used.")
+        )
     parts.append(title("Runs") if told["runs"] else paragraph(_no_run(told["boots"])))
     for run in told["runs"]:
         parts.append(paragraph(f"{run['name']} (inputs: {run['input_from']})"))
         parts += [bullet(_look(look)) for look in run["excitation"]]
-    parts += [bullet(f"left out: {row['name']}: {row['why']}") for row in told["left_out"]]
+    parts += [bullet(f"skipped {row['name']}: {row['why']}") for row in told["left_out"]]
     if told["notes"]:
         parts += doubts_shown(f"{cause}: {cure}" for _, cause, cure in told["notes"])
     return Group(*parts)
@@ -75,7 +79,7 @@ def log_summary(told: Mapping[str, Any]) -> Group:
 
 def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
     told = [on for boot in boots for _, on in boot["armed"]]
-    never = " It was never armed." if told and not any(told) else ""
+    never = " The vehicle was never armed." if told and not any(told) else ""
     return f"No run to identify from.{never}"
 
 
@@ -86,7 +90,7 @@ def _course(boot: Mapping[str, Any]) -> str:
     said = [row for i, row in enumerate(said) if i == 0 or row[1] != said[i - 1][1]]
     shown = "; ".join(what if t < AT_ONCE else f"after {format_seconds(t)} {what}" for t, what in said[:CHANGES])
     more = f" and {len(said) - CHANGES} more" if len(said) > CHANGES else ""
-    return f"Course: {shown}{more}." if said else "It tells neither mode nor arming: it counts as armed throughout."
+    return f"Timeline: {shown}{more}." if said else "The log has no modes and no arming; it counts as armed throughout."
 
 
 def _messages(kinds: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -102,21 +106,21 @@ def _look(look: Mapping[str, Any]) -> str:
     why = f": {look['why']}" if look["why"] else ""
     quiet = format_number(look["response_to_noise"], 2)
     return (
-        f"{look['dof']}: {look['verdict']}{why} (input {look['input']} {format_number(look['input_range'], 2)} wide, "
-        f"{look['swings']} swings, every {format_seconds(look['input_interval'])}; response {look['response']} "
-        f"{quiet} times its noise, every {format_seconds(look['response_interval'])})"
+        f"{look['dof']}: {look['verdict']}{why} (input {look['input']}, range {format_number(look['input_range'], 2)}, "
+        f"{look['swings']} reversals, sampled every {format_seconds(look['input_interval'])}; response "
+        f"{look['response']}, {quiet} times its noise, sampled every {format_seconds(look['response_interval'])})"
     )
 
 
 def plan_summary(result: PlanResult) -> Group:
-    """Return what a plan found: steps with their local validation, agreement, parameters, final validation, doubts."""
+    """Return the result of a plan: steps with validation, agreement, parameters, final validation, doubts."""
     parts: list[RenderableType] = [title(f"Plan {result.plan.name}: {result.plan.title}"), grid(_steps(result))]
     if result.agreements:
-        parts += [title("Shared parameters, step against step"), grid(_agreements(result.agreements))]
-    parts += [title("Parameters, all runs fitted at once"), grid(_plan_parameters(result))]
+        parts += [title("Shared parameters, compared between steps"), grid(_agreements(result.agreements))]
+    parts += [title("Parameters of the joint fit of all runs"), grid(_plan_parameters(result))]
     if result.final is not None:
         parts += [
-            title("Final validation, on runs nothing was fitted to"),
+            title("Final validation on held-out runs"),
             grid(_final(result)),
             paragraph(f"Fit {result.final.fit_percent:.1f} % on average."),
         ]
@@ -168,7 +172,7 @@ _VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
 
 
 def sheets_summary(sheets: Sequence[Sheet]) -> Group:
-    """Return what ``figures`` shows: per manoeuvre its figures, the verdict, what to doubt."""
+    """Return the output of ``figures``: per manoeuvre its figures, verdict and doubts."""
     parts: list[RenderableType] = []
     parts += contradictions_shown(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts)))
     for sheet in sheets:
@@ -181,7 +185,7 @@ def sheets_summary(sheets: Sequence[Sheet]) -> Group:
 
 
 def sheet_table(sheet: Sheet) -> Table:
-    """Figures with their standard errors, the IMO criterion and whether it is met."""
+    """Return the figures with standard errors, the IMO criterion and whether it is met."""
     return Table(("figure", "value ± std", "unit", "IMO limit", ""), "lrlrl", tuple(_row(f) for f in sheet.figures))
 
 
@@ -198,27 +202,27 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 _MEANING = {
-    "a_f": "ahead, per command squared",
+    "a_f": "ahead, per squared command",
     "b_f": "ahead, per command",
-    "a_b": "astern, per command squared",
+    "a_b": "astern, per squared command",
     "b_b": "astern, per command",
-    "x_f": "pulls ahead from here on",
-    "x_b": "pulls astern from here on",
-    "offset": "zero of the dynamometer",
+    "x_f": "start of thrust ahead",
+    "x_b": "start of thrust astern",
+    "offset": "zero offset of the dynamometer",
 }
 
 SHOWN = 5
-"""Rival structures shown."""
+"""Most rival structures shown. Chosen."""
 
 _POINTS = 9
-"""Rows of the compensation table."""
+"""Number of rows of the compensation table. Chosen."""
 
 
 def thruster_summary(fit: ThrusterFit) -> Group:
-    """Return what ``thrusters`` shows: the map, how its structure was decided, and the commands for given forces."""
+    """Return the output of ``thrusters``: the map, the choice of its structure, and commands for required forces."""
     m = fit.map
     low, high = m.dead_zone
-    way = "A higher command pulls ahead." if m.direction > 0 else "A higher command pulls astern."
+    way = "A higher command thrusts ahead." if m.direction > 0 else "A higher command thrusts astern."
     zone = (
         f"No dead zone; neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
         if low == high
@@ -228,10 +232,10 @@ def thruster_summary(fit: ThrusterFit) -> Group:
     parts: list[RenderableType] = [
         title(f"Thruster map of {fit.pulls.name}: {fit.structure.name}"),
         grid(_thruster_parameters(fit)),
-        paragraph(f"{way} {zone} One pull scatters by {scatter} N; fit {fit.fit_percent:.1f} %."),
+        paragraph(f"{way} {zone} Scatter of one reading: {scatter} N; fit {fit.fit_percent:.1f} %."),
         title("Which structure"),
         grid(_candidates(fit)),
-        title("Command for a wanted force"),
+        title("Command for a required force"),
         grid(_compensation(fit)),
         *doubts_shown(doubt_sentence(d) for d in fit.doubts),
     ]
@@ -239,7 +243,7 @@ def thruster_summary(fit: ThrusterFit) -> Group:
 
 
 def propeller_summary(fit: PropellerFit) -> Group:
-    """Return what ``thrusters`` shows for an open-water test."""
+    """Return the output of ``thrusters`` for an open-water test."""
     rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
     noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
     return Group(
@@ -261,7 +265,7 @@ def _thruster_parameters(fit: ThrusterFit) -> Table:
 
 
 def _force_left(fit: ThrusterFit, rms: float) -> str:
-    """Return what a map leaves of the forces [N]; of exact data nothing but rounding is left."""
+    """Return the residual scatter of a map [N]; for exact data only rounding."""
     return format_number(rms if rms > EXACT * max(abs(float(f)) for f in fit.pulls.force) else 0.0)
 
 

@@ -43,17 +43,17 @@ LOST, NUDGE, SLOPE_STEP = 1e6, 1e-4, 1e-5
 MOST_DELAY = 1.0
 """Chosen [s]: more is the loop itself. A limit on the turn's acceleration shows as such a delay."""
 FOLLOWED = 0.9
-"""Chosen: share of the motion that a loop of this form explains where nothing limits it."""
+"""Fraction of the motion that a loop of this form explains without saturation. Chosen."""
 DISTINCT = 0.05
-"""Chosen: by how much the shares of two relays differ before the difference is given a cause."""
+"""Difference between the fits of two relays from which a cause is reported. Chosen."""
 SPAN = 1e3
-"""Chosen: how far from the pace of the relay, to the power that goes with it, a coefficient may be; a pole that is so
-quick shows in nothing."""
+"""Range of a coefficient relative to the relay's frequency (to the power of its order). A faster pole has no visible
+effect. Chosen."""
 SHORT, LONG = 40, 400
 """Chosen: evaluations from each start, and until the best of them has converged. A slow integral beside a zero and a
 delay makes a flat valley."""
 SATURATED, OFTEN = 0.98, 0.05
-"""An output that counts as full, and the share of the time that makes the loop another one."""
+"""Output that counts as full, and the fraction of time at it from which the loop counts as nonlinear. Chosen."""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
 """Chosen: damping ratios above which a loop overshoots by less than a sixth, and below which by more than a third."""
 LARGE_OVERSHOOT = 0.2
@@ -84,21 +84,21 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     if force in run:
         full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
         if full > OFTEN:
-            cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time: the loop was not linear"
-            notes.append(Doubt("saturated", cause, "give smaller --set-point and --second-set-point"))
+            cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time, so the loop was not linear"
+            notes.append(Doubt("saturated", cause, "use smaller --set-point and --second-set-point"))
     if omega_std >= omega_n or zeta_std >= zeta:  # figures that nobody knows are left out
         omega_n = omega_std = zeta = NAN
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
     figures = known(
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
         judged("damping", "damping ratio", Reading(zeta, zeta_std)),
-        judged("overshoot", "overshoot of a step, of its size", Reading(overshoot, overshoot_std)),
+        judged("overshoot", "step overshoot", Reading(overshoot, overshoot_std)),
         *_step_figures(loop),
-        judged("explained", "share of the motion that this loop explains", Reading(whole, NAN)),
+        judged("explained", "fit of the closed-loop model", Reading(whole, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
         judged("a3", "a_3", Reading(loop.denominator[3], NAN, "s^3")),
-        judged("delay", "delay before it answers", Reading(loop.delay, NAN, "s")),
+        judged("delay", "delay of the response", Reading(loop.delay, NAN, "s")),
         judged("b1", "b_1", Reading(loop.numerator[1], NAN, "s")),
         *(
             figure
@@ -114,38 +114,40 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 
 def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> Sheet:
-    """Return the sheet of a loop that oscillates by itself, of which no linear loop tells anything."""
+    """Return the sheet of a self-oscillating loop, which has no linear model."""
     unit = run[axis.stepped].unit
     figures = known(
-        judged("oscillation", "oscillation with a constant command", Reading(amplitude, NAN, unit)),
+        judged("oscillation", "oscillation at constant command", Reading(amplitude, NAN, unit)),
         judged("period", "its period", Reading(period, NAN, "s")),
     )
     shown = f"{math.degrees(amplitude):.0f} deg" if axis.angular else f"{amplitude:.2g} {unit}"
     verdict = (
-        f"the {axis.name} loop oscillates by {shown} to either side with a constant command, and that does not die "
-        f"away: lower its gains, or run gcs-autotune tune {axis.name}"
+        f"the {axis.name} loop oscillates at constant command without decay, amplitude {shown}. "
+        f"Lower its gains, or run gcs-autotune tune {axis.name}"
     )
     return Sheet(run.name, "set-point-relay", f"closed {axis.name} loop", figures, verdict, ())
 
 
 def _not_linear(explained: Sequence[float]) -> Doubt:
-    """Return the doubt that goes with the shares *explained* of the larger relay, the smaller one and both.
+    """Return the doubt about the fractions *explained* of the larger relay, the smaller one and both.
 
-    A limit bends the larger motion; a dead band, waves and the sensor's noise the smaller one.
+    Saturation distorts the larger motion; a dead zone, waves and sensor noise the smaller one.
     """
     larger, *_, smaller, whole = explained  # some fly more than two
     cause = f"no linear loop explains more than {100.0 * whole:.0f} % of this motion"
     told = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
     if larger < smaller - DISTINCT:
-        return Doubt("not-linear", f"{cause} {told}: limits were at work", "give smaller --set-point")
+        return Doubt("not-linear", f"{cause} {told}, which indicates saturation", "use smaller --set-point")
     if smaller < larger - DISTINCT:
-        cause = f"{cause} {told}: a dead band, waves or noise were at work"
-        return Doubt("not-linear", cause, "give larger --set-point and --second-set-point")
-    return Doubt("not-linear", f"{cause}, of either relay: its loop is of another form", "compare with a step flown")
+        cause = f"{cause} {told}, which indicates a dead zone, waves or noise"
+        return Doubt("not-linear", cause, "use larger --set-point and --second-set-point")
+    return Doubt(
+        "not-linear", f"{cause}, for either relay: the loop has another structure", "compare with a flown step"
+    )
 
 
 def _axis(run: Trial) -> AxisKind:
-    """Return the axis whose loop was swung."""
+    """Return the axis of the loop under test."""
     return position_axis(str(run.meta.get("dof", "yaw")))
 
 
@@ -187,9 +189,9 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     jumps /= jumps.max()
 
     def left(theta: Array) -> Array:
-        """Return what is left over; what is asked for counts by its mean over each step, late by the delay.
+        """Return the residual; the command counts by its mean over each step, shifted by the delay.
 
-        A limit on how fast the autopilot changes what it asks of its inner loop makes larger changes later.
+        A rate limit of the autopilot on its inner reference delays larger changes.
         """
         edges = np.append(np.maximum.accumulate(at + theta[4] + theta[5] * jumps), math.inf)
         edges[-1] = max(run.end, edges[-2]) + MOST_DELAY
@@ -224,8 +226,8 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     loop = _of(best.x)
     if not all(p.real < 0.0 for p in loop.poles()):
         raise NotInformative(
-            "the loop read off these relays is not stable, though it was flown: repeat them with clearly different "
-            "--set-point and --second-set-point"
+            "the loop identified from these relays is unstable, although the flown one is stable. Repeat them with "
+            "clearly different --set-point and --second-set-point"
         )
     explained = []
     for part in (*sorted(parts, key=lambda part: -float(np.ptp(part[commanded].values))), run):
@@ -237,9 +239,9 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
 
 
 def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Array:
-    """Return the standard errors of :func:`_told`; what is left over may hang together.
+    """Return the standard errors of :func:`_told`; residuals may be correlated.
 
-    *told*: the numbers that the record tells; one at its bound (a pole too quick to show) counts as known.
+    *told*: the identified numbers; one at its bound (a pole too fast to be visible) counts as known.
     """
     again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
     variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
@@ -283,9 +285,9 @@ def _of(theta: Array) -> TransferFunction:
 
 
 def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
-    """Return what a loop that is *asked* for values (n,), each held for a step, leaves of its *answer* (n,).
+    """Return the residual of a loop's response *answer* (n,) to commands *asked* (n,), each held for a step.
 
-    It begins as fits best: what it was asked for before, and how far a slow integral had come by then, nobody knows.
+    The initial state is fitted, since earlier commands and the state of a slow integral are unknown.
     """
     A = np.zeros((4, 4))
     A[0, 1] = A[1, 2] = 1.0
@@ -309,19 +311,19 @@ def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
 
 
 def _verdict(damping: tuple[float, float], overshoot: tuple[float, float], axis: str) -> str:
-    """Return what damping ratio and overshoot, each with its standard error, say of the loop of *axis*."""
+    """Return the verdict on the loop of *axis* from damping ratio and overshoot, each with its standard error."""
     (zeta, std), (over, over_std) = damping, overshoot
     if zeta + std < POORLY_DAMPED:
-        return f"the {axis} loop swings: it is time for gcs-autotune tune {axis}"
+        return f"the {axis} loop oscillates. Run gcs-autotune tune {axis}"
     if over - over_std > LARGE_OVERSHOOT:  # of an integral, beside poles that are damped well
-        return f"the {axis} loop overshoots a step by {100.0 * over:.0f} %: it is time for gcs-autotune tune {axis}"
+        return f"the {axis} loop overshoots a step by {100.0 * over:.0f} %. Run gcs-autotune tune {axis}"
     if math.isnan(zeta):
-        return f"the damping of the {axis} loop cannot be told from these relays: other sizes of relay tell more"
+        return f"these relays do not determine the damping of the {axis} loop. Try other relay sizes"
     if zeta - std > WELL_DAMPED:
         return f"the {axis} loop is well damped"
     if std < 0.5 * (WELL_DAMPED - POORLY_DAMPED):
-        return f"the {axis} loop is damped, but not well"
-    return f"the damping of the {axis} loop is told to +-{std:.1f} only: other sizes of relay tell more"
+        return f"the {axis} loop is moderately damped"
+    return f"the damping of the {axis} loop is uncertain by +-{std:.1f}. Try other relay sizes"
 
 
 def relays_of(run: Trial) -> list[Trial]:
@@ -335,7 +337,7 @@ def relays_of(run: Trial) -> list[Trial]:
     starts = [m.t for m in run.marks if m.kind == "relay"]
     if len(starts) < 2:
         flown = f"{len(starts)} relay{'s' * (len(starts) != 1)}"
-        raise NotInformative(f"run '{run.name}' has {flown} on the set-point, and two are needed")
+        raise NotInformative(f"run '{run.name}' has {flown} on the set-point; two are needed")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
     holds = [m.t for m in run.marks if m.kind == "hold"]

@@ -46,9 +46,9 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure as ship people quote it, with the criterion beside it when there is one.
+    """One figure of a sea trial, with its criterion if there is one.
 
-    ``verdict`` is ``open`` without a criterion, and when the limit lies within two standard errors of the reading.
+    ``verdict`` is ``open`` without a criterion, and if the limit is within two standard errors of the value.
     """
 
     slug: str
@@ -107,9 +107,9 @@ NAN = math.nan
 
 @dataclass(frozen=True, slots=True)
 class Particulars:
-    """The ship: ``length`` between perpendiculars [m], trial ``speed`` [m/s] when no run tells it, model ``scale``.
+    """The ship: ``length`` between perpendiculars [m], trial ``speed`` [m/s] if no run contains it, model ``scale``.
 
-    ``scale``: lengths of the ship over those of the model; times grow with its square root (Froude).
+    ``scale``: ship length divided by model length; times scale with its square root (Froude).
     """
 
     length: float = NAN
@@ -124,12 +124,12 @@ class Particulars:
     def __post_init__(self) -> None:
         """Refuse what no ship has."""
         if self.length <= 0.0 or self.speed <= 0.0 or not self.scale > 0.0:
-            raise UsageError("length, speed and scale of a ship are positive")
+            raise UsageError("length, speed and scale of a ship must be positive")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """The figures of one manoeuvre in one run; ``verdict`` what the manoeuvre was flown to tell, or ``""``."""
+    """The figures of one manoeuvre in one run; ``verdict`` its conclusion, or ``""``."""
 
     run: str
     manoeuvre: str
@@ -160,7 +160,7 @@ def in_lengths(reading: Reading, ship: Particulars) -> Reading:
 
 
 def known(*figures: Figure) -> tuple[Figure, ...]:
-    """Return the figures whose value is known."""
+    """Return the figures with a known value."""
     return tuple(f for f in figures if math.isfinite(f.reading.value))
 
 
@@ -172,7 +172,7 @@ def per_helm(unit: str, helm: str) -> str:
 
 
 def helm_text(helm: float, unit: str) -> str:
-    """Return a helm for a title: degrees of a rudder, percent of a share of full output, else the number."""
+    """Return a rudder angle for a title: degrees, percent of full output, or the number."""
     if unit == "rad":
         return f"{round(math.degrees(helm))}"
     return f"{round(100.0 * helm)} %" if unit == "1" else f"{helm:.3g}"

@@ -39,15 +39,15 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
 
     Parameters
     ----------
-    run : with psi and delta (or N); r, x, y, u, v, U are used when there.
+    run : with psi and delta (or N); r, x, y, u, v, U are used if present.
     ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral and a stop only when asked for, or when
-        the run's meta data say so).
+    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral or a stop only if requested, or from
+        the run's meta data).
 
     Raises
     ------
     NotInformative
-        No manoeuvre that is known; the message says what each one misses.
+        No known manoeuvre; the message states what each one lacks.
     MissingChannel, BadFile
         As :func:`gcs_autotune.identify.open_loop.ship_log.ship_log`.
     UnknownName
@@ -91,7 +91,7 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
     unit = log.steering.unit
     figures = known(
         judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
-        judged("turned", "change of heading in all", Reading(c.turned, NAN, "rad")),
+        judged("turned", "total change of heading", Reading(c.turned, NAN, "rad")),
         judged("advance", "advance", c.advance),
         judged("advance-lengths", "advance", in_lengths(c.advance, ship), ADVANCE, "5.3.1"),
         judged("transfer", "transfer", c.transfer),
@@ -109,11 +109,11 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("steady-diameter", "steady turning diameter", c.steady_diameter),
         judged("approach", "approach speed", c.approach),
         judged("steady-speed", "speed in the steady turn", c.steady),
-        judged("speed-loss", "part of the speed lost", c.speed_loss),
+        judged("speed-loss", "speed loss", c.speed_loss),
         judged("drift", "drift angle, bow inside", c.drift),
         judged("rate", "yaw rate in the steady turn", c.rate),
         *(
-            (judged("current", "current taken out", Reading(c.current.speed, c.current.std, "m/s")),)
+            (judged("current", "estimated current (removed)", Reading(c.current.speed, c.current.std, "m/s")),)
             if math.isfinite(c.current.std)
             else ()
         ),
@@ -133,9 +133,9 @@ def _reverse_spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 
 _STABILITY: Mapping[str, str] = {
-    "stable": "directionally stable: with the helm amidships it stops turning",
-    "unstable": "directionally unstable: with the helm amidships it keeps turning",
-    "undecided": "directional stability cannot be told from this run",
+    "stable": "directionally stable: with rudder amidships the craft stops turning",
+    "unstable": "directionally unstable: with rudder amidships the craft keeps turning",
+    "undecided": "directional stability: not determined by this run",
 }
 
 
@@ -144,13 +144,15 @@ _WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
 
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
-        judged("residual-rate", "yaw rate left with the helm amidships", s.residual_rate),
+        judged("residual-rate", "residual yaw rate, rudder amidships", s.residual_rate),
         judged("loop-width", "width of the loop", s.width),
-        judged("slope", "yaw rate per helm, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))),
+        judged(
+            "slope", "yaw rate per rudder angle, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))
+        ),
         *(
             judged(
                 f"point-{i}",
-                f"at helm {helm_text(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
+                f"at rudder {helm_text(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
                 p.rate,
             )
             for i, p in enumerate(s.points, start=1)
@@ -169,8 +171,8 @@ def _pull_out_sheet(run: Trial, ship: Particulars) -> Sheet:
     p = read_pull_out(run, log)
     figures = known(
         judged("turning", "yaw rate of the turns", p.turning),
-        judged("after-starboard", "rate left after turning to starboard", p.after_starboard),
-        judged("after-port", "rate left after turning to port", p.after_port),
+        judged("after-starboard", "residual rate after a turn to starboard", p.after_starboard),
+        judged("after-port", "residual rate after a turn to port", p.after_port),
         judged("residual-rate", "half their difference", p.residual),
         judged("offset", "their mean (trim, wind)", p.offset),
     )

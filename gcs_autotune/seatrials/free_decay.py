@@ -1,6 +1,6 @@
-"""Free decay of roll or pitch: period and damping from the extremes that follow each other (ITTC 7.5-02-07-04.5).
+"""Free decay of roll or pitch: period and damping from successive extremes (ITTC 7.5-02-07-04.5).
 
-Froude's way: what each half swing loses, over its mean size, is linear damping and, growing with the size, quadratic.
+Froude's method: the loss per half cycle over its mean amplitude gives linear damping, its growth quadratic damping.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ __all__ = ["free_decay_sheet"]
 Array = NDArray[np.float64]
 
 LEAST = 0.05
-"""Extremes below this share of the largest are left out: they are noise."""
+"""Extremes below this fraction of the largest are discarded as noise. Chosen."""
 FEWEST = 4
-"""Extremes that tell a decay."""
+"""Fewest extremes of a decay."""
 
 
 def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
-    """Return period, natural frequency and damping ratio of the swings in a run.
+    """Return period, natural frequency and damping ratio of the oscillation in a run.
 
     Raises
     ------
     MissingChannel
-        Neither phi nor theta, whichever was pushed.
+        Neither phi nor theta.
     NotInformative
         Fewer than four extremes after the push.
     """
     signal = str(run.meta.get("signal", "phi"))
     if signal not in run or len(run[signal]) < 10:
-        raise MissingChannel(f"run '{run.name}' has no {signal}; a free decay is read off phi or theta")
+        raise MissingChannel(f"run '{run.name}' has no {signal}. A free decay needs phi or theta")
     begun = next((m.t for m in run.marks if m.kind == "push"), run.start)
     channel = run[signal].between(begun, run.end)
     t, a = _extremes(channel.t, channel.values - float(run.meta.get("rest", np.median(channel.values[-10:]))))
     if len(t) < FEWEST:
-        raise NotInformative(f"run '{run.name}' swings {len(t)} times only; {FEWEST} extremes tell a decay")
+        raise NotInformative(f"run '{run.name}' has only {len(t)} extremes; a free decay needs {FEWEST}")
     halves = np.diff(t)
     period = Reading(2.0 * float(halves.mean()), 2.0 * float(halves.std(ddof=1)) / math.sqrt(len(halves)), "s")
     size = 0.5 * (a[1:] + a[:-1])
@@ -57,19 +57,20 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
         notes.append(
             Doubt(
                 "quadratic-damping",
-                f"of the largest swing's damping {100.0 * share:.0f} % grows with its size: one ratio tells little",
-                "compare decays of the same size",
+                f"damping depends on amplitude ({100.0 * share:.0f} % of it at the largest): one ratio is not "
+                f"representative",
+                "compare decays of equal amplitude",
             )
         )
     figures = known(
         judged("period", "period", period),
         judged("natural-frequency", "natural frequency", Reading(omega, omega * period.std / period.value, "1/s")),
-        judged("damping", "damping ratio of small swings", Reading(zeta, std)),
+        judged("damping", "damping ratio at small amplitude", Reading(zeta, std)),
         judged(
-            "quadratic", "loss of half a swing per size besides", Reading(slope, math.sqrt(covariance[1, 1]), "1/rad")
+            "quadratic", "amplitude-dependent loss per half cycle", Reading(slope, math.sqrt(covariance[1, 1]), "1/rad")
         ),
         judged("largest", "largest angle", Reading(float(a.max()), math.nan, "rad")),
-        judged("swings", "half swings read", Reading(float(len(halves)), math.nan)),
+        judged("swings", "half cycles evaluated", Reading(float(len(halves)), math.nan)),
     )
     what = {"phi": "roll", "theta": "pitch"}.get(signal, signal)
     return Sheet(run.name, "hand-release", f"free decay in {what}", figures, "", tuple(notes))
@@ -104,7 +105,7 @@ def _peak(t: Array, x: Array, peak: int) -> tuple[float, float]:
 
 
 def _line(size: Array, loss: Array) -> tuple[tuple[float, float], Array]:
-    """Return (value at size 0, slope) and their covariance (2, 2) by weighted least squares: small swings are noisy."""
+    """Return (value at size 0, slope) and their covariance (2, 2) by weighted least squares."""
     A = np.column_stack([np.ones_like(size), size]) * size[:, None]
     theta, *_ = np.linalg.lstsq(A, loss * size, rcond=None)
     left = A @ theta - loss * size

@@ -92,8 +92,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
         raise NotInformative(
-            f"run '{log.name}' holds no spiral: {len(up)} steady helms on the way up and {len(down)} on the way down, "
-            "three each at least"
+            f"run '{log.name}' contains no spiral: {len(up)} steady rudder angles on the way up and {len(down)} on the "
+            f"way "
+            "down; at least three each are needed"
         )
     sense = float(np.sign(np.polyfit([p.helm.value for p in points], [p.rate.value for p in points], 1)[0])) or 1.0
     residual, at_up, at_down = _loop(up, down, sense)
@@ -104,7 +105,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     restless = len(readings) - len(steady)
     if restless:
         doubts.append(
-            Doubt("not-settled", f"{restless} helm(s) were not held long enough", "hold until the rate is steady")
+            Doubt(
+                "not-settled", f"{restless} rudder angle(s) were not held long enough", "hold until the rate is steady"
+            )
         )
     smallest = min(abs(p.helm.value) for p in points)
     largest = max(abs(p.helm.value) for p in points)
@@ -112,7 +115,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     if not unstable and smallest > 0.25 * largest:
         verdict = "undecided"
         doubts.append(
-            Doubt("no-small-helm", "no helm near amidships was held: a loop may hide there", "use finer steps")
+            Doubt(
+                "no-small-helm", "no rudder angle near amidships was held, so a loop may be missed", "use finer steps"
+            )
         )
     slope = math.nan if unstable else _central_slope(points)
     return Spiral(log.name, "direct", points, residual, width, slope, verdict, tuple(doubts))
@@ -206,7 +211,8 @@ def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
     points.sort(key=lambda p: p.rate.value)
     if len(points) < 5 or not points[0].rate.value < 0.0 < points[-1].rate.value:
         raise NotInformative(
-            f"run '{log.name}' holds no reverse spiral: {len(points)} steady rates, five to both sides"
+            f"run '{log.name}' contains no reverse spiral: {len(points)} steady rates; five on both sides together are "
+            f"needed"
         )
     rates, helms = np.array([p.rate.value for p in points]), np.array([p.helm.value for p in points])
     weights = 1.0 / np.maximum([p.helm.std for p in points], 1e-3 * float(np.ptp(helms)))
@@ -272,7 +278,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         if abs(s.before) > 0.3 * largest and abs(s.tau) < AMIDSHIPS * abs(s.before) and not s.steady_only
     ]
     if not pulls:
-        raise NotInformative(f"run '{log.name}' holds no pull-out: the helm never goes amidships from a turn")
+        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder never goes amidships from a turn")
     starboard, port = _mean([p for p in pulls if p.nu_0.value > 0.0]), _mean([p for p in pulls if p.nu_0.value < 0.0])
     turning = float(np.mean([abs(p.nu_0.value) for p in pulls]))
     residual = Reading(0.5 * (starboard.value - port.value), 0.5 * math.hypot(starboard.std, port.std), "rad/s")
@@ -289,7 +295,11 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         verdict = "stable" if small else "unstable" if settled and residual.value > 0.0 else "undecided"
     else:
         doubts.append(
-            Doubt("one-side", "pull-outs from one side only: trim and instability look alike", "pull out to both sides")
+            Doubt(
+                "one-side",
+                "pull-outs from one side only do not separate trim from instability",
+                "fly pull-outs from both sides",
+            )
         )
     return PullOut(
         log.name, starboard, port, Reading(turning, math.nan, "rad/s"), residual, offset, verdict, tuple(doubts)

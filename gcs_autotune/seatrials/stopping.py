@@ -23,11 +23,11 @@ __all__ = ["stopping_sheet"]
 Array = NDArray[np.float64]
 
 ENDED, HALF = 0.1, 0.5
-"""Shares of the approach's speed at which the craft counts as stopped, and at which the half-way figures are read."""
+"""Fractions of the approach speed at which the craft counts as stopped, and at which the half-way figures are taken."""
 NO_THRUST = 0.05
-"""Thrust that counts as none, as a share of the approach's."""
+"""Thrust that counts as zero, relative to that of the approach. Chosen."""
 FULL_ASTERN = 0.1
-"""Share of the samples of a stop whose thrust is astern of the one told: it takes a while to come."""
+"""Fraction of the samples of a stop with thrust astern of the reported one, since thrust builds up slowly. Chosen."""
 BEFORE = 3.0
 """Longest part of the approach [s] that its speed is read from."""
 WIDTH = 2.0
@@ -50,15 +50,15 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
     start = _order(run, X, float(u.t[-1]))
     approach = u.between(max(start - BEFORE, float(u.t[0])), start)
     if len(approach) < 5:
-        raise NotInformative(f"run '{run.name}' has no approach before its stop: record the steady way ahead, too")
+        raise NotInformative(f"run '{run.name}' has no approach before its stop. Record the steady speed ahead too")
     speed = local_fit(approach.t, approach.values, start, 1).value("m/s")
     if not speed.value > 3.0 * speed.std:
-        raise NotInformative(f"run '{run.name}' has no way on before its thrust is taken off")
+        raise NotInformative(f"run '{run.name}' has no speed before its thrust is removed")
     half, ended = (_passing(u, start, share * speed.value) for share in (HALF, ENDED))
     if not math.isfinite(ended.value):
         left = float(u.values[-10:].mean())
         cause = f"the record ends while the craft still makes {left:.2f} m/s of {speed.value:.2f} m/s"
-        notes.append(Doubt("not-stopped", cause, "record until a tenth of the speed is left"))
+        notes.append(Doubt("not-stopped", cause, "record until the speed has fallen to a tenth"))
     astern = _astern(X, start, ended.value if math.isfinite(ended.value) else float(u.t[-1]))
     course = _course(x, y, start)
     reach = {name: _reach(u, x, y, start, when, course) for name, when in (("half", half), ("ended", ended))}
@@ -67,7 +67,7 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
     figures = known(
         judged("approach", "approach speed", speed),
         judged("time-half", "time to half the speed", Reading(half.value - start, half.std, "s")),
-        judged("reach-half", "track reach to half the speed", reach["half"][0]),
+        judged("reach-half", "track reach at half the speed", reach["half"][0]),
         judged("time-stop", "time to stop (a tenth of the speed)", Reading(ended.value - start, ended.std, "s")),
         judged("track-reach", "track reach", track),
         judged(
@@ -88,15 +88,14 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 def _channel(run: Trial, name: str) -> Channel:
     if name not in run or len(run[name]) < 2:
-        raise MissingChannel(f"run '{run.name}' has no {name}; a stop is read from X, u, x and y")
+        raise MissingChannel(f"run '{run.name}' has no {name}. A stop needs X, u, x and y")
     return run[name]
 
 
 def _order(run: Trial, X: Channel, end: float) -> float:
-    """Return when the thrust was last taken off from steady way ahead [s].
+    """Return the time at which thrust was last removed from steady speed ahead [s].
 
-    A quick craft has stopped before thrust astern, which comes at the vehicle's own pace, stands at a level: then the
-    record's own mark tells.
+    A quick craft stops before thrust astern reaches its level; then the record's own mark is used.
     """
     told = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
     if told and X.held_at(math.nextafter(told[-1], -math.inf)) > 0.0:
@@ -105,7 +104,7 @@ def _order(run: Trial, X: Channel, end: float) -> float:
     for before, after in reversed(list(itertools.pairwise(holds))):
         if before.level > 0.0 and after.level <= NO_THRUST * before.level:
             return 0.5 * (after.before + after.start)
-    raise NotInformative(f"run '{run.name}' holds no stop: the thrust X is never taken off from steady way ahead")
+    raise NotInformative(f"run '{run.name}' contains no stop: the thrust X is never removed from steady speed ahead")
 
 
 def _astern(X: Channel, start: float, end: float) -> float:
@@ -146,7 +145,7 @@ def _course(x: Channel, y: Channel, start: float) -> float:
     for c in (x, y):
         before = c.between(start - BEFORE, start)
         if len(before) < 4:
-            raise NotInformative("there are too few positions before the stop to tell the course from")
+            raise NotInformative("there are too few positions before the stop to determine the course")
         slopes.append(float(local_fit(before.t, before.values, start, 1).coefficients[1]))
     return math.atan2(slopes[1], slopes[0])
 

@@ -1,9 +1,9 @@
-"""The turning circle: advance, transfer, tactical diameter, the steady turn, and the current that carried it.
+"""The turning circle: advance, transfer, tactical diameter, the steady turn, and the current.
 
 Definitions as in IMO MSC.137(76), 4.2, and ITTC 7.5-04-02-01.
 
 Positions are those of the recorded point (the GPS antenna or the model's midship point). With two full turns or more
-a steady current is estimated from the turn itself and taken out; with less it cannot be told from the turn.
+a steady current is estimated from the turn and removed; with less it is not identifiable.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Current:
 
 
 STILL = Current(0.0, 0.0, math.nan)
-"""No current, or none that could be told."""
+"""No current, or none identifiable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ def track_of(log: ShipLog) -> Track:
     """
     x, y = log.channel("x"), log.channel("y")
     if x is None or y is None:
-        raise MissingChannel(f"run '{log.name}' has no positions x and y; a turning circle is read from them")
+        raise MissingChannel(f"run '{log.name}' has no positions x and y, which a turning circle needs")
     t = x.t[(x.t >= max(y.t[0], log.t[0])) & (x.t <= min(y.t[-1], log.t[-1]))]
     return Track(t, np.interp(t, x.t, x.values), np.interp(t, y.t, y.values), np.interp(t, log.t, log.psi))
 
@@ -109,7 +109,7 @@ AMIDSHIPS, STRAIGHT = 0.15, 0.1
 """Largest helm and yaw rate of an approach, as fractions of those of the turn."""
 
 LAST = 5.0
-"""Seconds of approach that speed and course are read from where the run tells when the helm was put over."""
+"""Duration of the approach that speed and course are taken from, if the run contains the time of execute [s]."""
 
 SETTLED_TURN = math.pi
 """Change of heading after which a turn counts as steady. Chosen: ITTC wants 540 degrees in all for the steady turn."""
@@ -148,21 +148,21 @@ class TurningCircle:
 def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCircle:
     """Return the figures of the turning circle in a run.
 
-    orders : when the helm was put over [s], where the run tells; the turn is then the longest between two.
+    orders : times of execute [s], if the run contains them; the turn is then the longest between two.
 
     Raises
     ------
     MissingChannel
         No positions.
     NotInformative
-        The heading never changes by 90 degrees under one held helm after an approach.
+        The heading never changes by 90 degrees at one rudder angle after an approach.
     """
     track = track_of(log)
     start, end, level = _turn(log) if not orders else _ordered(log, orders)
     before = (track.t <= start) & (track.t >= start - (LAST if orders else 0.5 * (end - start)))
     if int(before.sum()) < 5:
         raise NotInformative(
-            f"run '{log.name}' has no approach before its turn: start recording on the straight course"
+            f"run '{log.name}' has no approach before its turn. Start recording on the straight course"
         )
     t, psi = log.heading(float(track.t[before][0]), start)
     course = mean_reading(t, psi, "rad", log.floor)
@@ -225,8 +225,8 @@ def _turn(log: ShipLog) -> tuple[float, float, float]:
             best, most = hold, change
     if best is None or most < 0.5 * math.pi:
         raise NotInformative(
-            f"run '{log.name}' holds no turning circle: the heading never changes by 90 degrees under one held helm "
-            "after a straight approach with the helm amidships"
+            f"run '{log.name}' contains no turning circle: the heading never changes by 90 degrees at one rudder angle "
+            "after a straight approach with rudder amidships"
         )
     return best.before, best.end, best.level
 
@@ -236,7 +236,7 @@ def _ordered(log: ShipLog, orders: Sequence[float]) -> tuple[float, float, float
     turns = list(itertools.pairwise([*orders, log.end]))
     start, end = max(turns, key=lambda turn: abs(float(np.ptp(np.interp(turn, log.t, log.psi)))))
     if abs(float(np.ptp(np.interp([start, end], log.t, log.psi)))) < 0.5 * math.pi:
-        raise NotInformative(f"run '{log.name}' holds no turning circle: the heading never changes by 90 degrees")
+        raise NotInformative(f"run '{log.name}' contains no turning circle: the heading never changes by 90 degrees")
     return start, end, float(np.median(log.steering.between(start + 0.3 * (end - start), end).values))
 
 
@@ -337,8 +337,8 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
         found.append(
             Doubt(
                 "approach-not-steady",
-                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach, which a turn does not "
-                "cause: the approach was not steady yet",
+                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach, so the approach was "
+                "not steady",
                 "approach on a straight course until the speed no longer changes",
             )
         )
@@ -346,7 +346,7 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
         found.append(
             Doubt(
                 "current-unknown",
-                f"the turn of {math.degrees(turned):.0f} deg is too short to tell a current; still water was taken",
+                f"the turn of {math.degrees(turned):.0f} deg is too short to estimate a current; none is assumed",
                 "turn for 720 degrees or more",
             )
         )
@@ -354,8 +354,8 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
         found.append(
             Doubt(
                 "turn-short",
-                f"the heading changed by {math.degrees(turned):.0f} deg only: the steady turn is not sure",
-                "hold the helm for at least 540 degrees",
+                f"the heading changed by only {math.degrees(turned):.0f} deg, so the steady turn is uncertain",
+                "hold the rudder for at least 540 degrees",
             )
         )
     return found

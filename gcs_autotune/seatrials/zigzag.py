@@ -51,10 +51,10 @@ __all__ = ["ZigZagFigures", "read_zigzag", "zigzag_sheet"]
 Array = NDArray[np.float64]
 
 SLOW = 0.5
-"""Share of a half period beyond which a reversal takes too long to be one."""
+"""Longest reversal, relative to a half period. Chosen."""
 
 WIDEST, MOST = math.radians(100.0), 0.75
-"""Largest mean change of heading of a zig-zag, and share of the reversals at which it must be to the proper side."""
+"""Largest mean change of heading of a zig-zag, and fraction of reversals at which its side must be right. Chosen."""
 
 BEND = 3
 """Degree of the polynomials in time that the track of the first turn is taken for."""
@@ -116,8 +116,8 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
     executes = tuple(e for e in executes if e.t < log.end)
     if len(executes) < 3:
         raise NotInformative(
-            f"run '{log.name}' holds no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}, at "
-            "least two are needed"
+            f"run '{log.name}' contains no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}; "
+            "at least two are needed"
         )
     _check_reversals(log, executes)
     from_approach = executes[0].before == 0.0 and executes[0].t > log.t[0]
@@ -131,7 +131,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
     peaks = [_extreme(log, executes, e, sense) for e in reversals]
     proper = np.array([p is not None for p in peaks])
     if int(proper.sum()) < 1 or not 0.0 < float(np.mean(changes)) < WIDEST or np.mean(changes > 0.0) < MOST:
-        raise NotInformative(f"run '{log.name}' holds no zig-zag: the heading does not follow the reversals")
+        raise NotInformative(f"run '{log.name}' contains no zig-zag: the heading does not follow the reversals")
     overshoots, checks = [], []
     for a, e, p in zip(at, reversals, peaks, strict=True):
         if p is not None:
@@ -167,7 +167,7 @@ def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
     """A zig-zag's helm goes over at once; a spiral's takes its time."""
     shares = [(a.done - a.t) / max(b.t - a.t, 1e-9) for a, b in itertools.pairwise(executes)]
     if float(np.median(shares)) > SLOW:
-        raise NotInformative(f"run '{log.name}' holds no zig-zag: the helm moves all the time or in small steps")
+        raise NotInformative(f"run '{log.name}' contains no zig-zag: the rudder moves continuously or in small steps")
 
 
 def _time(value: float, std: float = math.nan) -> Reading:
@@ -277,17 +277,17 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         found.append(
             Doubt(
                 "no-approach",
-                f"run '{log.name}' does not begin on a straight course with the helm amidships",
-                "record some ship lengths of approach: the first figures need it",
+                f"run '{log.name}' does not start on a straight course with rudder amidships",
+                "record a few ship lengths of approach for the first figures",
             )
         )
     if len(changes) > 1 and float(changes.std(ddof=1)) > UNEVEN * float(changes.mean()):
         found.append(
             Doubt(
                 "uneven-executes",
-                f"the helm was reversed at headings from {math.degrees(changes.min()):.1f} to "
+                f"the rudder was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
                 f"{math.degrees(changes.max()):.1f} deg",
-                "reverse at the same change of heading each time; overshoot angles depend on it",
+                "reverse at the same heading change each time, since overshoot angles depend on it",
             )
         )
     dt = float(np.median(np.diff(log.t)))
@@ -297,7 +297,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
             Doubt(
                 "slow-sampling",
                 f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times in a half period",
-                "ask for a higher message rate",
+                "request a higher message rate",
             )
         )
     return found
@@ -332,7 +332,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
         *overs,
         judged("initial-turning-time", "initial turning time", z.initial_turning_time),
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),
-        judged("reach", "reach (back on the first heading)", z.reach),
+        judged("reach", "reach (return to the initial heading)", z.reach),
         judged("period", "period", z.period),
         judged("initial-turning", "distance to the second execute", z.distance),
         judged(
@@ -360,9 +360,9 @@ def _nominal(z: ZigZagFigures) -> str:
 
 
 def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
-    """Return helm and heading as ordered; of a record that does not contain the order, as measured.
+    """Return rudder and heading as ordered; as measured if the record does not contain the order.
 
-    Whoever steers reverses the helm late, so that the heading at the executes is larger than the ordered one.
+    A helmsman reverses the rudder late, so the heading at the executes exceeds the ordered one.
     """
     asked, share = run.meta.get("heading"), run.meta.get("steering")
     if isinstance(asked, float) and isinstance(share, float):
@@ -373,7 +373,7 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
 
 HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0
-"""A measured helm, and heading at the executes, within this share of a multiple of 5 degrees was ordered so."""
+"""A measured rudder angle or heading within this fraction of a multiple of 5 degrees counts as ordered. Chosen."""
 
 
 def _ordered(angle: float, near: float) -> float:

@@ -197,7 +197,7 @@ def _linear(H: Array, y: Array) -> tuple[Array, Array, float, float]:
     """Return estimate, covariance, noise and information criterion of least squares."""
     k, p = H.shape
     if k <= p:
-        raise NotInformative(f"{k} runs cannot give {p} coefficients and their uncertainty; measure more")
+        raise NotInformative(f"{k} runs do not determine {p} coefficients with uncertainty. Measure more")
     inverse = inverse_of(H.T @ H)
     theta = inverse @ (H.T @ y)
     rss = float(np.sum((y - H @ theta) ** 2))
@@ -209,20 +209,20 @@ def _check(test: OpenWaterTest, *, advance: bool = True) -> None:
     sizes = {len(test.n), len(test.V_A), len(test.T), len(test.T if test.Q is None else test.Q)}
     arrays = [test.n, test.V_A, test.T] + ([] if test.Q is None else [test.Q])
     if len(sizes) > 1 or not all(np.all(np.isfinite(a)) for a in arrays):
-        raise NotInformative("an open-water test needs n, V_A and T (and Q) as numbers for every run")
+        raise NotInformative("an open-water test needs numbers n, V_A and T (and Q) for every run")
     turning = test.n != 0.0
     if not np.any(turning):
         raise NotInformative("the propeller never turns in this test")
     if advance and np.ptp(test.V_A[turning] / test.n[turning]) == 0.0:
         raise NotInformative(
-            "all runs have one advance number: K_T(J) needs several; tow the thruster, or fit C_T to bollard pulls"
+            "all runs have the same advance number. K_T(J) needs several: tow the thruster, or fit C_T to bollard pulls"
         )
 
 
 def _doubts(test: OpenWaterTest, parameters: Mapping[str, Parameter]) -> tuple[Doubt, ...]:
     found = []
     if np.all(test.n >= 0.0) or np.all(test.n <= 0.0):
-        found.append(Doubt("one-sided", "the propeller turned one way only", "measure astern too"))
+        found.append(Doubt("one-sided", "the propeller turned in one direction only", "measure astern too"))
     wrong = [n for n in ("alpha_1", "beta_1", "C_T", "C_n") if n in parameters and parameters[n].value <= 0.0]
     if wrong:
         found.append(

@@ -41,7 +41,7 @@ MIN_PULLS = 5
 """Fewest pulls a map is fitted to."""
 
 SLACK, GRID = 0.2, 0.1
-"""Share of a bollard run that a load cell's log may lack, and the step [s] in which its clock is sought."""
+"""Fraction of a bollard run that a load cell's log may lack, and the step of the clock search [s]. Chosen."""
 
 _RAW = {"us": "us", "pwm": "us"}
 """Command units left as they are: a pulse width is a name for a position of the stick, not a duration."""
@@ -58,17 +58,18 @@ class PullTest:
 
     def __post_init__(self) -> None:
         if self.command.shape != self.force.shape or self.command.ndim != 1:
-            raise NotInformative(f"pull test '{self.name}': one force to each command is needed")
+            raise NotInformative(f"pull test '{self.name}' needs one force per command")
         if not (np.all(np.isfinite(self.command)) and np.all(np.isfinite(self.force))):
-            raise NotInformative(f"pull test '{self.name}' holds values that are no numbers; leave those pulls out")
+            raise NotInformative(f"pull test '{self.name}' has values that are not numbers. Remove these rows")
         different = len(np.unique(self.command))
         if different < MIN_PULLS:
             raise NotInformative(
-                f"pull test '{self.name}' has {different} different commands; pull at {MIN_PULLS} or more, small ones "
-                "among them"
+                f"pull test '{self.name}' has {different} different commands. Measure at {MIN_PULLS} or more, "
+                f"including "
+                "small ones"
             )
         if np.ptp(self.force) == 0.0:
-            raise NotInformative(f"pull test '{self.name}': the force never changes; is the dynamometer connected?")
+            raise NotInformative(f"pull test '{self.name}': the force never changes. Check the dynamometer")
 
     def __len__(self) -> int:
         return len(self.command)
@@ -91,7 +92,7 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     table = numbers_of(cells)
     if table.dropped:
         raise BadFile(
-            f"{path}, row {cells.first + len(cells.rows) - 1}: it is cut off, or holds a cell that is no number"
+            f"{path}, row {cells.first + len(cells.rows) - 1}: incomplete, or with a cell that is not a number"
         )
     return {heads[i][0]: (units[i][0], table.values[:, k] * units[i][1]) for k, i in enumerate(table.columns)}
 
@@ -121,9 +122,9 @@ def read_pull_test(
     else:
         f_unit, f = "N", np.asarray(pulls, dtype=np.float64)
         if len(f) != len(n):
-            raise NotInformative(f"{path} holds {len(n)} pulls, and {len(f)} forces are given: one for each")
+            raise NotInformative(f"{path} has {len(n)} rows, but {len(f)} forces are given. Give one force per row")
     if f_unit not in ("N", "1"):
-        raise BadFile(f"{path}: a force in [{f_unit}] cannot be used; give it in N, kN or kgf")
+        raise BadFile(f"{path}: a force in [{f_unit}] cannot be used. Convert it to N, kN or kgf")
     keep = np.isfinite(n) & np.isfinite(f)
     n, f = n[keep], f[keep]
     if "t" in columns and len(n):
@@ -149,7 +150,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     for path, columns, wanted in ((table, levels, ("from", "to")), (log, cell, ("t",))):
         if not set(wanted) <= columns.keys():
             heads = " and ".join(f"{n}[s]" for n in wanted)
-            raise MissingChannel(f"{path} tells no times: {heads} wanted; it has {', '.join(columns)}")
+            raise MissingChannel(f"{path} has no times: it needs {heads}; it has {', '.join(columns)}")
     starts, ends, t = levels["from"][1], levels["to"][1], cell["t"][1]
     _, _, F = _column(log, cell, force, FORCES, "force")
     good = np.isfinite(t) & np.isfinite(F)
@@ -157,14 +158,15 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     slack = SLACK * float(ends[-1] - starts[0])
     if len(t) < MIN_PULLS or t[-1] - t[0] < ends[-1] - starts[0] - slack or np.ptp(F) == 0.0:
         raise NotInformative(
-            f"{log} cannot be the load cell's log of {table}: it has to cover {ends[-1] - starts[0]:.0f} s of levels, "
-            "with a force that changes"
+            f"{log} does not match {table}: the load cell's log must cover {ends[-1] - starts[0]:.0f} s of levels with "
+            f"a "
+            "changing force"
         )
     _, _, command = _column(table, levels, None, COMMANDS, "command")
     shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])
 
     def unexplained(offset: float) -> float:
-        """Return the share of the force's variance that the commands leave with that offset."""
+        """Return the fraction of the force's variance that the commands do not explain at that offset."""
         level = np.searchsorted(starts + offset, t, side="right") - 1
         used = (level >= 0) & (t <= ends[-1] + offset)
         if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:
@@ -183,9 +185,9 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
 
 
 def write_pulls(run: Trial, force: str, path: Path) -> None:
-    """Write the levels of a bollard run as a table of pulls whose forces are still to be written in.
+    """Write the levels of a bollard run as a table of pulls, to be completed with the forces.
 
-    ``command`` is what came out of the actuators (their mean over the later half of the level), from ``from`` to ``to``
+    ``command`` is the actuator output (its mean over the later half of the level), from ``from`` to ``to``
     [s] on the vehicle's clock.
 
     Raises
@@ -217,7 +219,7 @@ def read_open_water(path: Path) -> OpenWaterTest:
     _, _, V_A = _column(path, columns, "V_A", (), "advance speed")
     _, _, T = _column(path, columns, None, FORCES, "force")
     if unit != "rad/s":
-        raise BadFile(f"{path}: n in [{unit}] cannot be used; give it in rpm, rev/s or rad/s")
+        raise BadFile(f"{path}: n in [{unit}] cannot be used. Convert it to rpm, rev/s or rad/s")
     Q = columns["Q"][1] if "Q" in columns else None
     keep = np.isfinite(n) & np.isfinite(V_A) & np.isfinite(T)
     keep = keep if Q is None else keep & np.isfinite(Q)
@@ -241,6 +243,6 @@ def _column(
     if name is None or name not in columns:
         asked = f"'{wanted}'" if wanted is not None else " or ".join(known)
         raise MissingChannel(
-            f"{path} has no {what} column {asked}; it has {', '.join(columns)}; name one with --{what}"
+            f"{path} has no {what} column {asked}; it has {', '.join(columns)}. Select one with --{what}"
         )
     return (name, *columns[name])

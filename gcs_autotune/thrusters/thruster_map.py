@@ -81,7 +81,7 @@ class MapStructure:
 
 
 def all_structures(ahead: bool, astern: bool, neutral: float | None) -> tuple[MapStructure, ...]:
-    """Return every structure that pulls in these directions can tell apart."""
+    """Return every structure that pulls in these directions can distinguish."""
     both = ahead and astern
     deads: tuple[Dead, ...] = ("none", "symmetric", "free") if both and neutral is not None else ("none", "free")
     if not both and neutral is None:

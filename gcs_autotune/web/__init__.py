@@ -1,13 +1,14 @@
-"""The page: a live view with a STOP, for whoever is at the waterside (``gcs-autotune serve``; extra ``web``).
+"""The web page: a live view with a STOP (``gcs-autotune serve``; extra ``web``).
 
-* ``server`` opens the port, says the link, and ends in order; ``app`` has the routes; ``access`` says who may.
-* ``job`` is one command of ours in a process of its own, steered by its ``--remote`` lines; ``live`` is what is known
-  of it, and whoever looks; ``orders`` makes its command line from what was chosen on the page.
-* ``archive`` is what is on disk, ``desk`` what is done with it. ``static`` is the page, by hand, with uPlot
-  (MIT) and nothing else.
+* * ``server`` opens the port, prints the link, and shuts down in order; ``app`` has the routes; ``access`` authorises.
+* ``job`` is a command in a separate process, controlled by its ``--remote`` lines; ``live`` holds its state and the
+  viewers; ``orders`` builds its command line from the page's form.
+* ``archive`` has the files on disk, ``desk`` the work on them. ``static`` is the page, written by hand, with uPlot
+(MIT)
+  and nothing else.
 
-It imports tables (axes, limits, manoeuvres) and nothing that flies or computes: what does is another process, which
-neither waits for a viewer nor ends with one.
+The package imports tables (axes, limits, manoeuvres) and nothing that flies or computes. These run in another process,
+which neither waits for a viewer nor ends with one.
 """
 
 from __future__ import annotations

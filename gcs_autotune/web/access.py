@@ -1,7 +1,7 @@
-"""Who may look and who may touch: host names, origins, the token, and the headers of every answer.
+"""Access control: host names, origins, the token, and the headers of every response.
 
-A page elsewhere can make a visitor's browser send requests here, by its own name made to point at us (DNS rebinding) or
-by a form or WebSocket across sites. So the ``Host`` must be one that no stranger can own, and an ``Origin`` the same.
+A foreign page can make a visitor's browser send requests here, through DNS rebinding or a cross-site form or WebSocket.
+Therefore the ``Host`` must be one that no stranger can own, and an ``Origin`` the same.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ WRONG, WITHIN = 10, 60.0
 """Chosen: wrong tokens from one address within so many seconds, after which more of them are not looked at."""
 _ADDRESSES = 1000
 AT_ONCE, ALL_AT_ONCE = 48, 128
-"""Chosen: requests and viewers without the token under way at once, from one address and in all: behind BlueOS everyone
-comes from one. A STOP and who has the token are not counted."""
+"""Most simultaneous requests and viewers without the token, per address and in total. A STOP and requests with the
+token are not counted. Chosen: behind BlueOS all come from one address."""
 _STOPS = ("stop", JOYSTICK_STOP)
 _SAFE = ("GET", "HEAD")
 
@@ -44,7 +44,7 @@ HEADERS: Mapping[str, str] = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""On every answer that does not bring its own."""
+"""Headers of every response without its own."""
 
 
 def is_loopback(host: str) -> bool:
@@ -56,11 +56,11 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Decides who may touch.
+    """Authorisation of requests.
 
-    token : what he must show who wants to do more than look; empty where the port is this machine's own.
-    hosts : names by which the server may be called, besides addresses, ``localhost`` and ``*.local``.
-    stop_key : what a joystick's STOP shows instead, wherever it comes from; empty where none is offered.
+    token : required for everything but viewing; empty if the port is only on this computer.
+    hosts : accepted host names in addition to addresses, ``localhost`` and ``*.local``.
+    stop_key : key of a joystick's STOP; empty if none is offered.
     """
 
     def __init__(
@@ -87,22 +87,22 @@ class Access:
         return bool(self.seat) and hmac.compare_digest(key.encode(errors="replace"), self.seat.encode())
 
     def may_stop(self, key: str) -> bool:
-        """Whether *key* is the one for STOP; nobody's is where none is offered."""
+        """Whether *key* is the one for STOP; False if none is offered."""
         return bool(self.stop_key) and hmac.compare_digest(key.encode(errors="replace"), self.stop_key.encode())
 
     def trouble_with_host(self, headers: Headers, *, origin_too: bool = True) -> str:
         """Return what is wrong with ``Host`` and ``Origin``; empty when nothing is."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
-            return f"this server is not called {shown(host, 100)}; give --allow-host where that is its name"
+            return f"{shown(host, 100)} is not a name of this server. If it is, start it with --allow-host"
         return self._trouble_with_origin(host, headers) if origin_too else ""
 
     def _trouble_with_origin(self, host: str, headers: Headers) -> str:
         origin = headers.get("origin")
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            return "a page elsewhere sent this; only this server's own page may"
+            return "request from another page rejected; only this server's own page is allowed"
         if origin is not None and not (_netloc_of(origin) == host or _name_of(origin) in self._hosts):
-            return f"a page of {shown(origin, 100)} sent this; only this server's own page may"
+            return f"request from a page of {shown(origin, 100)} rejected; only this server's own page is allowed"
         return ""
 
     def _is_ours(self, name: str) -> bool:
@@ -118,10 +118,10 @@ class Access:
         return bool(self.token and given) and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 
     def refusal(self, headers: Headers, address: str) -> tuple[int, str] | None:
-        """Return HTTP status and reason why who sent *headers* from *address* may not touch; None when he may.
+        """Return HTTP status and reason if a request with *headers* from *address* is not authorised; else None.
 
-        The right token is always taken, so that nobody's guessing can keep its owner from STOP: 128 bits are not
-        guessed. Wrong ones are only counted.
+        The right token is always accepted, so that guessing by others cannot block its owner's STOP: 128 bits cannot be
+        guessed. Wrong ones are counted.
         """
         if not self.token:
             return None
@@ -129,16 +129,16 @@ class Access:
         if self.has_token(headers):
             return None
         if not given:
-            return 401, "you may look, but not touch: open the link with the token that the server showed"
+            return 401, "view only: open the link with the token that the server showed"
         wrong = self._wrong.setdefault(address, [])
         now = self._now()
         wrong[:] = [t for t in wrong if now - t < WITHIN][-WRONG:]
         if len(wrong) >= WRONG:
-            return 429, f"too many wrong tokens from {address}: wait a minute"
+            return 429, f"too many wrong tokens from {address}. Wait a minute"
         wrong.append(now)
         while len(self._wrong) > _ADDRESSES:
             self._wrong.popitem(last=False)
-        return 403, "that is not the token of this server; it is shown anew at every start"
+        return 403, "wrong token. The server shows a new one at every start"
 
 
 def _name_of(url: str) -> str:
@@ -156,7 +156,7 @@ def _netloc_of(url: str) -> str:
 
 
 class AccessMiddleware:
-    """ASGI middleware: refuses strangers and crowds, lets nobody but the token's owner touch, and sets the headers."""
+    """ASGI middleware: rejects foreign hosts and overload, authorises by token, and sets the headers."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
@@ -187,9 +187,9 @@ class AccessMiddleware:
         address = _address_of(scope)
         if self._busy[address] >= AT_ONCE or self._busy.total() >= ALL_AT_ONCE:
             if scope["type"] == "websocket":
-                await send({"type": "websocket.close", "code": 1013, "reason": "too many look already"})
+                await send({"type": "websocket.close", "code": 1013, "reason": "too many viewers"})
             else:
-                await JSONResponse({"error": "too much at once: try again in a moment"}, 503)(scope, receive, sending)
+                await JSONResponse({"error": "too many requests. Try again in a moment"}, 503)(scope, receive, sending)
             return
         self._busy[address] += 1
         try:
@@ -209,7 +209,7 @@ class AccessMiddleware:
         if scope["type"] == "websocket" or scope["method"] in _SAFE:
             return None
         if TOKEN_HEADER not in headers:
-            return 401 if self._access.token else 403, "the page's own header is missing: open the page's link again"
+            return 401 if self._access.token else 403, "the page's own header is missing. Open the page's link again"
         return self._access.refusal(headers, _address_of(scope))
 
 

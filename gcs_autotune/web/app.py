@@ -1,4 +1,4 @@
-"""The routes of the page; every address in it is relative, so that it may live under a path of somebody else's."""
+"""The routes of the page; every address in it is relative, so that it can be served under another path."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FILES = {
     "uPlot-LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }
-"""What the page is made of, besides ``index.html``."""
+"""Files of the page in addition to ``index.html``."""
 _LONGEST_BODY = 1 << 16
 BODY_WITHIN = 10.0
 """Chosen [s]: in which the body of a request has come."""
@@ -52,7 +52,7 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class Control:
-    """What is going on: at most one run, and what is told of it."""
+    """The current run, at most one, and its state."""
 
     def __init__(self, runs: Path, program: CommandLine) -> None:
         self.runs = runs
@@ -92,7 +92,7 @@ class Control:
                 "end",
                 {
                     "code": 1,
-                    "meaning": "it could not be started",
+                    "meaning": "the run could not be started",
                     "reason": str(error),
                     "fine": True,
                     "put_back": ["Nothing was armed, moved or written."],
@@ -100,7 +100,7 @@ class Control:
             )
 
     def stop(self) -> bool:
-        """Ask the run to stop and put everything back; return whether there is one."""
+        """Request a stop of the run with clean-up; return whether there is one."""
         if self._job is None or not self.is_running:
             return False
         self._job.stop()
@@ -155,7 +155,7 @@ def _page() -> list[BaseRoute]:
     async def static(request: Request) -> Response:
         name = request.path_params["name"]
         if name not in FILES:
-            return JSONResponse({"error": "there is no such file"}, 404)
+            return JSONResponse({"error": "this file does not exist"}, 404)
         return FileResponse(STATIC / name, media_type=FILES[name])
 
     return [Route("/", index), Route("/static/{name}", static)]
@@ -212,7 +212,7 @@ def _touching(
     async def start(request: Request) -> Response:
         chosen = await _body(request)
         if control.is_running:
-            return JSONResponse({"error": "a run is under way: stop it, or wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress. Stop it, or wait for its end"}, 409)
         return JSONResponse({"name": control.start(chosen, datetime.now())})
 
     async def work(request: Request) -> Response:
@@ -223,7 +223,7 @@ def _touching(
 
 
 def _answered(handler: Handler) -> Handler:
-    """Return *handler* with what is wrong with a request said in words."""
+    """Return *handler* with errors of a request converted to messages."""
 
     async def answering(request: Request) -> Response:
         try:
@@ -231,9 +231,9 @@ def _answered(handler: Handler) -> Handler:
         except UsageError as error:
             return JSONResponse({"error": str(error)}, 400)
         except TimeoutError:
-            return JSONResponse({"error": "the rest of the request did not come; try again"}, 408)
+            return JSONResponse({"error": "the request was incomplete. Try again"}, 408)
         except (ValueError, KeyError, TypeError, ArithmeticError):
-            return JSONResponse({"error": "the request was not understood; reload the page"}, 400)
+            return JSONResponse({"error": "the request was not understood. Reload the page"}, 400)
 
     return answering
 
@@ -253,7 +253,7 @@ async def _body(request: Request) -> dict[str, Any]:
 
 
 class _Answer(Struct):
-    """Whether the operator says yes to question *id*."""
+    """The operator's answer to question *id*."""
 
     id: int
     yes: bool

@@ -91,7 +91,7 @@ class Archive:
                 return path
         except (OSError, ValueError):
             pass
-        raise UsageError("there is no such run or file")
+        raise UsageError("this run or file does not exist")
 
     async def take_in(self, name: str, size: int | None, pieces: AsyncIterator[bytes], now: datetime) -> str:
         """Keep a dropped file in a folder of its own and return that folder's name; *size* as announced, if it was.
@@ -104,7 +104,7 @@ class Archive:
         clean = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).name).lstrip("._-")[-80:]
         suffix = Path(clean).suffix.lower()
         if suffix not in DROPPED or not Path(clean).stem:
-            raise UsageError(f"only logs and tables are taken: {', '.join(DROPPED)}")
+            raise UsageError(f"only logs and tables can be uploaded: {', '.join(DROPPED)}")
         if size is not None and size > MOST_BYTES:
             raise UsageError(_too_large())
         folder = self.root / f"{now:%Y%m%d-%H%M%S-%f}-{Path(clean).stem}"
@@ -114,7 +114,7 @@ class Archive:
             await _write(folder / clean, pieces)
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise UsageError(f"it could not be kept: {error.strerror or error}") from error
+            raise UsageError(f"the file could not be stored: {error.strerror or error}") from error
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
@@ -132,13 +132,13 @@ def _models(folder: Path) -> list[Path]:
 
 
 def _too_large() -> str:
-    return f"it is larger than {MOST_BYTES // (1024 * 1024)} MB: cut it, or use the command line"
+    return f"the file is larger than {MOST_BYTES // (1024 * 1024)} MB. Cut it, or use the command line"
 
 
 def _see_spare(folder: Path, size: int) -> None:
     """See that *size* more bytes leave room on the disk for a run that may be recording."""
     if shutil.disk_usage(folder).free < size + _SPARE:
-        raise UsageError("the disk is nearly full: nothing was kept. Free some space first")
+        raise UsageError("the disk is nearly full; nothing was stored. Free some space first")
 
 
 async def _write(path: Path, pieces: AsyncIterator[bytes]) -> None:
@@ -159,7 +159,7 @@ def _append(stream: BufferedWriter, piece: bytes, folder: Path) -> None:
 
 
 def _trial(folder: Path, file: str) -> dict[str, Any]:
-    """Return what the page needs to replay a recorded trial: its signal, its actuator, and what was wanted when."""
+    """Return the data to replay a recorded trial: signal, actuator, and the reference over time."""
     try:
         told = conform(read((folder / file).with_suffix(".json")), _Replayed)
     except Refused:  # it is replayed without

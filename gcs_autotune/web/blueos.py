@@ -1,8 +1,8 @@
-"""What BlueOS asks a service for: who it is (``/register_service``), and what it offers Cockpit.
+"""Integration in BlueOS: registration (``/register_service``) and actions for Cockpit.
 
 The page's addresses are relative, so BlueOS may show it under ``/extensionv2/...``. STOP is on the page and its space
-bar; for a joystick button it is offered as an action of Cockpit's own, where the server was told to: its key is good
-for STOP and nothing else, and whoever can read what Cockpit reads has it.
+bar; for a joystick button it is offered as an action of Cockpit, if enabled. Its key is valid only
+for STOP, and everyone who can read Cockpit's data has it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _HOME = "https://github.com/gcs-autotune/gcs-autotune"
 
 
 def registration() -> dict[str, Any]:
-    """Return what ``/register_service`` answers."""
+    """Return the response of ``/register_service``."""
     return {
         "name": _NAME,
         "description": "Identify and tune a boat or ROV from a short experiment, and prove the gains.",
@@ -93,7 +93,7 @@ def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
 
     async def joystick_stop(request: Request) -> Response:
         if not access.may_stop(request.query_params.get("key", "")):
-            return JSONResponse({"error": "that is not the key for STOP of this server"}, 403)
+            return JSONResponse({"error": "wrong key for STOP of this server"}, 403)
         return JSONResponse({"stopping": stop()})
 
     return [

@@ -1,8 +1,8 @@
-"""Connections that ask for nothing: closed after a while, and the oldest first when there are many.
+"""Idle connections: closed after a while, the oldest first if there are many.
 
 A program that opens a thousand connections and sends nothing would use up the file descriptors, and a STOP could not
-be accepted. So those without a whole request are few, whoever opened them, and a new one always gets in: a STOP is sent
-at once, those that only wait are closed for it. Requests under way are counted by :mod:`.access`.
+be accepted. Therefore the number of connections without a complete request is limited, and a new one always gets in:
+idle ones are closed for it. Requests under way are counted by :mod:`.access`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class WaitingRoom:
         return len(self._waiting)
 
     def enter(self, who: object, address: str, close: Callable[[], object]) -> None:
-        """Let *who* wait; close the oldest of its *address*, or of all, where those are too many."""
+        """Register *who* as idle; close the oldest of its *address*, or of all, if there are too many."""
         self._waiting[who] = address, close
         same = [other for other, (where, _) in self._waiting.items() if where == address]
         if len(same) > OF_ONE_ADDRESS:
@@ -45,7 +45,7 @@ class WaitingRoom:
             self._close(next(iter(self._waiting)))
 
     def leave(self, who: object) -> None:
-        """*who* has asked for something, or has gone."""
+        """Unregister *who*, which sent a request or closed."""
         self._waiting.pop(who, None)
 
     def _close(self, who: object) -> None:

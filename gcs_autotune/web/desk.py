@@ -61,7 +61,7 @@ class Desk:
         if dof not in DOFS:
             raise UsageError(f"dof is one of {', '.join(DOFS)}")
         if self._task is not None and not self._task.done():
-            raise UsageError("another piece of work is under way: wait for its end")
+            raise UsageError("another job is running. Wait for its end")
         entry, folder = self._archive.entry(name), self._archive.path(name)
         file = folder / entry["log"] if entry["log"] else folder
         if verb == "list" and not entry["log"]:
@@ -93,9 +93,9 @@ class Desk:
                     text = (text + piece.decode(errors="replace"))[-_TEXT:]
                 code = await process.wait()
         except TimeoutError:
-            code, text = -1, text + f"\nended after {LONGEST:.0f} s"
+            code, text = -1, text + f"\nstopped after {LONGEST:.0f} s"
         except asyncio.CancelledError:
-            code, text = -1, text + "\nended: a run was started, and comes first"
+            code, text = -1, text + "\nstopped: a run was started and has priority"
         finally:
             with suppress(ProcessLookupError):
                 process.kill()
@@ -134,7 +134,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
             return JSONResponse({"error": str(error)}, 404)
         kind = KINDS.get(path.suffix.lower())
         if kind is None:
-            return JSONResponse({"error": "files of this kind are not handed out"}, 404)
+            return JSONResponse({"error": "files of this type are not available"}, 404)
         headers = {"Content-Security-Policy": REPORTS}
         if kind == "application/octet-stream":
             return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
@@ -160,7 +160,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
 
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
-            return JSONResponse({"error": "a run is under way, and comes first: wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress and has priority. Wait for its end"}, 409)
         desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")))
         return JSONResponse({"ok": True})
 

@@ -1,7 +1,7 @@
-"""One command of ours in a process of its own, steered by the lines of its ``--remote``.
+"""One command in a separate process, controlled by its ``--remote`` lines.
 
-The process has a session of its own: Ctrl-C at this terminal is not for it, it is told by a line. Its standard input is
-the operator: when that ends, however this server ends, it stops, puts everything back and is gone.
+The process has its own session, so Ctrl-C at this terminal does not reach it; a line stops it. Its standard input is
+the operator: when it ends, however this server ends, the run stops, restores everything and exits.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ __all__ = ["CommandLine", "Job", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
-"""Chosen: characters kept of what the process said on its standard error."""
+"""Characters kept of the process's standard error. Chosen."""
 _RESTORED = 8
 _MEANINGS: Mapping[int, str] = {
     0: "done",
-    _RESTORED: "tuned, but the old gains proved better and are back",
+    _RESTORED: "tuned, but the old gains proved better and were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
@@ -59,7 +59,7 @@ class Job:
         self._stopping = False
 
     async def run(self) -> None:
-        """Start it, take in what it says, and tell how it ended."""
+        """Start the process, read its lines, and report its end."""
         self._process = await asyncio.create_subprocess_exec(
             *self._program.words,
             *self._arguments,
@@ -96,13 +96,13 @@ class Job:
             self._errors = (self._errors + piece.decode(errors="replace"))[-_STDERR:]
 
     def stop(self) -> None:
-        """Ask it to stop and put everything back; once is as good as often. Waits for nothing."""
+        """Request a stop with clean-up; repeated calls have no effect. Does not wait."""
         self._stopping = True
         self._live.put("stopping", True)
         self._send({"stop": True})
 
     def answer(self, number: int, *, yes: bool) -> bool:
-        """Answer question *number*; return whether it was this answer that counted: the first does."""
+        """Answer question *number*; return whether this answer was the first, which counts."""
         question = self._live.get("question")
         if question is None or question["id"] != number or number in self._answered:
             return False
@@ -119,10 +119,10 @@ class Job:
 
 
 def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return what the page says of a run that is over, from its exit code, its last words and what it left on disk.
+    """Return the page's summary of a finished run, from its exit code, last message and files.
 
-    Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` how the steps before and after compare, in words;
-    ``report`` its page, if any; ``fine`` whether nothing is left to be done; ``put_back`` sentences.
+    Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` comparison of the steps before and after, in words;
+    ``report`` its page, if any; ``fine`` whether no action is needed; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
     marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
@@ -131,7 +131,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     fine, craft = _as_to_craft(left, directory)
     return {
         "code": code,
-        "meaning": _MEANINGS.get(code, f"it ended by itself, with code {code}"),
+        "meaning": _MEANINGS.get(code, f"the run ended with code {code}"),
         "reason": reason,
         "flown": [str(line) for line in _listed(summary.get("verdict_reasons"))],
         "fine": fine,
@@ -146,19 +146,19 @@ def _listed(thing: Any) -> list[Any]:
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
     if left is None and not (directory / "journal.jsonl").exists():
-        return True, "It ended before anything was armed, moved or written."
+        return True, "The run ended before arming; nothing was moved or written."
     if left is None:
         return False, (
-            "It is not known how the craft was left. Take over by hand; then run "
-            f"`gcs-autotune restore {directory}` on a terminal."
+            "The state of the craft is unknown. Take over by hand, then run "
+            f"`gcs-autotune restore {directory}` in a terminal."
         )
     state = f"mode {left['mode']}, {'armed' if left['armed'] else 'disarmed'}"
     if left["differs"]:
         what = "; ".join(f"{name}: {why}" for name, why in left["differs"].items())
         return False, (
-            f"NOT left as found ({what}). Take over by hand; then run `gcs-autotune restore {directory}` on a terminal."
+            f"NOT RESTORED ({what}). Take over by hand, then run `gcs-autotune restore {directory}` in a terminal."
         )
-    return True, f"Actuators neutral, seen at the outputs; {state}, as it was found."
+    return True, f"Actuators neutral, confirmed at the outputs; {state}, as before the run."
 
 
 def _as_to_parameters(directory: Path) -> list[str]:
@@ -166,11 +166,13 @@ def _as_to_parameters(directory: Path) -> list[str]:
     if not before:
         return []
     if not after:
-        return ["What the parameters were at the end is not on disk."]
+        return ["The parameters at the end are not recorded."]
     changed = [f"{name} {before[name]:g} -> {after[name]:g}" for name in before if after.get(name) != before[name]]
     if changed:
-        return [f"Parameters read again: {', '.join(changed)}; the other {len(before) - len(changed)} as before."]
-    return [f"Parameters read again: all {len(before)} as they were before."]
+        return [
+            f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} as before the run."
+        ]
+    return [f"Parameters read back: all {len(before)} as before the run."]
 
 
 def _numbers_in(path: Path) -> dict[str, float]:

@@ -1,7 +1,7 @@
-"""What is known of the run under way, and whoever looks at it.
+"""The state of the current run, and its viewers.
 
-Viewers get everything once and then what changed, ten times a second. One who does not keep up gets everything again:
-nobody's slowness is another's, and none of it is the run's, which is another process.
+Viewers get the whole state once and then changes, ten times a second. A slow viewer gets the whole state again. It
+delays neither other viewers nor the run, which is another process.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["Live"]
 EVERY = 0.1
 """Chosen [s]: between two deltas."""
 ALIVE = 1.0
-"""Chosen [s]: after which an empty one says that the server is there."""
+"""Longest time between messages, after which an empty one is sent [s]. Chosen."""
 ROWS, WORDS = 4000, 300
-"""Chosen: samples and sentences kept for who comes later."""
+"""Samples and sentences kept for later viewers. Chosen."""
 BEHIND = 30
 """Chosen: deltas that a viewer may be behind before he gets everything again."""
 MOST_VIEWERS = 32
-"""Chosen: who may look at once. Who has the token takes the seat of one without it when all are taken."""
+"""Most simultaneous viewers. One with the token replaces one without, if all seats are taken. Chosen."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
 """What is kept as it came, the last one counting."""
 _LONGEST = 2000
@@ -114,7 +114,7 @@ class Live:
         return _packed({"whole": {**self._state, **lists}})
 
     async def watch(self, *, owner: bool = False) -> AsyncIterator[str]:
-        """Yield the whole document, then what changes of it, for as long as somebody looks.
+        """Yield the whole document, then its changes, while the viewer is connected.
 
         Nothing comes when all seats are taken, but an *owner* of the token gets one of those without it.
         """
@@ -141,21 +141,21 @@ class Live:
             self._let_go(queue)
 
     def _let_go(self, queue: asyncio.Queue[str | None]) -> None:
-        """Tell a viewer that nothing more comes, and give his seat away."""
+        """Close the stream of a viewer and free its seat."""
         del self._viewers[queue]
         while not queue.empty():
             queue.get_nowait()
         queue.put_nowait(_OVER)
 
     def _anew(self, queue: asyncio.Queue[str | None]) -> str:
-        """Return the whole document for a viewer, who is owed no delta before it."""
+        """Return the whole document for a viewer, and drop its pending changes."""
         self.tell()
         while not queue.empty():
             queue.get_nowait()
         return self.whole()
 
     async def run(self) -> None:
-        """Tell the viewers what changed, until cancelled."""
+        """Send changes to the viewers until cancelled."""
         waited = 0.0
         while True:
             await asyncio.sleep(EVERY)
@@ -164,7 +164,7 @@ class Live:
                 waited = 0.0
 
     def tell(self, *, even_nothing: bool = False) -> bool:
-        """Tell the viewers what changed since last time; return whether anything was told."""
+        """Send the changes since last time to the viewers; return whether there were any."""
         new = {f"+{key}": items for key, items in self._new.items() if items}
         if not (self._changed or new or even_nothing):
             return False
@@ -178,7 +178,7 @@ class Live:
 
 
 def _hand(queue: asyncio.Queue[str | None], text: str) -> None:
-    """Give *text* to a viewer; one who is too far behind is to get everything again."""
+    """Queue *text* for a viewer; one too far behind gets the whole document again."""
     if queue.full():
         while not queue.empty():
             queue.get_nowait()

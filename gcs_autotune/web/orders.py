@@ -1,6 +1,6 @@
-"""From what was chosen on the page to a command line of ours: fields out of the tables of axes, manoeuvres, limits.
+"""From the page's form to a command line; fields come from the tables of axes, manoeuvres and limits.
 
-Each value is handed over as ``--name=value``, so that none of them can be an option itself.
+Each value is passed as ``--name=value``, so that none can be an option itself.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from gcs_autotune.web.archive import Archive
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    "tune": "Tune: swing, identify, design, prove",
-    "experiment": "Experiment: swing and identify, write nothing",
+    "tune": "Tune: experiments, model, gains, proof",
+    "experiment": "Experiment: identify, write nothing",
     "fly": "Fly a standard manoeuvre: preview, figures and model, write nothing",
 }
 """What can be started -> what it does, in a line."""
@@ -40,7 +40,7 @@ _ASKED: Mapping[str, tuple[str, ...]] = {
     "Model": ("full-scale",),
     "Link": ("baud", "system-id"),
 }
-"""Numbers that the page asks for, by heading; the names of the table of limits."""
+"""Numbers on the page by heading, with their names in the table of limits."""
 _ONLY: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(_ASKED["Proof"], ("tune",)),
     **dict.fromkeys(("relay-output", "relay-hysteresis", "relays"), ("tune", "experiment")),
@@ -77,7 +77,7 @@ LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
 
 
 def fields() -> dict[str, Any]:
-    """Return what the page asks for: jobs, axes with their usual links, and numbers with their ranges, as typed."""
+    """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed."""
     return {
         "link": os.environ.get(LINK_VARIABLE, ""),
         "jobs": [{"name": name, "title": title} for name, title in JOBS.items()],
@@ -89,7 +89,7 @@ def fields() -> dict[str, Any]:
 
 
 def _manoeuvre(kind: ManoeuvreKind) -> dict[str, Any]:
-    """Return what the page asks for a manoeuvre: its options, the forces it may drive, each with a craft for it."""
+    """Return the fields of a manoeuvre: its options, the forces it can drive, each with a simulated craft."""
     return {
         "name": kind.name,
         "help": kind.help,
@@ -165,7 +165,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
-        raise UsageError("link: that is no connection string")
+        raise UsageError("link: not a connection string")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
     directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}")
     title = f"preview of {what}" if job == "fly" and dry else f"{job} {what}"
@@ -176,10 +176,10 @@ def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
     """Return the row of the manoeuvre chosen and the force it is to drive, empty for its own."""
     kind = lookup(MANOEUVRES, str(chosen.get("manoeuvre", "")), "manoeuvre")
     if kind.make is None:
-        raise UsageError(f"{kind.name} is flown by {kind.command}, not by itself")
+        raise UsageError(f"{kind.name} is flown only by {kind.command}")
     force = str(chosen.get("force") or "")
     if force and force not in _forces(kind):
-        raise UsageError(f"{kind.name} drives no force '{force[:10]}'")
+        raise UsageError(f"{kind.name} cannot drive the force '{force[:10]}'")
     return kind.of(force), force
 
 
@@ -188,7 +188,9 @@ def _area(corners: str) -> list[str]:
     if not corners:
         return []
     if len(corners) > _LONGEST_AREA or not set(corners) <= set("0123456789.,;+- "):
-        raise UsageError("area: write 'lat,lon lat,lon lat,lon' in degrees; only fly --area on a terminal takes a file")
+        raise UsageError(
+            "area: write 'lat,lon lat,lon lat,lon' in degrees; a file works only with fly --area in a terminal"
+        )
     try:
         read_area(corners)
     except UsageError as error:
@@ -201,10 +203,10 @@ def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
     name, _, inner = str(chosen.get("model") or "").partition("/")
     if not name or job == "experiment":
         if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and job != "experiment":
-            raise UsageError("full-scale: it is the model's own; choose a model as well")
+            raise UsageError("full-scale applies to a model. Choose a model too")
         return []
     if not inner.endswith(".json"):
-        raise UsageError("model: that is no model file of a run")
+        raise UsageError("model: not a model file of a run")
     try:
         return [f"--model={Archive(runs).path(name, inner)}"]
     except UsageError as error:
@@ -217,18 +219,18 @@ def _fresh(path: Path) -> Path:
 
 def _numbers(given: Any, job: str, axis: str, options: Sequence[str] = ()) -> list[str]:
     if not isinstance(given, Mapping):
-        raise UsageError("the numbers are no object of name and value")
+        raise UsageError("the numbers are not an object of names and values")
     asked = {name for names in _ASKED.values() for name in names} | set(options)
     words = []
     for name, text in given.items():
         if name not in asked:
-            raise UsageError(f"the page asks for no number '{str(name)[:40]}'")
+            raise UsageError(f"unknown number '{str(name)[:40]}'")
         if not str(text).strip() or job not in _ONLY.get(name, JOBS):
             continue
         try:
             value = limit_of(name, axis).parse(str(text).strip())
         except KeyError:
-            raise UsageError(f"{name}: the axis {axis} has no such number") from None
+            raise UsageError(f"{name} does not apply to the axis {axis}") from None
         except UsageError as error:
             raise UsageError(f"{name}: {error}") from None
         words.append(f"--{name}={value!r}")

@@ -1,4 +1,4 @@
-"""The port, the link with the token, and an end in order: a run under way is put back before the server goes."""
+"""The port, the link with the token, and an orderly end: a run is stopped and restored before the server exits."""
 
 from __future__ import annotations
 
@@ -46,19 +46,21 @@ class ServeSettings:
 
 
 def serve(settings: ServeSettings, say: Callable[[str], object], program: CommandLine | None = None) -> None:
-    """Serve the page until Ctrl-C; a run under way is stopped and put back first.
+    """Serve the page until Ctrl-C; a current run is stopped and restored first.
 
     Raises
     ------
     CannotOpenLink
-        The port cannot be had.
+        The port cannot be opened.
     UsageError
-        The folder of runs cannot be made.
+        The folder of runs cannot be created.
     """
     try:
         settings.runs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"the folder of runs {settings.runs} cannot be made: {error}; give another --runs") from error
+        raise UsageError(
+            f"the folder of runs {settings.runs} cannot be created: {error}. Use another --runs"
+        ) from error
     open_socket = _listen(settings.host, settings.port)
     port = open_socket.getsockname()[1]
     alone = is_loopback(settings.host)
@@ -88,7 +90,7 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
 
 
 class _Server(uvicorn.Server):
-    """Goes on serving after Ctrl-C until a run under way has put everything back."""
+    """Server that keeps running after Ctrl-C until the current run has restored everything."""
 
     def __init__(self, config: uvicorn.Config, control: Control, say: Callable[[str], object]) -> None:
         super().__init__(config)
@@ -97,7 +99,7 @@ class _Server(uvicorn.Server):
         self._wanted = False
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop the run; further signals only say that it is being put back: that is never cut short."""
+        """Stop the run; further signals only report that clean-up is under way; it is never cut short."""
         if not self._control.is_running:
             self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
@@ -111,12 +113,12 @@ class _Server(uvicorn.Server):
             each.listen(QUEUE)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Let go of who looks first: an open stream would be waited for, then cut off with a complaint."""
+        """Close viewers first; an open stream would delay the end and log an error."""
         self._control.live.close()
         await super().shutdown(sockets)
 
     async def on_tick(self, counter: int) -> bool:
-        """Ten times a second: end when it was wanted and nothing is under way any more."""
+        """Ten times a second: exit if requested and no run is in progress."""
         if self._wanted:
             self.should_exit = not self._control.stop()
         return await super().on_tick(counter)
@@ -127,7 +129,7 @@ def _listen(host: str, port: int) -> socket.socket:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         opened = socket.socket(family, kind)
     except OSError as error:
-        raise CannotOpenLink(f"cannot listen on {host}: {error}; give another --host") from error
+        raise CannotOpenLink(f"cannot listen on {host}: {error}. Use another --host") from error
     try:
         if sys.platform != "win32":
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -136,7 +138,8 @@ def _listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         opened.close()
         raise CannotOpenLink(
-            f"cannot listen on {host} port {port}: {error.strerror or error}; is another page open? Give another --port"
+            f"cannot listen on {host} port {port}: {error.strerror or error}. Stop the other server, or use another "
+            f"--port"
         ) from error
     return opened
 
@@ -144,15 +147,15 @@ def _listen(host: str, port: int) -> socket.socket:
 def told(host: str, port: int, token: str) -> list[str]:
     """Return what the terminal shows: the link, with its token as link and QR code where one is needed."""
     if not token:
-        return [f"page: http://{_bracketed(host)}:{port}/  (this machine only; Ctrl-C ends it)"]
+        return [f"page: http://{_bracketed(host)}:{port}/  (this computer only; Ctrl-C ends it)"]
     link = f"http://{_bracketed(_seen_from_elsewhere(host))}:{port}/#{token}"
     code = segno.make(link, micro=False)
     dots = "\n".join(_blocks([list(row) for row in code.matrix_iter(border=2)]))
     return [
         f"page: {link}",
         dots,
-        "Whoever has this link can start and stop runs; it is shown once. Without what follows the # one may only "
-        "look. The way there is not encrypted: use it on a network you trust. Ctrl-C ends it.",
+        "Everyone with this link can start and stop runs; it is shown once. Without the part after # the page is view "
+        "only. The connection is not encrypted: use it on a network you trust. Ctrl-C ends it.",
     ]
 
 

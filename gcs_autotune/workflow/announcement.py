@@ -194,21 +194,20 @@ def _deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
 
 def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     """Return how much water and time a whole visit takes, with its stages; *source*: of the numbers, in words."""
-    metres, usual = excursion.metres(envelope), excursion.usual
-    far = f"up to {metres:.0f} m from where it lies" if excursion.distance >= 1.0 else "only water about where it lies"
-    if excursion.needs > metres:
-        far += " (the run is ended there: --max-distance)"
+    metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
-    by = f"; by {source}" if source else ""
+    ends = " (the run is ended there: --max-distance)" if excursion.needs > metres else ""
+    far = f"up to {metres:.0f} m from where it lies{ends}" if moves else "only water about where it lies"
+    longest = exactly(LATE * excursion.seconds)
     if usual is None:
-        return f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}: {told}{by}"
-    mostly = f"about {min(usual.needs, metres):.0f} m and " if excursion.distance >= 1.0 else ""
-    mostly = f"usually {mostly}{exactly(LATE * usual.seconds)}"
-    return (
-        f"need {far}{deep}, and up to {exactly(LATE * excursion.seconds)}, where the loop hardly damps; {mostly}: "
-        f"{told}{by}"
+        told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
+        return f"need {far}{deep}, and up to {longest}: {told}" + (f"; by {source}" if source else "")
+    near = (
+        f"usually about {min(usual.needs, metres):.0f} m from where it lies{deep} and" if moves else f"{far}, usually"
     )
+    most = f"up to {metres:.0f} m{ends} and " if moves else ""
+    by = f" (by {source})" if source else ""
+    return f"need {near} {exactly(LATE * usual.seconds)}{by}. A loop that hardly damps takes {most}up to {longest}"
 
 
 def exactly(seconds: float) -> str:

@@ -344,7 +344,7 @@ class _Flight:
             return []
         least = self._plan.min_depth
         craft = left[0].preview.craft
-        source = craft.source + "; the craft is assumed, and the worst of several is announced" * craft.assumed
+        source = craft.source + ", the worst of several" * craft.assumed
         needs = [whole_of(self._whole, left[0].envelope, source)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 

@@ -26,9 +26,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=str(DEFAULT_PORT),
         metavar="[HOST:]PORT",
-        help="serve the bare hull as external physics to ArduPilot's own SITL (its --model JSON) instead of flying it "
-        f"with our autopilot; default port {DEFAULT_PORT}, which is ArduPilot's instance 0 (instance I: "
-        f"{DEFAULT_PORT} + 10 I); prints how to start ArduPilot",
+        help="serve the hull as external physics to ArduPilot's own SITL (its --model JSON) instead of using "
+        f"this simulator's autopilot; default port {DEFAULT_PORT}, ArduPilot's instance 0 (instance I: "
+        f"{DEFAULT_PORT} + 10 I); prints the command that starts ArduPilot",
     )
     parser.add_argument(
         "--ardupilot-params",
@@ -78,7 +78,7 @@ def _read_address(text: str) -> tuple[str, int]:
     try:
         return host_and_port(text if ":" in text else f"127.0.0.1:{text}")
     except AddressError as error:
-        raise AddressError(f"--ardupilot-json {text}: give PORT or HOST:PORT, for example {DEFAULT_PORT}") from error
+        raise AddressError(f"--ardupilot-json {text}: not PORT or HOST:PORT. Use e.g. {DEFAULT_PORT}") from error
 
 
 def _say(line: str) -> None:

@@ -66,7 +66,7 @@ class Physics:
             _refuse(effect)
         craft.begin(str(self._seed))
         if not craft.plant.water.over_ground:
-            raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground; leave the place away")
+            raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground. Omit the place")
         self.craft = craft
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in craft.effects)
         self._reading = SensorReading()
@@ -130,8 +130,8 @@ def _refuse(effect: HiddenEffect) -> None:
     """Raise ``BadEffect`` when ArduPilot cannot be shown *effect*."""
     if effect.overrides("alter_report"):
         raise BadEffect(
-            f"{effect.slug} sits in the record, and under --ardupilot-json ArduPilot itself writes the record; "
-            "hide it in our own simulator (leave --ardupilot-json away)"
+            f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. "
+            "Use this simulator's own autopilot (omit --ardupilot-json)"
         )
     level = _LEVEL.intersection(effect.place.split("+"))
     if level:

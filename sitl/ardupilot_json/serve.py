@@ -66,9 +66,9 @@ class JsonServer:
             self._socket.bind((host, port))
         except OSError as error:
             self._socket.close()
-            reason = "the port is in use; stop the other program or choose another port"
+            reason = "the port is in use. Stop the other program or choose another port"
             if error.errno != errno.EADDRINUSE:
-                reason = f"{error.strerror}; check the address"
+                reason = f"{error.strerror}. Check the address"
             raise CannotListen(f"cannot listen on {host}:{port}: {reason}") from error
         self._socket.settimeout(patience)
         self.port: int = self._socket.getsockname()[1]
@@ -92,7 +92,7 @@ class JsonServer:
             servos = read_servos(datagram)
         except BadPacket as error:
             if not self._complained:
-                self._say(f"a datagram from {sender[0]}:{sender[1]} not answered: {error}")
+                self._say(f"ignored a datagram from {sender[0]}:{sender[1]}: {error}")
             self._complained = True
             return
         answer = self._answer_to(servos, sender)

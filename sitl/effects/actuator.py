@@ -15,6 +15,7 @@ __all__ = [
     "SimulatedCommandCoupling",
     "SimulatedDeadZone",
     "SimulatedGainDrift",
+    "SimulatedPropellerWash",
     "SimulatedQuadraticActuator",
     "SimulatedRudderStall",
     "SimulatedSaturation",
@@ -29,7 +30,7 @@ _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 class OnInput(HiddenEffect):
     """An effect on one input."""
 
-    on_vehicles = "an axis: steering (default), throttle, vertical; inputs are shares of full"
+    on_vehicles = "an axis: steering (default), throttle, vertical; inputs are normalised output (-1 to 1)"
 
     def begin(self, setting: Setting) -> None:
         """Find the input."""
@@ -48,7 +49,7 @@ class SimulatedSaturation(OnInput):
     """Clipped at a limit."""
 
     slug = "saturation"
-    meaning = "the actuator cannot do more than a limit"
+    meaning = "the actuator saturates at a limit"
     parameters = (EffectParameter("limit", "input unit", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -61,12 +62,8 @@ class SimulatedDeadZone(OnInput):
     """Nothing happens for small commands, and all larger ones lose as much."""
 
     slug = "dead-zone"
-    meaning = "small commands do nothing (a shaft that does not turn yet, a slack linkage)"
-    parameters = (
-        EffectParameter(
-            "width", "input unit", "half-width: the command at which something begins to happen", least=0.0
-        ),
-    )
+    meaning = "small commands have no effect (a shaft that does not turn yet, a slack linkage)"
+    parameters = (EffectParameter("width", "input unit", "half-width: the smallest command with an effect", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Take the dead part away."""
@@ -77,10 +74,10 @@ class SimulatedQuadraticActuator(OnInput):
     """Thrust goes with n|n| in part."""
 
     slug = "quadratic-actuator"
-    meaning = "thrust goes with n|n|: weak for small commands"
+    meaning = "thrust is proportional to n|n|: weak for small commands"
     parameters = (
-        EffectParameter("share", "1", "0: proportional, 1: all quadratic"),
-        EffectParameter("u_ref", "input unit", "command that is carried out as told; 0: the largest there is", 0.0),
+        EffectParameter("share", "1", "0: proportional, 1: fully quadratic"),
+        EffectParameter("u_ref", "input unit", "command with unchanged thrust; 0: the largest command", 0.0),
     )
 
     def begin(self, setting: Setting) -> None:
@@ -98,7 +95,7 @@ class SimulatedRudderStall(OnInput):
     """Beyond an angle the rudder loses lift."""
 
     slug = "rudder-stall"
-    meaning = "beyond an angle the rudder's force falls again"
+    meaning = "the rudder's force falls beyond an angle"
     parameters = (
         EffectParameter("angle", "input unit", least=0.0),
         EffectParameter("drop", "1", "slope beyond it, downwards"),
@@ -114,7 +111,7 @@ class SimulatedAsymmetricThrust(OnInput):
     """Weaker (or stronger) one way than the other."""
 
     slug = "asymmetric-thrust"
-    meaning = "a negative command does not do as much as a positive one"
+    meaning = "a negative command has less effect than a positive one"
     parameters = (EffectParameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -122,13 +119,10 @@ class SimulatedAsymmetricThrust(OnInput):
         return u * self["ratio"] if u < 0.0 else u
 
 
-class SimulatedCommandCoupling(HiddenEffect):
-    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+class TwoInputs(HiddenEffect):
+    """An effect of another input on one: placed as ``N+X``."""
 
-    slug = "command-coupling"
-    meaning = "another axis' command acts here too (a line of thrust beside the centre, unequal thrusters)"
-    on_vehicles = "two axes, what acts and what acts there too: steering+throttle (default)"
-    parameters = (EffectParameter("gain", "input unit per unit of the other", "what the other command adds"),)
+    on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
 
     def begin(self, setting: Setting) -> None:
         """Find both inputs."""
@@ -136,8 +130,17 @@ class SimulatedCommandCoupling(HiddenEffect):
         usual = [setting.steering, *(name for name in there if name != setting.steering)][:2]
         names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
         if len(set(names)) != 2 or not set(names) <= set(there):
-            raise BadEffect(f"command-coupling sits on two inputs, as N+X; this craft has {', '.join(there) or 'none'}")
+            known = ", ".join(there) or "none"
+            raise BadEffect(f"{self.slug} needs two inputs as its place, e.g. N+X; this craft has {known}")
         self._here, self._other = names
+
+
+class SimulatedCommandCoupling(TwoInputs):
+    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+
+    slug = "command-coupling"
+    meaning = "another axis' command acts here too (off-centre thrust, unequal thrusters)"
+    parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
         """Add."""
@@ -148,8 +151,8 @@ class SimulatedGainDrift(OnInput):
     """Weaker with time."""
 
     slug = "gain-drift"
-    meaning = "the actuator grows weaker with time (a battery that sags)"
-    parameters = (EffectParameter("rate", "1/s", "share of the first strength lost per second"),)
+    meaning = "the actuator weakens with time (battery sag)"
+    parameters = (EffectParameter("rate", "1/s", "fraction of the initial strength lost per second"),)
 
     def begin(self, setting: Setting) -> None:
         """Note when time begins."""
@@ -166,10 +169,10 @@ class SimulatedSpeedDependentSteering(OnInput):
     """Rudder force goes with the square of the speed through the water, in part."""
 
     slug = "speed-dependent-steering"
-    meaning = "the rudder's force goes with the square of the speed through the water"
+    meaning = "the rudder's force is proportional to the squared speed through the water"
     parameters = (
-        EffectParameter("share", "1", "0: none of it goes with speed, 1: all"),
-        EffectParameter("U_ref", "m/s", "speed at which it does as told; 0: the rms surge speed", 0.0),
+        EffectParameter("share", "1", "0: no dependence on speed, 1: full dependence"),
+        EffectParameter("U_ref", "m/s", "speed with unchanged force; 0: the rms surge speed", 0.0),
     )
     on_vehicles = "steering; the speed at full throttle is the reference"
 
@@ -183,6 +186,22 @@ class SimulatedSpeedDependentSteering(OnInput):
         """Scale with the square of the speed."""
         share = self["share"]
         return u * (1.0 - share + share * (self._state.u / self._speed) ** 2)
+
+
+class SimulatedPropellerWash(TwoInputs):
+    """A rudder in a propeller's race: its force goes, in part, with the square of the thrust commanded."""
+
+    slug = "propeller-wash"
+    meaning = "the rudder's force goes with the square of the propeller's command"
+    parameters = (
+        EffectParameter("share", "1", "0: none of it goes with thrust, 1: all"),
+        EffectParameter("X_ref", "input unit", "command at which the gain is 1; 0: full", 0.0),
+    )
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Scale with the square of the other command, the other way astern."""
+        share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
+        inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
 class SimulatedAdvanceSpeedLoss(OnInput):

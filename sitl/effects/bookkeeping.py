@@ -28,7 +28,7 @@ class SimulatedTimeScale(HiddenEffect):
     slug = "time-scale"
     meaning = "the clock of the record runs too fast or too slow"
     parameters = (EffectParameter("factor", "1", least=1e-6),)
-    on_vehicles = "the stamps of all messages"
+    on_vehicles = "the timestamps of all messages"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
         """Scale the stamps."""
@@ -44,9 +44,9 @@ class SimulatedTimeOffset(HiddenEffect):
     """The signals' stamps are late against the inputs' (negative: they are early)."""
 
     slug = "time-offset"
-    meaning = "commands and signals were stamped by clocks that do not agree"
+    meaning = "commands and signals have timestamps of different clocks"
     parameters = (EffectParameter("offset", "s"),)
-    on_vehicles = "the stamps of servo reports against those of all others"
+    on_vehicles = "the timestamps of servo reports relative to all others"
 
     def lateness(self) -> Mapping[str, float]:
         """Return the offset, of all signals."""
@@ -71,7 +71,7 @@ class OnColumns(HiddenEffect):
             wanted = "one column" if self.count == 1 else "two columns joined by +"
             raise BadEffect(f"{self.slug} needs {wanted} as its place, of {', '.join(known)}; not '{self.place}'")
         if self.count > 1 and setting.on_vehicle and not any(set(names) <= carried for carried in _CARRIED_TOGETHER):
-            raise BadEffect(f"{self.slug}: no message of a vehicle carries both {' and '.join(names)}")
+            raise BadEffect(f"{self.slug}: no message contains both {' and '.join(names)}")
         self._names = names
 
 
@@ -79,8 +79,8 @@ class SimulatedUnitError(OnColumns):
     """Numbers in another unit than the header says."""
 
     slug = "unit-error"
-    meaning = "a column is in another unit than its header says"
-    parameters = (EffectParameter("factor", "1", "the file's number over the true one"),)
+    meaning = "a column is in another unit than in its header"
+    parameters = (EffectParameter("factor", "1", "value in the file divided by the true value"),)
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
@@ -114,7 +114,7 @@ class SimulatedChannelSwap(OnColumns):
     """Two columns carry each other's data."""
 
     slug = "channel-swap"
-    meaning = "two columns carry each other's data"
+    meaning = "two columns are swapped"
     on_vehicles = "two fields of one message (x+y, p+q, p+r, phi+theta, two axes)"
     count = 2
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
+import re
+
+from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.plants import Parameters, State, Wrench
 
 __all__ = [
@@ -11,6 +13,7 @@ __all__ = [
     "SimulatedSpeedDamping",
     "SimulatedSwayMoment",
     "SimulatedSwayYawCoupling",
+    "SimulatedVelocityProduct",
 ]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
@@ -19,9 +22,9 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 class SimulatedCoriolisCoupling(HiddenEffect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "coriolis-coupling"
-    meaning = "turning while moving pushes sideways (rigid body and added mass)"
+    meaning = "Coriolis force: turning while moving pushes sideways (rigid body and added mass)"
     parameters = (
         EffectParameter("X_vr", "kg", default=0.0),
         EffectParameter("Y_ur", "kg", default=0.0),
@@ -32,7 +35,7 @@ class SimulatedCoriolisCoupling(HiddenEffect):
         """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
-            raise BadEffect("coriolis-coupling needs a hull that sways and moves ahead or turns; this one does not")
+            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this one has not")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -46,9 +49,9 @@ class SimulatedCoriolisCoupling(HiddenEffect):
 class SimulatedSwayYawCoupling(HiddenEffect):
     """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "sway-yaw-coupling"
-    meaning = "sway turns and turning makes sway (off-diagonal mass and damping, centre of gravity off the middle)"
+    meaning = "sway and yaw are coupled (off-diagonal mass and damping, off-centre mass)"
     parameters = (
         EffectParameter("Y_r", "N s/rad", default=0.0),
         EffectParameter("N_v", "N s", default=0.0),
@@ -58,7 +61,7 @@ class SimulatedSwayYawCoupling(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
         if not {"sway", "yaw"} <= set(setting.dofs):
-            raise BadEffect("sway-yaw-coupling needs a hull that sways and turns; this one does not")
+            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this one has not")
         if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
         self._state = setting.state
@@ -81,9 +84,8 @@ class MomentOfFlow(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Make sure that the hull has these degrees of freedom."""
         if not self.needs <= set(setting.dofs):
-            does = {"sway": "sways", "surge": "moves ahead", "yaw": "turns"}
-            wanted = " and ".join(word for dof, word in does.items() if dof in self.needs)
-            raise BadEffect(f"{self.slug} needs a hull that {wanted}; this one does not")
+            wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
+            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this one has not")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -98,9 +100,9 @@ class MomentOfFlow(HiddenEffect):
 class SimulatedSwayMoment(MomentOfFlow):
     """``N += N_v v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "sway-moment"
-    meaning = "sliding sideways turns"
+    meaning = "Munk moment: drifting sideways turns the hull"
     parameters = (EffectParameter("N_v", "N s", default=0.0),)
     needs = frozenset({"sway", "yaw"})
 
@@ -110,28 +112,69 @@ class SimulatedSwayMoment(MomentOfFlow):
 
 
 class SimulatedSpeedDamping(MomentOfFlow):
-    """``N += N_ur u r``."""
+    """``N += N_|u|r |u| r``."""
 
     on_vehicles = "yaw"
     slug = "speed-damping"
-    meaning = "turning is harder (negative) or easier with way on"
-    parameters = (EffectParameter("N_ur", "kg m", default=0.0),)
+    meaning = "turning is harder (negative) with speed, ahead or astern"
+    parameters = (EffectParameter("N_|u|r", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: State) -> float:
         """As the class says."""
-        return self["N_ur"] * at.u * at.r
+        return self["N_|u|r"] * abs(at.u) * at.r
 
 
 class SimulatedMunkMoment(MomentOfFlow):
     """``N += N_uv u v``."""
 
-    on_vehicles = "no: these do not sway (unless they fly a --model that does)"
+    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
     slug = "munk-moment"
-    meaning = "at an angle to its way the hull turns further"
+    meaning = "moment per drift angle"
     parameters = (EffectParameter("N_uv", "kg", default=0.0),)
     needs = frozenset({"surge", "sway", "yaw"})
 
     def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_uv"] * at.u * at.v
+
+
+_PRODUCT = re.compile(r"([XYZN])_((?:\|[uvwr]\||[uvwr]){1,3})")
+_AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
+
+
+class SimulatedVelocityProduct(HiddenEffect):
+    """A force or moment per product of velocities; the place is its SNAME derivative: ``N_|v|r``, ``X_vr``.
+
+    Bars are moduli. Two equal letters are one with its modulus (``X_uu`` is ``X_|u|u``).
+    """
+
+    on_vehicles = "a derivative: N_ur (default), N_u, ..."
+    slug = "velocity-product"
+    meaning = "a force that goes with a product of velocities"
+    parameters = (EffectParameter("coefficient", "SI per product"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Read the derivative, and make sure that the hull has its degrees of freedom."""
+        name = self.place or "N_ur"
+        read = _PRODUCT.fullmatch(name)
+        if read is None:
+            raise BadEffect(f"velocity-product@{name}: no derivative by u, v, w, r; write N_|v|r, X_vr or the like")
+        self._force, rest = read[1], read[2]
+        self._factors = [(word.strip("|"), word.startswith("|")) for word in re.findall(r"\|\w\||\w", rest)]
+        if len(self._factors) == 2 and self._factors[0] == self._factors[1] and not self._factors[0][1]:
+            self._factors[0] = (self._factors[0][0], True)
+        needed = {_AXIS_OF[letter] for letter, _ in self._factors}
+        needed |= {dof for dof, force in FORCE_OF.items() if force == self._force}
+        missing = needed - set(setting.dofs)
+        if missing:
+            raise BadEffect(f"velocity-product@{name} needs {', '.join(sorted(missing))}; this hull has none")
+        self._state = setting.state
+
+    def alter_force(self, t: float, wrench: Wrench) -> None:
+        """Push."""
+        push = self["coefficient"]
+        for letter, by_size in self._factors:
+            velocity = float(getattr(self._state, letter))
+            push *= abs(velocity) if by_size else velocity
+        setattr(wrench, self._force, getattr(wrench, self._force) + push)

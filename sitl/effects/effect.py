@@ -43,12 +43,12 @@ class EffectParameter:
     def refusal(self, value: float) -> str:
         """Return why *value* cannot be, in words; empty when it can."""
         if not math.isfinite(value):
-            return f"{value:g} is no finite number"
+            return f"{value:g} is not a finite number"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
         if value < self.least:
-            return f"{value:g} is too small, it is at least {self.least:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too small; the minimum is {self.least:g} {self.unit}{in_degrees}"
         if value > self.most:
-            return f"{value:g} is too large, it is at most {self.most:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too large; the maximum is {self.most:g} {self.unit}{in_degrees}"
         return ""
 
 

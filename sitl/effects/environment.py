@@ -44,7 +44,7 @@ class SimulatedSteadyCurrent(HiddenEffect):
     """
 
     slug = "steady-current"
-    meaning = "the water moves over the ground"
+    meaning = "a current: the water moves over ground"
     parameters = (
         EffectParameter("V_x", "m/s", "towards north", 0.0),
         EffectParameter("V_y", "m/s", "towards east", 0.0),
@@ -56,7 +56,7 @@ class SimulatedSteadyCurrent(HiddenEffect):
         if self.place not in ("", "over ground", "through water"):
             raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
         if not {"surge", "sway"} & set(setting.dofs):
-            raise BadEffect("steady-current needs a hull that moves ahead or sways")
+            raise BadEffect("steady-current needs a hull with surge or sway")
         setting.water.V_x, setting.water.V_y = self["V_x"], self["V_y"]
         setting.water.over_ground = self.place != "through water"
 
@@ -65,10 +65,10 @@ class SimulatedWindMoment(HiddenEffect):
     """The wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
-    meaning = "the wind turns the bow (goes with the sine of the heading against the wind)"
+    meaning = "the wind turns the bow (moment proportional to the sine of the heading relative to the wind)"
     parameters = (
         EffectParameter("strength", "input unit", least=0.0),
-        EffectParameter("direction", "rad", "where the bow turns to"),
+        EffectParameter("direction", "rad", "heading that the bow turns to"),
     )
     on_vehicles = "yaw"
 
@@ -169,10 +169,10 @@ class SimulatedTetherPull(HiddenEffect):
     """A spring to a fixed place: in one degree of freedom, or on the horizontal plane (``surge+sway``)."""
 
     slug = "tether-pull"
-    meaning = "the tether pulls back like a spring"
+    meaning = "the tether pulls like a spring"
     parameters = (
         EffectParameter("stiffness", "N/m or N m/rad"),
-        EffectParameter("anchor", "m or rad", "where it does not pull, in one degree of freedom", 0.0),
+        EffectParameter("anchor", "m or rad", "position without pull, in one degree of freedom", 0.0),
         EffectParameter("x", "m", "the same on the plane, north", 0.0),
         EffectParameter("y", "m", "the same on the plane, east", 0.0),
     )
@@ -184,11 +184,11 @@ class SimulatedTetherPull(HiddenEffect):
         self._on_plane = self.place == "surge+sway"
         if self._on_plane:
             if "surge" not in setting.dofs or not (setting.on_vehicle or "sway" in setting.dofs):
-                raise BadEffect("tether-pull@surge+sway needs a hull that moves ahead and sways")
+                raise BadEffect("tether-pull@surge+sway needs a hull with surge and sway")
             return
         self._dof = find_dof(self, setting, among=("yaw", "heave", "surge"))
         if self._dof == "surge" and ("yaw" in setting.dofs or "sway" in setting.dofs):
-            raise BadEffect("tether-pull: a craft that turns is held on the plane: place it on 'surge+sway'")
+            raise BadEffect("tether-pull: for a craft that turns, use the place 'surge+sway'")
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Pull back."""

@@ -31,7 +31,7 @@ class SimulatedLinearDrag(OnAxis):
     """More drag that goes with speed."""
 
     slug = "linear-drag"
-    meaning = "drag that goes with speed"
+    meaning = "drag proportional to speed"
     parameters = (EffectParameter("coefficient", "N s/m or N m s/rad"),)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
@@ -48,7 +48,7 @@ class SimulatedQuadraticDrag(OnAxis):
     """More drag that goes with the square of speed."""
 
     slug = "quadratic-drag"
-    meaning = "drag that goes with the square of speed"
+    meaning = "drag proportional to squared speed"
     parameters = (EffectParameter("coefficient", "N s^2/m^2 or N m s^2/rad^2"),)
 
     def begin(self, setting: Setting) -> None:
@@ -72,9 +72,9 @@ class SimulatedMassChange(HiddenEffect):
     """A payload is taken aboard or let go: the inertia changes at once, the speed does not."""
 
     slug = "mass-change"
-    meaning = "inertia changes within the run (a payload taken aboard or dropped)"
+    meaning = "inertia changes during the run (a payload picked up or dropped)"
     parameters = (
-        EffectParameter("ratio", "1", "new inertia over old", least=1e-3),
+        EffectParameter("ratio", "1", "new inertia divided by old", least=1e-3),
         EffectParameter("time", "s", "since the start"),
     )
     on_vehicles = "all (default), yaw, surge, heave"
@@ -121,8 +121,8 @@ class SimulatedGroundEffect(HiddenEffect):
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
     parameters = (
-        EffectParameter("strength", "1", "drag at the bottom over drag far from it, less one"),
-        EffectParameter("length", "m", "height over which it fades", least=1e-3),
+        EffectParameter("strength", "1", "relative drag increase at the bottom"),
+        EffectParameter("length", "m", "height over which it decays", least=1e-3),
         EffectParameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
     )
     on_vehicles = "heave (default), yaw, surge (ROVs)"
@@ -130,7 +130,7 @@ class SimulatedGroundEffect(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom and the bottom."""
         if "heave" not in setting.dofs:
-            raise BadEffect("ground-effect needs a craft that dives")
+            raise BadEffect("ground-effect needs a craft with heave")
         self._state = setting.state
         self._dof = find_dof(self, setting) if self.place else "heave"
         self._bottom = self["bottom"] or setting.water.bottom

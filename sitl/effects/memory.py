@@ -15,7 +15,7 @@ class SimulatedInputDelay(OnInput):
     """The command acts later; before anything has arrived, the first one acts."""
 
     slug = "input-delay"
-    meaning = "commands act later than they are given"
+    meaning = "commands act with a delay"
     parameters = (EffectParameter("delay", "s", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
@@ -99,8 +99,8 @@ class SimulatedBacklash(OnInput):
     """Play: the output rests until one flank has crossed it."""
 
     slug = "backlash"
-    meaning = "play in the linkage: on every reversal the gap is crossed first"
-    parameters = (EffectParameter("width", "input unit", "the whole gap", least=0.0),)
+    meaning = "backlash in the linkage: every reversal first crosses the gap"
+    parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
         """Forget where the actuator stands."""

@@ -15,7 +15,7 @@ def find_input(effect: HiddenEffect, setting: Setting) -> str:
     place = setting.axis_names.get(place, place)
     if place not in setting.inputs:
         known = ", ".join([*setting.inputs, *setting.axis_names]) or "none"
-        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'; there are {known}")
+        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'; it has {known}")
     return place
 
 
@@ -26,7 +26,7 @@ def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] =
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
     place = effect.place or there[0]
     if place not in there:
-        raise BadEffect(f"{effect.slug} cannot sit on '{place}' here; on {' or '.join(there)}")
+        raise BadEffect(f"{effect.slug} cannot be placed on '{place}' here. Use {' or '.join(there)}")
     return place
 
 
@@ -35,5 +35,5 @@ def find_signals(effect: HiddenEffect, setting: Setting, default: str) -> tuple[
     names = tuple((effect.place or default).split("+"))
     for name in names:
         if name not in setting.signals:
-            raise BadEffect(f"{effect.slug}: '{name}' is not measured here; {', '.join(setting.signals)} are")
+            raise BadEffect(f"{effect.slug}: '{name}' is not measured here. Measured: {', '.join(setting.signals)}")
     return names

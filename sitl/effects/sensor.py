@@ -27,7 +27,7 @@ class SimulatedSensorPosition(HiddenEffect):
     """The sensor is mounted ``x_P`` ahead and ``y_P`` to starboard of the middle, and shows how that point moves."""
 
     slug = "sensor-position"
-    meaning = "the sensor of speed and position sits off the centre: a turn looks like sway"
+    meaning = "the sensor of speed and position is off-centre: a turn looks like sway"
     parameters = (
         EffectParameter("x_P", "m", "ahead of the middle", 0.0),
         EffectParameter("y_P", "m", "to starboard of it", 0.0),
@@ -44,7 +44,9 @@ class SimulatedSensorPosition(HiddenEffect):
         self._names = find_signals(self, setting, "") if self.place else usual
         strange = [name for name in self._names if name not in (*usual, "z", "w")]
         if strange:
-            raise BadEffect(f"sensor-position: {strange[0]} is the same everywhere aboard; u, v, x, y, z, w are not")
+            raise BadEffect(
+                f"sensor-position: {strange[0]} does not depend on the sensor's position; u, v, x, y, z, w do"
+            )
         self._state = setting.state
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
@@ -71,7 +73,7 @@ class SimulatedCompassDeviation(HiddenEffect):
     """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
-    meaning = "iron aboard turns the compass needle (goes with sine and cosine of the heading)"
+    meaning = "iron on board deflects the compass (sine and cosine of the heading)"
     parameters = (
         EffectParameter("B", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
         EffectParameter("C", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
@@ -92,7 +94,7 @@ class SimulatedGyroBias(HiddenEffect):
     """A rate is off by a constant."""
 
     slug = "gyro-bias"
-    meaning = "the gyro shows a rate at rest"
+    meaning = "the gyro reports a rate at rest"
     parameters = (EffectParameter("bias", "rad/s"),)
     on_vehicles = "r (default), p, q"
 
@@ -100,7 +102,7 @@ class SimulatedGyroBias(HiddenEffect):
         """Find the gyro."""
         (self._name,) = find_signals(self, setting, "r")[:1]
         if self._name not in ("p", "q", "r"):
-            raise BadEffect(f"gyro-bias: '{self._name}' is no rate of a gyro; r, p, q are")
+            raise BadEffect(f"gyro-bias: '{self._name}' is not a gyro rate. Use r, p or q")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
         """Add the bias."""
@@ -146,7 +148,7 @@ class SimulatedQuantisation(HiddenEffect):
     """Rounded to multiples of a step."""
 
     slug = "quantisation"
-    meaning = "a signal comes in steps"
+    meaning = "a signal is quantised"
     parameters = (EffectParameter("step", "signal unit", least=1e-12),)
     on_vehicles = "a signal (default psi)"
 

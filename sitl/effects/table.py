@@ -12,6 +12,7 @@ from sitl.effects.actuator import (
     SimulatedCommandCoupling,
     SimulatedDeadZone,
     SimulatedGainDrift,
+    SimulatedPropellerWash,
     SimulatedQuadraticActuator,
     SimulatedRudderStall,
     SimulatedSaturation,
@@ -30,6 +31,7 @@ from sitl.effects.coupling import (
     SimulatedSpeedDamping,
     SimulatedSwayMoment,
     SimulatedSwayYawCoupling,
+    SimulatedVelocityProduct,
 )
 from sitl.effects.effect import BadEffect, HiddenEffect
 from sitl.effects.environment import (
@@ -76,6 +78,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedCommandCoupling,
     SimulatedGainDrift,
     SimulatedSpeedDependentSteering,
+    SimulatedPropellerWash,
     SimulatedAdvanceSpeedLoss,
     SimulatedLinearDrag,
     SimulatedQuadraticDrag,
@@ -84,6 +87,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedSwayMoment,
     SimulatedSpeedDamping,
     SimulatedMunkMoment,
+    SimulatedVelocityProduct,
     SimulatedMassChange,
     SimulatedNetBuoyancy,
     SimulatedGroundEffect,
@@ -114,7 +118,7 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
     if slug not in EFFECTS:
         near = difflib.get_close_matches(slug, EFFECTS, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else "see --list-effects"
-        raise BadEffect(f"no effect called '{slug}'; {hint}")
+        raise BadEffect(f"unknown effect '{slug}'; {hint}")
     return EFFECTS[slug](place, **(values or {}))
 
 
@@ -134,5 +138,5 @@ def parse_effect(text: str) -> HiddenEffect:
         try:
             values[name.strip().removeprefix(f"{slug}.")] = number(value)
         except Refused as error:
-            raise BadEffect(f"--effect {text}: {error}; give SLUG.PARAMETER=NUMBER") from error
+            raise BadEffect(f"--effect {text}: {error}. Use SLUG.PARAMETER=NUMBER") from error
     return make_effect(slug.strip(), place.strip(), values)

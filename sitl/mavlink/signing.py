@@ -39,7 +39,7 @@ def read_key(path: Path) -> bytes:
         return data
     line = data.rstrip(b"\r\n")
     if not line:
-        raise ValueError(f"--signing-key {path}: it is empty; give 32 bytes or a passphrase")
+        raise ValueError(f"--signing-key {path}is empty. It must be 32 bytes or a passphrase")
     return hashlib.sha256(line).digest()
 
 

@@ -107,7 +107,7 @@ def coupling_of(derivatives: Mapping[str, float], *, coriolis: bool, shared: flo
         force, _, rest = name.partition("_")
         factors = _FACTOR.findall(rest)
         if force not in _PLANE or "".join(factors) != rest or not factors:
-            raise ValueError(f"the simulator cannot fly {name}")
+            raise ValueError(f"the simulator cannot simulate {name}")
         if len(factors) == 2 and factors[0] == factors[1] and "|" not in rest:
             factors[0] = f"|{factors[0]}|"
         terms.append(PlanarTerm(_PLANE.index(force), value, tuple(factors)))

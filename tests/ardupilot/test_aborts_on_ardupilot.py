@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(600)]
 STAGES = (
     "vehicle:",
     "will arm",
-    "found: mode",
+    "State before the run: mode",
     "step with present gains",
     "turning about",
     "first self-oscillation",

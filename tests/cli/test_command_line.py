@@ -278,7 +278,7 @@ def test_restore_refuses_another_vehicle(capsys, tmp_path):
 def test_restore_without_anything_open_says_so(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "restore")
-    assert (code, out) == (0, "nothing to restore: the journal is settled\n")
+    assert (code, out) == (0, "Nothing to restore: this run has already restored everything.\n")
 
 
 def test_help_lists_every_command_and_every_exit_code(capsys):
@@ -357,7 +357,7 @@ def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path)
     assert "--dof horizontal" in err
     code, _, err = run(capsys, "identify", mine, "--known", "m=heavy", "--dof", "horizontal")
     assert code == 2
-    assert "a number is needed" in err
+    assert "not a number" in err
 
 
 def test_identify_fits_a_coupled_model_and_proposes_what_to_fly(capsys, tmp_path):
@@ -392,7 +392,7 @@ def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_
     code, out, err = run(capsys, "identify", path, "--profile", "alpha_r", *options)
     assert code == 0, err
     (sentence,) = json.loads(out)["intervals"]
-    assert sentence.startswith(("alpha_r lies in 0.04", "alpha_r lies in 0.039"))
+    assert sentence.startswith(("alpha_r is between 0.04", "alpha_r is between 0.039"))
     assert "Rise of the deviance" in page.read_text()
     assert run(capsys, "identify", path, "--profile", "alpha_q", *options)[0] == 2
 
@@ -402,7 +402,7 @@ def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsy
     path = tmp_path / "a.csv"
     path.write_text("t[s],psi[rad],N\n0,0,0\n1,0,0\n")
     assert main(["identify", str(path), "--full-scale", text]) == 2
-    assert "write the force at full output" in capsys.readouterr().err
+    assert "Give the force at full output" in capsys.readouterr().err
 
 
 @pytest.mark.slow

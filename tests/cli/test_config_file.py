@@ -79,9 +79,9 @@ def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, wo
     ("text", "words"),
     [
         ("[limits]\nmax-distance = 0.001\n", "max-distance: 0.001 is out of range"),
-        ("[limits]\nmax-distance = true\n", "a number is needed, not True"),
+        ("[limits]\nmax-distance = true\n", "must be a number, not True"),
         ("[limits]\nmax-distance = '40'\n", "must be a number, not '40'"),
-        ("[link]\nsystem-id = 1.5\n", "no whole number"),
+        ("[link]\nsystem-id = 1.5\n", "not a whole number"),
         ("[link]\nconnect = 14550\n", "must be text in quotation marks"),
         ("limits = 3\n", "must be a table"),
     ],
@@ -110,11 +110,11 @@ def test_the_folder_counts_before_the_users_own_and_the_environment_before_both(
     monkeypatch.setenv(CONFIG_VARIABLE, "none")
     assert find_config() is None
     monkeypatch.setenv(CONFIG_VARIABLE, str(tmp_path / "gone.toml"))
-    with pytest.raises(UsageError, match="is no file"):
+    with pytest.raises(UsageError, match="is not a file"):
         find_config()
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "1e999", "9" * 5000, "0x" + "f" * 5000])
 def test_a_value_that_is_no_finite_number_is_refused_by_its_place(tmp_path, number):
-    with pytest.raises(BadFile, match=r"no finite number|cannot be read as settings"):
+    with pytest.raises(BadFile, match=r"not a finite number|cannot be read as settings"):
         read_config(written(tmp_path, f"[limits]\nmax-distance = {number}\n"))

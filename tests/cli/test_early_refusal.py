@@ -122,7 +122,7 @@ def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_eithe
 
 def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_opened(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="no directory"):
+    with pytest.raises(UsageError, match="not a directory"):
         tune(TuneSettings("heading", Broken("sitl:x"), tmp_path / "file" / "run"), Unattended(), SilentWatcher(), "")
 
 

@@ -157,13 +157,13 @@ def test_what_once_flew_or_failed_late_is_refused_at_once(bare, capsys):
     [
         ("--relay-output", "5", "Did you mean 0.05"),
         ("--throttle", "50", "Did you mean 0.5"),
-        ("--step", "500", "Did you mean 5 (500 is that in hundredths of a degree)"),
-        ("--step", "0.5", "Did you mean 28.6479 (0.5 is that in radians)"),
+        ("--step", "500", "Did you mean 5 (500 in hundredths of a degree)"),
+        ("--step", "0.5", "Did you mean 28.6479 (0.5 in radians)"),
         ("--speed", "120", "Did you mean 1.2"),
         ("--max-distance", "-5", "Did you mean 5?"),
         ("--relay-output", "0,3", "Did you mean 0.3?"),
         ("--baud", "57", "Did you mean 57000"),
-        ("--max-time", "99999", "Did you mean 99.999 (99999 is that in milliseconds)"),
+        ("--max-time", "99999", "Did you mean 99.999 (99999 in milliseconds)"),
     ],
 )
 def test_a_refusal_says_what_was_probably_meant(option, typed, words, bare, capsys):
@@ -290,12 +290,12 @@ def test_a_time_may_be_typed_with_its_unit(name, typed, value):
 
 @pytest.mark.parametrize("typed", ["tenmin", "10m", "min", "1e9h", "nans"])
 def test_what_only_looks_like_a_time_is_refused(typed):
-    with pytest.raises(UsageError, match=r"no number|out of range|no finite"):
+    with pytest.raises(UsageError, match=r"not a number|out of range|not a finite"):
         limit_of("max-time").parse(typed)
 
 
 def test_no_other_number_has_a_unit_of_time():
-    with pytest.raises(UsageError, match="is no number"):
+    with pytest.raises(UsageError, match="is not a number"):
         limit_of("max-distance").parse("30min")
 
 

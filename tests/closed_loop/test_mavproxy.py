@@ -158,7 +158,7 @@ def test_a_link_that_broke_under_mavproxy_is_lost_in_words():
     def broken(data: bytes) -> None:
         raise OSError("no such device")
 
-    with pytest.raises(LinkLost, match="no such device; look at `link` in MAVProxy"):
+    with pytest.raises(LinkLost, match="no such device; check `link` in MAVProxy"):
         mavproxy.MavproxyLink("mavproxy:here", broken).write(b"x")
 
 
@@ -189,7 +189,7 @@ def a_module(signs: bool = False, override: int = 0):
         ("stop", "nothing is running", {}),
         ("status", "nothing is running", {}),
         ("headding", "invalid choice: 'headding'", {}),
-        ("heading --connect sitl:charlie", "link and console are MAVProxy's", {}),
+        ("heading --connect sitl:charlie", "MAVProxy provides link and console", {}),
         ("heading", "MAVProxy signs this link", {"signs": True}),
         ("heading", "`rc all 0` first", {"override": 1500}),
     ],

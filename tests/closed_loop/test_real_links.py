@@ -139,5 +139,5 @@ def test_after_a_power_cut_in_mid_proof_restore_puts_the_old_gains_back(tmp_path
     left = (tmp_path / "changed.param").read_text().splitlines()
     assert any(line not in left for line in before), "the cut came before anything was written"
     assert set(before) <= set((tmp_path / "after.param").read_text().splitlines())
-    assert "verified by reading it back" in restored.stdout
+    assert "verified by reading back" in restored.stdout
     assert "nothing to restore" in again.stdout

@@ -278,8 +278,8 @@ def test_the_axis_of_a_coupled_craft_is_taken_out_of_it() -> None:
     at = form.dofs.index("yaw")
     assert r.model.alpha == pytest.approx(float(model.base.inertia[at, at]) / 0.8)
     assert r.model.beta == pytest.approx(0.6 / 0.8)
-    assert "pulling together" in r.remarks[0].treated
-    with pytest.raises(UsageError, match="not about heave"):
+    assert "full output is the sum of" in r.remarks[0].treated
+    with pytest.raises(UsageError, match="not of heave"):
         reduce(model, "heave", {})
 
 

@@ -67,8 +67,8 @@ def test_overshoot_is_avoided_where_it_costs_little(refined: Mapping[str, Propos
 
 def test_the_reasons_and_notes_say_that_the_error_over_time_decided(refined: Mapping[str, Proposal]) -> None:
     proposal = refined[SMALL_THRUSTER]
-    assert any("least predicted error over time" in change.reason for change in proposal.changes)
-    assert any("chosen for the least predicted error over time" in note for note in proposal.notes)
+    assert any("smallest predicted tracking error" in change.reason for change in proposal.changes)
+    assert any("chosen for the smallest predicted tracking error" in note for note in proposal.notes)
 
 
 def test_a_wish_of_the_users_is_matched_and_not_polished() -> None:
@@ -114,7 +114,7 @@ def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm
     assert calm.after.metrics.itae == near, "without one, the other gains give 20 s^2"
     rough = {change.parameter: change.new for change in noisy.changes}
     assert rough.get("ATC_STR_RAT_D", 0.0) < 0.5 * gains["ATC_STR_RAT_D"]
-    assert any("documented ranges hold these gains back" in note for note in calm.notes)
+    assert any("documented ranges limit these gains" in note for note in calm.notes)
 
 
 def test_a_derivative_that_does_not_pay_takes_nothing_from_the_gains_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,30 +36,30 @@ def test_what_just_meets_a_limit_is_kept_and_what_just_misses_it_is_not(name: st
         assert verdict.better is is_kept
         assert len(verdict.reasons) == 6
         words = " ".join(verdict.reasons)
-        assert ("allowed" in words or "is asked for" in words) is not is_kept
+        assert ("allowed" in words or "is required" in words) is not is_kept
 
 
 def test_the_reason_tells_old_new_and_by_how_much() -> None:
     reasons = is_better(OLD, replace(NEW, itae=3.0, overshoot=0.25, travel=1.5)).reasons
-    assert reasons[0] == "error over time (ITAE) 2 -> 3 s^2, 50% higher; at least 5% lower is asked for"
+    assert reasons[0] == "tracking error (ITAE) 2 -> 3 s^2, 50% higher; at least 5% lower is required"
     assert reasons[1] == "overshoot 0.0% -> 25.0% of the step, more than the 15.0% allowed"
     assert reasons[4] == "actuator travel 0.10 -> 1.50 full strokes per second, more than the 1.00 allowed"
-    assert is_better(OLD, NEW).reasons[0] == "error over time (ITAE) 2 -> 1 s^2, 50% lower"
+    assert is_better(OLD, NEW).reasons[0] == "tracking error (ITAE) 2 -> 1 s^2, 50% lower"
     nothing_to_lower = is_better(replace(OLD, itae=0.0), NEW).reasons[0]
-    assert nothing_to_lower == "error over time (ITAE) 0 -> 1 s^2, higher; at least 5% lower is asked for"
+    assert nothing_to_lower == "tracking error (ITAE) 0 -> 1 s^2, higher; at least 5% lower is required"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "is_kept", "words"),
     [
         ({}, {"settling": 9.0}, True, "settled after 9.0 s"),
-        ({}, {"settling": NEITHER}, False, "did not settle to 5 %; the old gains did in 3.0 s"),
-        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step was within 5 % when its record ended"),
+        ({}, {"settling": NEITHER}, False, "not settled within 5 %; the old gains settled in 3.0 s"),
+        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled within 5 % in its record"),
         ({"settling": NEITHER}, {}, True, "settled after 3.0 s"),
-        ({}, {"settling": NEITHER, "hidden_by_noise": True}, True, "settling cannot be read: the noise is wider"),
-        ({}, {"itae": NEITHER}, False, "the new step's error could not be measured"),
+        ({}, {"settling": NEITHER, "hidden_by_noise": True}, True, "settling time not readable: the noise exceeds"),
+        ({}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
         ({"itae": NEITHER}, {}, True, "before it could not be measured"),
-        ({"itae": NEITHER}, {"itae": NEITHER}, False, "the new step's error could not be measured"),
+        ({"itae": NEITHER}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
     ],
 )
 def test_what_could_not_be_measured_speaks_against_the_new_step_only(
@@ -88,7 +88,7 @@ def test_an_oscillation_within_the_scatter_of_the_measurement_counts_as_the_same
     assert scatter["oscillation"] == pytest.approx(math.sqrt((0.016**2 + 0.012**2) / 4.0))
     verdict = is_better(old, new, scatter=scatter)
     assert verdict.better
-    assert "remaining oscillation 7.1% -> 8.2% of the step, within the scatter of the measurement" in verdict.reasons
+    assert "remaining oscillation 7.1% -> 8.2% of the step, within measurement scatter" in verdict.reasons
     assert is_better(old, new, scatter=scatter_of(halves(0.071, 0.071), halves(0.082, 0.082))).better
     assert not is_better(old, replace(new, oscillation=0.16), scatter=scatter).better
 

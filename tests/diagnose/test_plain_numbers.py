@@ -127,8 +127,8 @@ def test_a_number_that_its_error_swallows_says_so_and_is_never_a_headline():
     value, std = if_told(0.0, 1400.0, 1.0)
     vague = replace(told.numbers.rows[0], given=value, given_std=std, value=value, std=std, wrong=False)
     assert if_told(0.27, 0.1, 0.27) == (0.27, 0.1)
-    assert given_words(vague) == "not told"
-    assert found_words(vague) == "not told by these runs"
+    assert given_words(vague) == "not stated"
+    assert found_words(vague) == "not identifiable from these runs"
     numbers = replace(told.numbers, rows=(vague, *told.numbers.rows[1:]))
     said = render_text(diagnosis_summary(replace(told, numbers=numbers)))
     assert "nan" not in said

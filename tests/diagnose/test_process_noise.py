@@ -117,7 +117,7 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert 0.05 < found.missing.size < 0.3
     assert "process-noise" in {d.slug for d in found.doubts}
     assert found.causes[0].is_structural
-    told = dict(evidence_remarks(found, found.causes[0]))["How strong the evidence is"]
+    told = dict(evidence_remarks(found, found.causes[0]))["Evidence"]
     assert told.startswith("Very strong: +")
     assert len(found.ranking[0].unseen) == 3
 
@@ -362,7 +362,8 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
     fits = [
-        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t) for n, t in ((5, 0), (6, 20))
+        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t, errors_of=lambda _: {})
+        for n, t in ((5, 0), (6, 20))
     ]
     before = [on_unseen(0.0), on_unseen(0.0)]
     judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
@@ -401,7 +402,7 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
-    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_: None)
+    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_, **__: None)
     runs = weathered(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]
@@ -425,7 +426,7 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     assert look_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())
-    assert verdict_headline(found).text.startswith("Something is missing, and no name is given: no model")
+    assert verdict_headline(found).text.startswith("An effect is missing, but no cause is reported: no model")
 
 
 @pytest.mark.parametrize(("factor", "another"), [(1.0, False), (20.0, False), (1000.0, True), (0.001, True)])

@@ -193,7 +193,7 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
 def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> None:
     _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
     headline = verdict_headline(found)
-    assert headline.text == "Unfinished: the search used up its time and was stopped. --resume goes on from here."
+    assert headline.text == "Unfinished: the search reached its time limit and was stopped. Use --resume to continue."
     assert found.left.findings == ("not looked at: the search was stopped",)
     (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")
     assert doubt.cause.count("not begun") == 1

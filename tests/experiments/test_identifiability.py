@@ -86,7 +86,7 @@ def test_an_unknown_thrust_scale_is_found_to_be_exact() -> None:
     (scale,) = (d for d in found.directions if d.exact)
     assert scale.scaling and set(scale.members) == {"X_udot", "X_u", "X_uu", "k_X"}
     assert all(np.isinf(s) for s in found.information.std)
-    assert "scaled together by any factor" in found.doubts[0].cause
+    assert "a common factor on" in found.doubts[0].cause
     assert "bollard pull" in found.doubts[0].cure
 
 
@@ -101,7 +101,7 @@ def test_sway_drag_is_called_hardly_seen_when_sway_is_small() -> None:
     runs = [recorded(Zigzag(N=1.0, angle=3.0), 40.0, 3)]
     form = replace(FORM.freeing("Y_vv"), start={**FORM.start, "Y_vv": -5.0})
     found = identifiability(fit(runs, form, delay=0.0), runs)
-    (own,) = (d for d in found.doubts if "Y_vv" in d.cause and "hardly sees" in d.cause)
+    (own,) = (d for d in found.doubts if "Y_vv" in d.cause and "poorly identifiable" in d.cause)
     assert "sway stays below 0." in own.cause
 
 

@@ -96,12 +96,12 @@ def test_the_outputs_that_drive_a_force_are_named_with_their_own_factors() -> No
 
 
 def test_a_motor_whose_output_does_something_else_is_refused_with_its_cure() -> None:
-    with pytest.raises(PreconditionFailed, match=r"motor 8 of FRAME_CONFIG 2 .* SERVO8_FUNCTION is 7: set .* to 40"):
+    with pytest.raises(PreconditionFailed, match=r"motor 8 of FRAME_CONFIG 2 .* SERVO8_FUNCTION is 7. Set .* to 40"):
         on(2, SERVO8_FUNCTION=7.0)
 
 
 UNSUITED = {
-    "sailboat": ({"SAIL_ENABLE": 1.0}, "SAIL_ENABLE is 1: a sailboat", "SAIL_ENABLE 0"),
+    "sailboat": ({"SAIL_ENABLE": 1.0}, "SAIL_ENABLE is 1: a sailboat", "SAIL_ENABLE to 0"),
     "omni": ({"FRAME_TYPE": 4.0}, "FRAME_TYPE is 4: an omni frame", "set FRAME_TYPE to 0"),
     "balance bot": ({"FRAME_CLASS": 3.0}, "FRAME_CLASS is 3: a balance bot", "set FRAME_CLASS to 2"),
 }

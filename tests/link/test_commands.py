@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.errors import ArmingRefused, CommandDenied, ModeRefused, NoReply, UnknownName
+from gcs_autotune.errors import ArmingRefused, CommandDenied, LinkLost, ModeRefused, NoReply, UnknownName
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, MemoryLink, Session
 
@@ -104,6 +104,16 @@ def test_a_mode_accepted_but_not_taken_up_is_refused(commands: Commands, boat: S
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 0)
     with pytest.raises(ModeRefused, match="is in MANUAL"):
         commands.set_mode("HOLD")
+
+
+def test_a_mode_is_not_ordered_again_while_the_vehicle_is_silent(commands: Commands, boat: ScriptedVehicle) -> None:
+    """Another station may have ordered one meanwhile; a copy that arrives when the link is back would undo that."""
+    boat.on["COMMAND_LONG"] = lambda m: None
+    boat.mute.add("HEARTBEAT")
+    with pytest.raises((NoReply, LinkLost)):
+        commands.set_mode("HOLD")
+    orders = [m for m in boat.heard if m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_DO_SET_MODE]
+    assert len(orders) == 1
 
 
 def test_an_unknown_mode_gets_the_nearest_names(commands: Commands) -> None:

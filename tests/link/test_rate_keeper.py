@@ -230,7 +230,7 @@ def test_while_a_mode_order_of_ours_is_on_its_way_both_modes_are_expected() -> N
         ours.session.custom_mode = mode
         ours.monitor.check()
     ours.session.custom_mode = 4
-    ours.monitor.confirm_mode()
+    ours.monitor.confirm_mode(4)
     ours.session.custom_mode = 15
     assert ours.trips().guard == "mode"
 

@@ -125,9 +125,9 @@ def test_a_time_that_cannot_be_kept_is_said_and_no_reason_to_stop(tmp_path: Path
     (tmp_path / "taken").write_text("a file where the folder should be")
     store = StampStore(tmp_path / "taken" / "folder")
     assert Signer(KEY, lambda: NOW, store).next_stamp() == stamp()
-    assert "cannot be kept" in store.trouble
+    assert "cannot be stored" in store.trouble
     (tmp_path / "signing-time").write_text("garbage")
-    assert "cannot be kept" in StampStore(tmp_path).trouble
+    assert "cannot be stored" in StampStore(tmp_path).trouble
 
 
 # --- the key -------------------------------------------------------------------------------------------------

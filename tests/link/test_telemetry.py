@@ -112,7 +112,7 @@ def test_a_rovs_motors_may_sit_on_other_outputs(rov: ScriptedVehicle) -> None:
 
 def test_an_unknown_frame_is_refused_by_number(rov: ScriptedVehicle) -> None:
     rov.parameters["FRAME_CONFIG"] = 9
-    with pytest.raises(PreconditionFailed, match="FRAME_CONFIG 9 is not a frame we know"):
+    with pytest.raises(PreconditionFailed, match="FRAME_CONFIG 9 is not supported"):
         servo_map(rov, SUB)
 
 

@@ -98,7 +98,7 @@ def test_a_vertical_speed_that_an_older_autopilot_counts_upwards_is_turned_by_wh
     channels, sources = motion_channels(found)
     turned = bool(channels["w"].values[0] * vz < 0.0)
     assert turned is down
-    assert sources["w"] == (f"{source}, counted upwards" if down else source)
+    assert sources["w"] == (f"{source}, converted to depth" if down else source)
 
 
 @pytest.mark.parametrize("count", [19, 20])

@@ -300,9 +300,9 @@ class Log:
     ("damaged", "is_stray", "words"),
     [
         (0, False, ""),
-        (2, False, "2 stretches of the log (9 bytes) were damaged and left out"),
-        (0, True, "1 stamps were damaged and left out"),
-        (2, True, "2 stretches of the log (9 bytes) and 1 stamps were damaged and left out"),
+        (2, False, "2 segments of the log (9 bytes) were damaged and skipped"),
+        (0, True, "1 timestamps were damaged and skipped"),
+        (2, True, "2 segments of the log (9 bytes) and 1 timestamps were damaged and skipped"),
     ],
 )
 @pytest.mark.parametrize("binary", [True, False])
@@ -315,7 +315,7 @@ def test_a_log_is_read_piece_by_piece_and_its_damage_is_doubted(
     monkeypatch.setattr(dataflash, "BinaryLog" if binary else "DataflashTextLog", log)
     found = record_dataflash(path)
     assert [n[:2] for n in found.notes] == ([("damaged-log", words)] if words else [])
-    assert found.form == f"log on board ({'binary' if binary else 'text'})"
+    assert found.form == f"onboard log ({'binary' if binary else 'text'})"
     assert found.meta == {
         "source": "a.bin", "messages": 7, "damaged": damaged, "damaged_bytes": 9, "damaged_stamps": int(is_stray),
         "truncated": True,
@@ -332,5 +332,5 @@ def test_what_begins_with_neither_or_holds_nothing_is_no_log(tmp_path: Path) -> 
     with pytest.raises(BadFile, match="neither a binary message nor a FMT line"):
         record_dataflash(path)
     path.write_bytes(b"FMT, 128")
-    with pytest.raises(BadFile, match="holds no dataflash message"):
+    with pytest.raises(BadFile, match="contains no dataflash message"):
         record_dataflash(path)

@@ -49,7 +49,7 @@ def test_a_log_without_any_stamp_is_named_as_one(tmp_path: Path) -> None:
     path = tmp_path / "first.log"
     text = as_text([("MSG", ("ArduRover v2.40",)), *(("ATT", (k, 0.0, 0.0, 10.0)) for k in range(50))])
     path.write_text(text.replace("IccC, TimeMS,Roll", "IccC, Nr,Roll"), encoding="utf-8")
-    with pytest.raises(BadFile, match=r"first\.log is a log of ArduRover v2\.40 whose messages carry no time stamp"):
+    with pytest.raises(BadFile, match=r"first\.log is a log of ArduRover v2\.40 whose messages have no timestamp"):
         record(path)
 
 
@@ -71,7 +71,7 @@ def test_a_log_of_a_copter_says_so(tmp_path: Path) -> None:
 def test_a_log_without_parameters_names_the_option_and_no_link(tmp_path: Path) -> None:
     path = tmp_path / "bare.log"
     path.write_text(as_text([row for row in sailed() if row[0] != "PARM"]), encoding="utf-8")
-    with pytest.raises(NotInformative, match=r"bare\.log .*no parameters \(0\).*--parameters FILE") as refused:
+    with pytest.raises(NotInformative, match=r"bare\.log .*no parameters.*--parameters FILE") as refused:
         load_runs(path)
     log = record(path)
     assert log is not None

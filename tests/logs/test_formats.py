@@ -59,7 +59,7 @@ def test_a_matlab_file_gives_the_vectors_beside_its_times(tmp_path: Path, nested
 def test_the_columns_of_a_matlab_file_are_named_by_the_user(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     path.write_bytes(mat(zeit=1000.0 * T, kurs=np.degrees(PSI), ruder=N))
-    with pytest.raises(BadFile, match=r"log\.mat .*without a vector of times.*zeit, kurs, ruder.*--columns OLD=t\[s\]"):
+    with pytest.raises(BadFile, match=r"log\.mat .*without a time vector.*zeit, kurs, ruder.*--columns OLD=t\[s\]"):
         load_runs(path)
     (run,) = load_runs(path, columns={"zeit": "t[ms]", "kurs": "psi[deg]", "ruder": "N"})
     assert run["psi"].t == pytest.approx(T)
@@ -137,8 +137,9 @@ def frames(folder: Path, stamped: bool = False) -> bytes:
 
 
 FOREIGN: Sequence[tuple[bytes, str]] = (
-    (zipped("00000049.BIN"), r"is a zip archive: unpack it: unzip mine.* \(it holds 00000049\.BIN\)"),
+    (zipped("00000049.BIN"), r"is a zip archive: unpack it: unzip mine.* \(it contains 00000049\.BIN\)"),
     (zipped("[Content_Types].xml", "xl/workbook.xml"), "is an Excel workbook: export it .*CSV"),
+    (zipped("[Content_Types].xml", "word/document.xml"), "is a document of Word or PowerPoint: give the data"),
     (zipped("mimetype", "content.xml"), "is a spreadsheet of LibreOffice: export it"),
     (zipped("t.npy", "psi.npy"), "is NumPy's .npz.*savetxt"),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "is an old Excel workbook"),
@@ -148,13 +149,13 @@ FOREIGN: Sequence[tuple[bytes, str]] = (
     (tarred(), "is a tar archive"),
     (b"\x89HDF\r\n\x1a\n" + bytes(500), "is a MATLAB file of version 7.3, or another HDF5 file.*-v7"),
     (b"PAR1" + bytes(80), "is Parquet"),
-    (b'{"t": [0, 1]}', "is JSON: give a run as CSV"),
+    (b'{"t": [0, 1]}', "is JSON: use CSV"),
     (b"<?xml version='1.0'?><gpx></gpx>", "is a track in XML"),
     (b"<!DOCTYPE html><html></html>", "is a web page"),
     (b"$GPRMC,081836,A,3751.65,S\r\n$GPGGA,1\r\n", "is NMEA sentences"),
     (b"QGC WPL 110\n0\t1\t0\t16\n", "is a list of waypoints"),
-    (b"SERVO1_FUNCTION,26\nSERVO1_MIN,1100\nSERVO1_MAX,1900\n", "is a list of parameters: give it with --parameters"),
-    (b"ATT: 12, 15, 20000\nGPS: 130040903, 1, 8\n", "is an early ArduPilot log without FMT lines"),
+    (b"SERVO1_FUNCTION,26\nSERVO1_MIN,1100\nSERVO1_MAX,1900\n", "is a list of parameters: use it with --parameters"),
+    (b"ATT: 12, 15, 20000\nGPS: 130040903, 1, 8\n", "is an ArduPilot log without FMT lines"),
     (b"%PDF-1.7\n", "is a PDF"),
     (b"\x89PNG\r\n\x1a\n", "is a picture"),
 )
@@ -175,7 +176,7 @@ def test_what_no_reader_knows_is_named_whatever_it_is_called(tmp_path: Path, nam
 
 def test_mavlink_without_stamps_and_a_database_are_named(tmp_path: Path) -> None:
     for content, words in (
-        (frames(tmp_path), "MAVProxy's .raw.: give the telemetry log"),
+        (frames(tmp_path), "MAVProxy's .raw.: use the telemetry log"),
         (database(tmp_path), "SQLite"),
     ):
         path = tmp_path / "mine.tlog"
@@ -194,13 +195,13 @@ def test_a_log_and_a_table_are_read_by_any_name(tmp_path: Path, name: str) -> No
     board.boat()
     board.row("ATT", 100.0, 0.5, 1.5, 10.0)
     log = record(board.write(path))
-    assert log is not None and log.form == "log on board (binary)"
+    assert log is not None and log.form == "onboard log (binary)"
     path.write_text("t[s],psi[deg],N\n0,1,1\n1,2,1\n", encoding="utf-8")
     assert load_runs(path)[0]["psi"].t.tolist() == [0.0, 1.0]
 
 
 def test_a_folder_without_runs_says_what_it_holds(tmp_path: Path) -> None:
-    with pytest.raises(BadFile, match=r"is a folder without a recorded run.*; it is empty"):
+    with pytest.raises(BadFile, match=r"is a folder without a recorded run.*\. It is empty"):
         load_runs(tmp_path)
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(BadFile, match=r"\*\.ulg.*; it holds notes\.txt"):

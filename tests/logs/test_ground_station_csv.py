@@ -103,7 +103,7 @@ def test_a_csv_that_is_mostly_nonsense_is_refused_with_what_to_do(tmp_path: Path
     text = planner(flown, "%Y-%m-%dT%H:%M:%S.%f", new_head, str)
     spoilt = "\n".join(line[: len(line) // 3] if i % 3 else line for i, line in enumerate(text.splitlines()))
     (tmp_path / "dive.csv").write_text(spoilt)
-    with pytest.raises(BadFile, match=r"make no sense as Mission Planner CSV.*\.tlog"):
+    with pytest.raises(BadFile, match=r"cannot be read as Mission Planner CSV.*\.tlog"):
         record(tmp_path / "dive.csv")
 
 

@@ -55,7 +55,7 @@ def test_a_list_writes_nothing_and_says_what_runs_may_tell(
         "ArduRover (system 1)",
         "ATTITUDE",
         "dive#2 GUIDED 40-60 s",
-        "yaw: worth a try",
+        "yaw: possibly usable",
         "after 1 min 00 s disarmed",
     ):
         assert text in shown
@@ -73,7 +73,7 @@ def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys:
     beats(log, 0.0, 30.0, armed=False)
     assert main(["logs", "list", str(log.write(tmp_path / "idle.tlog"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "No run to identify from. It was never armed." in shown
+    assert "No run to identify from. The vehicle was never armed." in shown
     assert "Course: MANUAL; disarmed." in shown
 
 
@@ -104,7 +104,7 @@ def test_runs_are_never_written_over_and_names_never_collide(
     assert main(["logs", "import", str(dive), str(other), "--out", str(out)]) == 0
     assert len(list(out.glob("*.csv"))) == 4
     assert main(["logs", "import", str(dive), "--out", str(out)]) == 2
-    assert "holds runs already" in capsys.readouterr().err
+    assert "already contains runs" in capsys.readouterr().err
 
 
 def test_stretches_that_tell_nothing_are_written_only_when_asked_for(
@@ -119,4 +119,4 @@ def test_stretches_that_tell_nothing_are_written_only_when_asked_for(
     assert run["psi"].values[-1] == pytest.approx(np.radians(59.0))
     (tmp_path / "table.csv").write_text("t[s],psi[rad]\n0,1\n")
     assert main(["logs", "list", str(tmp_path / "table.csv")]) == 6
-    assert "it needs no import" in capsys.readouterr().err
+    assert "needs no import" in capsys.readouterr().err

@@ -37,7 +37,7 @@ def boat(start: float = 100.0, seconds: float = 20.0, course: float | None = Non
 def test_a_binary_log_becomes_a_run_with_its_first_imu_and_without_the_simulators_truth(tmp_path: Path) -> None:
     (run,) = load_runs(boat().write(tmp_path / "00000007.BIN"))
     assert run.name == "00000007#1 MANUAL 0-20 s"
-    assert (run.meta["format"], run.meta["clock"]) == ("log on board (binary)", "vehicle (TimeUS)")
+    assert (run.meta["format"], run.meta["clock"]) == ("onboard log (binary)", "vehicle (TimeUS)")
     assert run.meta["sources"]["r"] == "imu"
     assert np.allclose(run["r"].values, swing(20.0)["r"], atol=1e-6)
     assert set(run["N"].values) == {-0.4, 0.4}

@@ -89,7 +89,7 @@ def test_of_an_aborted_run_what_was_cut_off_and_its_steps_are_taken_with_a_doubt
     found = load_runs(leave(tmp_path, *runs))
     assert [run.name for run in found] == ["step", "swing"]
     assert [run.meta["notes"][0][0] for run in found] == ["makeshift-run-step", "makeshift-run-swing"]
-    assert "was cut off" in found[1].meta["notes"][0][1]
+    assert "is incomplete" in found[1].meta["notes"][0][1]
 
 
 def test_of_a_run_that_got_no_further_than_its_check_the_pulses_are_taken(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_of_a_run_that_got_no_further_than_its_check_the_pulses_are_taken(tmp_pa
 
 
 def test_a_directory_in_which_nothing_was_driven_says_what_it_holds(tmp_path: Path) -> None:
-    with pytest.raises(BadFile, match="no run in which an actuator was driven"):
+    with pytest.raises(BadFile, match="no run with an actuator driven"):
         load_runs(leave(tmp_path, ("turn", "transit", "completed")))
 
 

@@ -53,7 +53,7 @@ def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
 ) -> None:
     monkeypatch.setitem(MANOEUVRES, "wiggle", KIND)  # type: ignore[arg-type]
     assert main(["fly", "--list"]) == 0
-    assert "wiggle\n    left and right. Tells about yaw." in capsys.readouterr().out
+    assert "wiggle\n    left and right. Excites yaw." in capsys.readouterr().out
     out = tmp_path / "run"
     assert main(["fly", "wiggle", "--duration", "8", "--connect", "sitl:videoray", "--out", str(out), "--yes"]) == 0
     assert "Report:" in capsys.readouterr().out

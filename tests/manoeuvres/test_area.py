@@ -56,10 +56,10 @@ def test_a_geojson_file_is_read_with_its_holes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("45,9 45,10", "2 corners hold no water"),
-        ("45,9 45;10 46,9", "'45' is no corner"),
-        ("harbour", "'harbour' is no corner"),
-        ("95,9 45,10 46,9", "95,9 is no latitude and longitude"),
+        ("45,9 45,10", "2 corners do not enclose an area"),
+        ("45,9 45;10 46,9", "'45' is not a corner"),
+        ("harbour", "'harbour' is not a corner"),
+        ("95,9 45,10 46,9", "95,9 is not a latitude and longitude"),
     ],
 )
 def test_what_is_no_area_is_said(text: str, words: str) -> None:
@@ -82,7 +82,7 @@ def test_the_area_is_a_guard_and_a_position_that_is_lost_trips_it() -> None:
         watch.check(at_rest(x=102.0, y=50.0))
     with pytest.raises(GuardTripped, match="is 4 cm outside the lake"):
         watch.check(at_rest(x=100.04, y=50.0))
-    with pytest.raises(GuardTripped, match="cannot be watched any more"):
+    with pytest.raises(GuardTripped, match="can no longer be monitored"):
         watch.check(at_rest(x=math.nan, y=50.0))
 
 
@@ -91,7 +91,7 @@ def test_the_area_is_a_guard_and_a_position_that_is_lost_trips_it() -> None:
 def test_any_corner_that_is_nowhere_on_earth_is_refused(place: int, bad: str) -> None:
     corners = ["45,5", "45,6", "46,6"]
     corners[place] = bad
-    with pytest.raises(UsageError, match=r"is no (corner|latitude and longitude)"):
+    with pytest.raises(UsageError, match=r"is not a (corner|latitude and longitude)"):
         read_area(" ".join(corners))
 
 

@@ -26,7 +26,7 @@ def test_from_any_bearing_quick_and_slow_boats_come_back_without_weaving(
     boat = PaperCraft(SingleDof("yaw", "1", lag / gain, 1.0 / gain), 1.0, "a test")
     seen = preview(ComeBack(50.0 * math.cos(bearing), 50.0 * math.sin(bearing), 0.5), boat, FREE)
     assert seen.outcome is not None
-    assert seen.outcome.reason.startswith("back, 5 m from where it began")
+    assert seen.outcome.reason.startswith("back, 5 m from the start")
     N = seen.trial["N"].values
     assert np.count_nonzero(np.diff(np.sign(N[np.abs(N) > 0.1]))) <= 2
 
@@ -35,11 +35,11 @@ def test_a_boat_without_a_position_and_one_that_makes_no_way_say_so() -> None:
     lost = ComeBack(10.0, 0.0, 0.5)
     next(lost.commands(at_rest(x=math.nan)))
     assert lost.outcome is not None
-    assert "tells no position" in lost.outcome.reason
+    assert "reports no position" in lost.outcome.reason
     still = preview(ComeBack(30.0, 0.0, 0.5), PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test"), FREE)
     assert still.outcome is not None
     assert still.outcome.ending == "stopped"
-    assert "still 30 m from where it began after 160 s" in still.outcome.reason
+    assert "still 30 m from the start after 160 s" in still.outcome.reason
 
 
 @pytest.mark.parametrize(("roll", "ending"), [(1.0, "completed"), (6.0, "aborted")])
@@ -112,7 +112,7 @@ def test_a_craft_with_hardly_any_drag_is_brought_to_rest_by_a_light_hand(rate: f
     while rest.outcome is None:
         pond.send(command)
         command = commands.send(pond.observe())
-    assert rest.outcome.reason == "it lies still"
+    assert rest.outcome.reason == "at rest"
     assert abs(pond.r) <= 1.5 * STILL[0], "the rms of a second is within"
     assert 2.0 < pond.clock.now() - begun < REST
 
@@ -146,5 +146,5 @@ def test_single_readings_of_a_craft_that_swings_about_rest_in_a_dead_band_keep_n
     rest = ComeToRest()
     rows = answered(rest, lambda t, command: at_rest(t=t, r=1.2 * STILL[0] * math.sin(6.0 * t)))
     assert rest.outcome is not None
-    assert rest.outcome.reason == "it lies still"
+    assert rest.outcome.reason == "at rest"
     assert rows[-1][0].t < 3.0

@@ -48,22 +48,20 @@ def test_one_whose_loop_swings_or_holds_another_depth_is_deep_enough_when_it_sta
     for offset, swing in ((0.0, 0.45), (0.4, 0.0), (-0.3, 0.0)):
         flown = dive(offset, swing)
         assert flown.outcome.ending == "completed", (offset, swing)
-        assert flown.outcome.reason.endswith("deep enough, though it does not settle")
+        assert flown.outcome.reason.endswith("deep enough, but not settled")
 
 
 def test_one_that_stays_up_is_said_to_with_what_its_thrusters_do() -> None:
     flown = dive(offset=-1.2)
     assert flown.outcome.ending == "aborted"
-    assert (
-        "is 0.3 m deep and does not come to 1.5 m within 60 s, with +0.30 of full thrust down" in flown.outcome.reason
-    )
-    assert "too buoyant" in flown.outcome.reason
+    assert "is 0.3 m deep and did not reach 1.5 m within 60 s, with +0.30 of full thrust down" in flown.outcome.reason
+    assert "Check buoyancy" in flown.outcome.reason
 
 
 def test_one_that_sinks_beyond_is_not_said_to_be_buoyant() -> None:
     flown = dive(offset=4.0)
     assert flown.outcome.ending == "aborted"
-    assert "does it sink by itself" in flown.outcome.reason
+    assert "Check its buoyancy" in flown.outcome.reason
     assert "buoyant" not in flown.outcome.reason
 
 
@@ -107,4 +105,4 @@ def test_after_its_patience_it_is_enough_to_have_been_deep_for_long(depth, until
     assert rows[-1][0].t == until
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == ending
-    assert ("does not settle" in manoeuvre.outcome.reason) is (ending == "completed")
+    assert ("not settled" in manoeuvre.outcome.reason) is (ending == "completed")

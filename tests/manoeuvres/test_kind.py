@@ -29,7 +29,7 @@ def test_a_row_is_itself_for_its_own_force_or_none_and_another_for_one_that_it_c
     both = row(drives=frozenset({"N", "X"}))
     assert both.of("") is both
     for force in ("N", "X", "Z"):
-        with pytest.raises(UsageError, match=f"waltz drives N and X; it takes no --force {force}"):
+        with pytest.raises(UsageError, match=f"waltz drives N and X and does not accept --force {force}"):
             both.of(force)
 
 

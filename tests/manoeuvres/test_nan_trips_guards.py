@@ -64,7 +64,7 @@ def test_a_guarded_signal_that_is_no_number_any_more_trips_its_guard(guard, valu
     with pytest.raises(GuardTripped) as caught:
         watch.check(at_rest(**{**CHARGED, SIGNALS[guard.name]: value}))
     assert caught.value.guard == guard.name
-    assert "cannot be watched" in str(caught.value)
+    assert "can no longer be monitored" in str(caught.value)
 
 
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
@@ -96,7 +96,7 @@ def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains(
     commands.send(at_rest(t=0.1, z=math.nan))
     assert step.outcome is not None
     assert step.outcome.ending == "aborted"
-    assert "no number" in step.outcome.reason
+    assert "does not report" in step.outcome.reason
 
 
 def test_a_depth_that_is_no_number_is_not_the_depth_wanted():

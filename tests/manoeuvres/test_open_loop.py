@@ -44,7 +44,7 @@ def test_a_chirp_rises_over_its_fade_in_and_sweeps_from_one_frequency_to_the_oth
     assert periods[1] == pytest.approx(1.0 / 0.12, rel=0.35)
     assert np.median(periods[-8:]) == pytest.approx(1.05, rel=0.1)
     assert not N[t < begin].any()
-    with pytest.raises(UsageError, match="longer than the 10 s"):
+    with pytest.raises(UsageError, match="exceed the 10 s"):
         flown("chirp", duration=10.0, f_start=0.1, f_stop=1.0, fade_in=9.0, fade_out=5.0)
 
 
@@ -57,7 +57,7 @@ def test_a_multisine_has_its_lines_in_the_band_and_a_low_peak() -> None:
     assert spectrum[inside].sum() > 0.97 * spectrum.sum()
     assert np.abs(N).max() == pytest.approx(0.5, abs=0.01)
     assert np.abs(late).max() / late.std() < 2.0  # a sine has 1.41, sines in phase 5
-    with pytest.raises(UsageError, match="no whole period"):
+    with pytest.raises(UsageError, match="no period of a frequency"):
         flown("multisine", duration=5.0, f_start=0.01, f_stop=0.1)
 
 
@@ -123,7 +123,7 @@ def test_after_the_push_the_craft_is_let_go() -> None:
     t, Z = flown("free-decay", "Z", duration=30.0, push=5.0)
     assert (Z[(t > 1.0) & (t < 5.0)] == 0.5).all()
     assert not Z[t > 6.0].any()
-    with pytest.raises(UsageError, match="leaves nothing"):
+    with pytest.raises(UsageError, match="is not shorter"):
         flown("free-decay", "Z", duration=5.0, push=5.0)
 
 

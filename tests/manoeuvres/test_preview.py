@@ -44,7 +44,7 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
     assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
     assert seen.deep == 0.0
     assert "z" not in seen.trial.channels
-    assert "deg of turning at up to 17 deg/s, by" in seen.told()
+    assert "deg of turning at up to 17 deg/s (predicted from" in seen.told()
 
 
 def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
@@ -129,6 +129,6 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
 def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
     up = PaperCraft(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
     seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
-    assert seen.refusal == "it comes up to the surface, from 2.0 m: begin deeper, or push less"
+    assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or push less"
     assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""
     assert preview(held(Z=0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=0.1).trouble == ""

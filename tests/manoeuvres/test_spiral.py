@@ -41,7 +41,7 @@ def test_helms_go_in_steps_to_the_other_side_and_back(side: int) -> None:
     for mark, after in pairwise(marks):
         assert at[round(after.t, 3)].r == pytest.approx(0.3 * mark.detail["N"], abs=0.01), "held until it is steady"
     assert spiral.outcome is not None
-    assert spiral.outcome.reason == "9 helms held"
+    assert spiral.outcome.reason == "9 rudder levels held"
     assert rows[-1][1].N == 0.0
     assert spiral.settings["levels"] == 2
 
@@ -87,4 +87,4 @@ def test_a_craft_that_turns_slower_than_half_a_degree_a_second_is_given_up(gain:
     assert spiral.outcome.ending == ending
     assert rows[-1][1].N == 0.0
     if ending == "aborted":
-        assert "at 50% steering the craft turns at 0.5 deg/s only" in spiral.outcome.reason
+        assert "at 50% steering the craft turns at only 0.5 deg/s" in spiral.outcome.reason

@@ -51,7 +51,7 @@ def test_a_craft_without_way_or_that_does_not_tell_it_is_not_stopped(top: float,
     rows = answered(manoeuvre, Way(top, 0.01))
     assert manoeuvre.outcome is not None
     assert (manoeuvre.outcome.ending == "aborted") is aborts
-    assert ("no way to stop from" in manoeuvre.outcome.reason) is aborts
+    assert ("too little for a stopping" in manoeuvre.outcome.reason) is aborts
     assert rows[-1][1].X == 0.0
 
 
@@ -62,4 +62,4 @@ def test_one_that_goes_on_and_on_is_left_after_its_patience_with_what_it_still_m
     assert rows[-1][0].t - start == PATIENCE + 0.5
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == "stopped"
-    assert "from 2.00 m/s it still makes 1.82 m/s after 180 s" in manoeuvre.outcome.reason
+    assert "not stopped 180 s after 2.00 m/s: the craft still makes 1.82 m/s" in manoeuvre.outcome.reason

@@ -193,11 +193,13 @@ def test_a_relay_on_the_set_point_of_each_loop_is_previewed_to_its_end(force: st
 
 
 def test_a_row_that_steers_takes_no_other_force() -> None:
-    with pytest.raises(UsageError, match="takes no --force Z"):
+    with pytest.raises(UsageError, match="does not accept --force Z"):
         MANOEUVRES["spiral"].of("Z")
 
 
-@pytest.mark.parametrize(("least", "blind_at", "said"), [(0.3, 12.0, "tells no distance"), (4.9, math.inf, "nearer")])
+@pytest.mark.parametrize(
+    ("least", "blind_at", "said"), [(0.3, 12.0, "stopped reporting the distance"), (4.9, math.inf, "nearer")]
+)
 def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
     least: float, blind_at: float, said: str
 ) -> None:

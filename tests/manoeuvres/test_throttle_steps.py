@@ -196,7 +196,7 @@ def test_a_boat_that_makes_no_way_to_tell_anything_from_is_given_up(speed: float
 def test_a_speed_that_nobody_tells_is_waited_for_twelve_seconds() -> None:
     manoeuvre, rows, _ = told(lambda t, X: math.nan)
     assert manoeuvre.outcome is not None
-    assert "does not tell its speed" in manoeuvre.outcome.reason
+    assert "reports no speed" in manoeuvre.outcome.reason
     assert rows[-1][0].t == 112.5
     late, _, marks = told(lambda t, X: math.nan if t < 11.0 else 1.0)
     assert late.outcome is not None

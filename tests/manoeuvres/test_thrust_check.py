@@ -41,7 +41,7 @@ def test_a_craft_that_gains_speed_ahead_passes_on_the_first_pulse_whatever_way_i
     check, rows = fly(Pushed(1.0, way=way))
     assert check.outcome is not None
     assert check.outcome.ending == "completed"
-    assert check.outcome.reason.endswith("X acts the right way")
+    assert check.outcome.reason.endswith("X acts in the right direction")
     assert [m.detail["X"] for m in check.take_marks()] == [0.25]
     assert check.answer is not None
     assert check.answer.moved == pytest.approx(0.3, abs=0.1)
@@ -64,7 +64,9 @@ def test_a_small_pulse_that_tells_nothing_is_followed_by_the_next_after_a_rest()
     assert check.settings["output"] == 0.5
 
 
-@pytest.mark.parametrize(("push", "why"), [(-1.0, "the wrong way"), (0.005, "it is dead, or too weak"), (0.0, "dead")])
+@pytest.mark.parametrize(
+    ("push", "why"), [(-1.0, "the wrong way"), (0.005, "The thruster is dead or too weak"), (0.0, "dead")]
+)
 def test_astern_and_nothing_at_all_are_refused(push: float, why: str) -> None:
     outlets = (Outlet(3, 1500.0, 400.0),)
     check, _ = fly(Pushed(push), outlets=outlets, cure="turn the propeller round")
@@ -103,11 +105,11 @@ def test_a_craft_that_turns_round_on_thrust_alone_is_refused_but_not_for_the_dri
 def test_an_output_that_does_not_follow_or_stands_at_its_stop_is_refused() -> None:
     cut, _ = fly(Pushed(1.0, shown=lambda X: 0.4 * X))
     assert cut.outcome is not None
-    assert "+0.25 of full X was commanded, but the outputs show +0.10" in cut.outcome.reason
+    assert "commanded +0.25 of full X, but the outputs show +0.10" in cut.outcome.reason
     for stop in (0.95, -0.95):
         standing, rows = fly(Pushed(1.0, shown=lambda X, stop=stop: stop))
         assert standing.outcome is not None
-        assert f"X stands at {stop:+.2f} of full output" in standing.outcome.reason
+        assert f"X is at {stop:+.2f} of full output" in standing.outcome.reason
         assert {c.X for _, c in rows} == {0.0}
     lying, _ = fly(Pushed(1.0, shown=lambda X: 0.85 + X))
     assert lying.outcome is not None
@@ -117,7 +119,7 @@ def test_an_output_that_does_not_follow_or_stands_at_its_stop_is_refused() -> No
 def test_a_vehicle_that_does_not_tell_its_speed_is_given_up_in_time() -> None:
     check, rows = fly(lambda t, command: at_rest(t=t, u=math.nan))
     assert check.outcome is not None
-    assert "does not tell its speed" in check.outcome.reason
+    assert "reports no speed" in check.outcome.reason
     assert rows[-1][0].t == pytest.approx(UNKNOWN + 0.1)
 
 

@@ -71,7 +71,7 @@ def test_the_half_of_a_step_that_is_flown_then_is_cut_short_and_the_other_lasts_
     assert len(targets) == 3
     assert CRUISE * (targets[0] + 20.0 + there) == pytest.approx(100.0 - TO_COME_ABOUT * CRUISE, abs=2.0 * CRUISE)
     assert 10.0 < there < 30.0 and back == pytest.approx(4.0, abs=0.25)
-    assert re.search(r"the room ends 1\d s into the step and 4 s into the step back: \d+ m", found.outcome.reason)
+    assert re.search(r"out of space 1\d s into the step and 4 s into the step back: \d+ m", found.outcome.reason)
     assert "limit 100 m (--max-distance)" in found.outcome.reason
 
 
@@ -90,7 +90,7 @@ def test_throttle_steps_end_once_two_levels_are_flown() -> None:
     steps = ThrottleSteps(ThrottleStepsSettings(0.5, (0.4, 1.0, 0.7, 0.9)))
     found = flown(steps, 42.0, Loose())
     assert found.outcome.ending == "stopped"
-    assert "the room ends after 2 of 4 throttle levels" in found.outcome.reason
+    assert "out of space after 2 of 4 throttle levels" in found.outcome.reason
     with pytest.raises(GuardTripped, match="distance from start"):
         flown(ThrottleSteps(ThrottleStepsSettings(0.5)), 20.0, Loose())
 
@@ -105,7 +105,7 @@ def test_a_relay_on_the_set_point_ends_once_it_has_switched_often_enough() -> No
     assert short.outcome.ending == "stopped" and "reversals of the last relay" in short.outcome.reason
     assert len([m for m in short.trial.marks if m.kind == "relay"]) == 2
     first = flown(SetPointRelay(relays, CRUISE), CRUISE * began, Loose())
-    assert first.outcome.ending == "stopped" and "reversals of relay 1, and the room ends" in first.outcome.reason
+    assert first.outcome.ending == "stopped" and "reversals of relay 1: " in first.outcome.reason
     with pytest.raises(GuardTripped, match="distance from start"):
         flown(SetPointRelay(relays, CRUISE), 5.0 * CRUISE, Loose())
 
@@ -114,7 +114,7 @@ def test_the_edge_of_an_area_ends_the_room_as_well_as_the_limit_of_distance() ->
     relay = Relay(RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=1000, periods=900))
     found = flown(relay, 10_000.0, area=QUAY)
     assert found.outcome.ending == "stopped"
-    assert f"the room ends: {TO_COME_ABOUT * CRUISE:.0f} m before the edge of harbour.geojson" in found.outcome.reason
+    assert f"reversals: {TO_COME_ABOUT * CRUISE:.0f} m before the edge of harbour.geojson" in found.outcome.reason
 
 
 def test_a_craft_that_lies_still_has_room_up_to_the_edge() -> None:

@@ -50,7 +50,7 @@ def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side
 def test_an_angle_that_is_never_reached_is_given_up_with_the_number_and_the_cure() -> None:
     flown = fly(zigzag(60.0, patience=20.0), PondCraft(gain=0.02))
     assert flown.outcome.ending == "aborted"
-    assert "60 deg are wanted" in flown.outcome.reason
+    assert "60 deg required" in flown.outcome.reason
     assert "--heading" in flown.outcome.reason
 
 
@@ -67,7 +67,7 @@ def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_
     ahead = preview(zigzag(throttle=0.5), PAPER, Envelope(distance=5.0))
     assert "distance from start" in ahead.trouble
     slow = PaperCraft(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
-    assert "20 deg are wanted" in preview(zigzag(), slow, FREE).trouble
+    assert "20 deg required" in preview(zigzag(), slow, FREE).trouble
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -96,11 +96,11 @@ def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_ex
     given = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=9.0), Steering(0.5))
     assert answered(given, lambda t, command: at_rest(t=t))[-1][0].t == 9.0
     assert given.outcome is not None
-    assert given.outcome.reason == "1 executes flown in the time given"
+    assert given.outcome.reason == "1 executes flown in the available time"
     slow = ZigZag(ZigZagSettings(0.25, approach=1.0, patience=20.0), Steering(0.5))
     assert answered(slow, lambda t, command: at_rest(t=t, psi=0.01 * t))[-1][0].t == 21.5
     assert slow.outcome is not None
-    assert "after execute 1 the heading came to 11.7 deg in 20 s" in slow.outcome.reason
+    assert "after execute 1 the heading reached 11.7 deg in 20 s" in slow.outcome.reason
 
 
 @pytest.mark.parametrize("still", [True, False])

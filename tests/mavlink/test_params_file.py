@@ -136,10 +136,10 @@ def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("A,1\nB,2\nA,3\n", "line 3: 'A' is named in line 1 already"),
-        ("A,1\n1\t1\tA\t1\t9\n", "line 2: 'A' is named in line 1 already"),
-        ('{"A": 1, "A": 2}', "'A' is named twice"),
-        ('{"parameters": {"A": 1, "B": 2, "A": 1}}', "'A' is named twice"),
+        ("A,1\nB,2\nA,3\n", "line 3: 'A' is already in line 1"),
+        ("A,1\n1\t1\tA\t1\t9\n", "line 2: 'A' is already in line 1"),
+        ('{"A": 1, "A": 2}', "'A' appears twice"),
+        ('{"parameters": {"A": 1, "B": 2, "A": 1}}', "'A' appears twice"),
         ("A,1_0\n", "is not a parameter and a number"),
         ("A,٣\n", "is not a parameter and a number"),
         ("A,1e39\n", "is not a parameter and a number"),

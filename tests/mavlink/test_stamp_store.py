@@ -41,7 +41,7 @@ def test_a_file_that_cannot_be_kept_is_told_of_once_and_stops_nothing(tmp_path: 
     spoil(tmp_path / "signing-time")
     store = StampStore(tmp_path)
     assert store.last == 0
-    assert f"the signing time of earlier runs ({tmp_path / 'signing-time'}) cannot be kept" in store.trouble
+    assert f"the signing time of earlier runs ({tmp_path / 'signing-time'}) cannot be stored" in store.trouble
     said = store.trouble
     store.reach(5 * SECOND)
     assert store.trouble == said

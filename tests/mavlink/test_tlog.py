@@ -101,7 +101,7 @@ def test_a_disk_that_is_full_is_said_with_the_logs_name_whenever_it_shows(tmp_pa
         raise OSError(28, "No space left on device")
 
     log._stream = SimpleNamespace(write=fail, flush=fail, close=fail)  # type: ignore[assignment]
-    with pytest.raises(BadFile, match=r"a\.tlog cannot be written: No space left on device; check the disk"):
+    with pytest.raises(BadFile, match=r"a\.tlog cannot be written: No space left on device\. Check the disk"):
         getattr(log, act)(*([b"frame"] if act == "write" else []))
 
 

@@ -220,7 +220,7 @@ def kept() -> TuneStory:
         parameters_after={**PARAMETERS, **proposal().new},
         events=(
             (math.nan, "link: sitl:videoray"),
-            (0.4, "found: mode MANUAL, disarmed"),
+            (0.4, "State before the run: mode MANUAL, disarmed"),
             (97.2, "relay-1: completed, 5 periods within 10 % (90 s recorded)"),
             (212.8, "STATUSTEXT: leak detector quiet"),
             (400.1, "mode and armed state restored: MANUAL, disarmed"),

@@ -76,8 +76,8 @@ def test_the_verdict_is_one_sentence_with_both_errors_on_unseen_data():
     gain = story("dead-zone").gain
     said = verdict_headline(story("dead-zone")).text
     assert "dead zone on yaw moment (N), width 0.302 ± 0.006 N m" in said
-    assert f"{math.degrees(gain.after):.3g}°/s instead of {math.degrees(gain.before):.3g}°/s" in said
-    assert "not seen" in said
+    assert f"from {math.degrees(gain.before):.3g}°/s to {math.degrees(gain.after):.3g}°/s" in said
+    assert "held-out" in said
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
         assert said in text
         assert "95 % interval" in text
@@ -101,48 +101,48 @@ def test_the_commands_for_the_extended_model_can_be_copied_whatever_the_director
 def test_names_of_a_partly_explained_diagnosis_are_called_hypotheses_on_page_and_terminal():
     for text in (text_of("deviation"), terminal_of("deviation")):
         assert "Hypothesis: compass deviation on heading (psi)" in text
-        assert "The names are hypotheses" in text
+        assert "treat the causes as hypotheses" in text
         assert "0.01 ± ? N m" in text
         assert "The third run is short" in text
 
 
 def test_a_deviation_card_is_drawn_on_a_compass_rose():
     text = text_of("deviation")
-    assert "On the rose the dark circle is zero" in text
+    assert "In the polar plot the dark circle is zero" in text
     assert "NW" in text
 
 
 def test_unexplained_says_how_large_it_is_and_recommends_no_command():
     for text in (text_of("unexplained"), terminal_of("unexplained")):
-        assert "none of the effects known here" in text
-        assert "the simulation errs by" in text
-        assert "none of the 41 candidates" in text
+        assert "no known effect explains it" in text
+        assert "the error of the simulated" in text
+        assert "None of the 41 candidates" in text
     assert "--model" not in text_of("unexplained")
 
 
 def test_no_effect_claims_no_more_than_these_runs_show():
     for text in (text_of("nothing"), terminal_of("nothing")):
-        assert "Nothing is missing that these runs could show" in text
-        assert "no proof" in text
+        assert "These runs show no missing effect" in text
+        assert "other motion may show more" in text
         assert "Found" not in text
 
 
 def test_unknown_numbers_are_not_made_up():
     text = text_of("bare")
     assert "nan" not in text.lower()
-    assert "errs by" not in text
+    assert "error of the simulated" not in text
 
 
 def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
     told = replace(dead_zone(), gain=None, gains=(), before=(), after=(), ranking=())
     for text in (Page(render_diagnosis(told, TITLE, WHEN)).text, shown(told)):
         assert "Found: dead zone on yaw moment (N)" in text
-        assert "instead of" not in text
+        assert "falls from" not in text
 
 
 def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides():
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
-        assert "Dead zone and quadratic actuator: each explains these runs about as well" in text
+        assert "Dead zone and quadratic actuator explain these runs about equally well" in text
         assert "Steps of several sizes" in text
 
 
@@ -197,7 +197,7 @@ def test_a_heading_among_the_numbers_is_within_one_turn(turns: int) -> None:
 
 
 def test_a_heading_that_is_not_told_is_not_given_and_a_depth_is_never_wrapped() -> None:
-    assert value_words(Value(22.7, "rad", 7.0), "anchor") == "not told by these runs"
+    assert value_words(Value(22.7, "rad", 7.0), "anchor") == "not identifiable from these runs"
     assert value_words(Value(22.7, "m", 7.0), "anchor") == "23 ± 7 m"
     assert value_words(Value(0.05, "rad/s", 0.01), "bias") == "0.050 ± 0.010 rad/s (2.9°/s)"
 
@@ -246,8 +246,8 @@ def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
     for portrait in told.before:
         against = {n: (x, rng.normal(0.0, 1.0, len(x)), u) for n, (x, _, u) in portrait.against.items()}
         flat.append(replace(portrait, against=against, cross={}, spectrum=None))
-    assert "This speaks for:" in html_of("dead-zone")
-    assert "This speaks for:" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
+    assert "This indicates" in html_of("dead-zone")
+    assert "This indicates" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
 
 
 @pytest.mark.slow
@@ -281,8 +281,8 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
 
 def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
     told = terminal_of("dead-zone")
-    assert "Very strong: +406.0 in log-likelihood, the price of its numbers taken off." in told
-    assert "The best rival, quadratic actuator, gains +260.0." in told
+    assert "Very strong: +406.0 in log-likelihood, after the penalty for its parameters." in told
+    assert "Best alternative: quadratic actuator, +260.0." in told
     assert told.count("in log-likelihood") == text_of("dead-zone").count("in log-likelihood") == 1
 
 
@@ -290,10 +290,8 @@ def test_under_process_noise_the_evidence_is_told_part_by_part():
     weak = dead_zone()
     first = replace(weak.ranking[0], evidence=7.0, unseen=(5.5, -2.0), ci90=(0.5, 6.5))
     told = shown(replace(weak, ranking=(first,)))
-    assert (
-        "Strong: +3.5 in log-likelihood on data left out (part by part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
-    )
-    assert "No other effect in its place gains anything." in told
+    assert "Strong: +3.5 in log-likelihood on held-out data (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
+    assert "No alternative effect improves the fit." in told
 
 
 def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
@@ -303,14 +301,14 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
     over_way = MissingCurve("u", "m/s", x, 0.0 * x, np.full(3, 0.05), -0.2)
     missing = MissingForce("yaw", "N m", 0.3, 4.0, 0.2, {c.over: c for c in (over_rate, over_time, over_way)})
     page = Page(render_diagnosis(replace(unexplained(), missing=missing), TITLE, WHEN)).text
-    assert "over yaw rate: the other runs' curve foretells 40 % of it." in page
-    assert "over time into the run: the other runs' curve foretells nothing of it." in page
-    assert "surge velocity: the other runs'" not in page
+    assert "over yaw rate: the curve of the other runs predicts 40 % of it." in page
+    assert "over time into the run: the curve of the other runs predicts none of it." in page
+    assert "surge velocity: the curve of the other runs" not in page
 
 
 def test_a_cause_with_which_the_simulation_errs_no_less_is_not_praised_for_its_error():
     told = dead_zone()
     worse = replace(told.gain, ratio=1.6, after=1.6 * told.gain.before, metric="error 5 s ahead")
     text = verdict_headline(replace(told, verdict="partly-explained", gain=worse, gains=(worse,))).text
-    assert "errs no less with it 5 s ahead." in text
-    assert "instead of" not in text
+    assert "does not improve prediction of the yaw rate 5 s ahead on held-out data." in text
+    assert "falls from" not in text

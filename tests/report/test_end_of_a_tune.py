@@ -15,7 +15,7 @@ from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.report.tune.tables import gains_table, show_tune
 from gcs_autotune.report.tune.wording import headline
 
-CHOSEN = "chosen for the least predicted error over time of the step"
+CHOSEN = "chosen for the smallest predicted tracking error of the step"
 
 
 def change(name: str, reason: str) -> Change:
@@ -26,10 +26,10 @@ def test_the_verdict_is_the_last_thing_on_the_terminal():
     stream = io.StringIO()
     show_tune(Console(file=stream, width=80, color_system=None), stories.kept())
     text = stream.getvalue()
-    verdict = text.index("The new heading gains are on the vehicle, and proved better.")
+    verdict = text.index("The new heading gains proved better and are on the vehicle.")
     for earlier in ("Report: ", "To undo:", "lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
-    assert text.count("proved better.") == 1
+    assert text.count("proved better") == 1
 
 
 def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
@@ -43,7 +43,7 @@ def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():
     table = gains_table(
         [
             change("ATC_STR_RAT_FF", f"steering per wanted turn rate: {CHOSEN}"),
-            change("ATC_STR_RAT_P", f"steering per turn-rate error: {CHOSEN}, stopped at the documented most"),
+            change("ATC_STR_RAT_P", f"steering per turn-rate error: {CHOSEN}, limited to the documented maximum"),
             change("ATC_STR_RAT_I", f"steering per accumulated turn-rate error: {CHOSEN}"),
             change("ATC_STR_ANG_P", f"wanted turn rate per heading error: {CHOSEN}"),
         ]

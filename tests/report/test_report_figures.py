@@ -76,7 +76,7 @@ def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
 def test_what_ended_an_oscillation_is_told_below_its_picture():
     relay = stories.replace(stories.relay_trial(), reason="the gains are known")
     pictures = draw_pictures(stories.replace(stories.aborted(), relays=(relay,)))
-    assert any("It ended so: the gains are known." in picture.caption for picture in pictures)
+    assert any("End: the gains are known." in picture.caption for picture in pictures)
 
 
 @pytest.mark.slow

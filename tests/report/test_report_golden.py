@@ -60,4 +60,4 @@ def test_nothing_is_wider_than_eighty_columns_and_nothing_is_cut_off(name):
 
 def test_where_oscillations_and_fits_speak_for_different_damping_it_is_said_which_was_taken():
     told = " ".join(render_text(fit_summary(stories.fit("affine"))).split())
-    assert "speaks for quadratic damping; the fits to the whole records speak for linear and quadratic damping" in told
+    assert "indicates quadratic damping. The fits to the whole records support linear and quadratic damping" in told

@@ -43,7 +43,7 @@ def _watcher(*, terminal: bool, width: int = 80) -> tuple[TerminalWatcher, io.St
 
 def test_the_line_tells_everything_when_there_is_room():
     assert describe_progress(SWINGING) == (
-        "relay 42.3 s  heading 023.4° (wanted 000.0°)  output -30 %  swing 24.1°  periods 3/5  scatter 7 %  "
+        "relay 42.3 s  heading 023.4° (target 000.0°)  output -30 %  amplitude 24.1°  periods 3/5  scatter 7 %  "
         "heading excursion limit 45 % used"
     )
 
@@ -61,7 +61,7 @@ def test_on_a_narrow_line_the_least_important_pieces_make_room():
 
 def test_a_silent_link_is_mentioned_before_anything_else_makes_room():
     line = describe_progress(replace(SWINGING, age=2.4), 45)
-    assert "NOTHING HEARD FOR 2.4 s" in line
+    assert "NO MESSAGES FOR 2.4 s" in line
 
 
 @given(st.integers(1, 200))
@@ -74,7 +74,7 @@ def test_a_manoeuvre_without_any_number_still_gives_a_line():
 
 
 def test_a_value_that_is_not_known_is_shown_as_unknown():
-    assert "depth ? (wanted 1.00 m)" in describe_progress(Progress("", "step", 1.0, "z", math.nan, 1.0))
+    assert "depth ? (target 1.00 m)" in describe_progress(Progress("", "step", 1.0, "z", math.nan, 1.0))
 
 
 def test_in_a_pipe_a_plain_line_comes_every_five_seconds_of_vehicle_time():

@@ -103,7 +103,7 @@ def test_a_finished_tune_shows_every_figure_with_axes_in_degrees(pages):
         "heading, from the start [°]",
         "rate [°/s]",
         "residual [°]",
-        "N [% of full]",
+        "N [% of full output]",
         "time since the step [s]",
     ):
         assert label in page.text
@@ -120,8 +120,8 @@ def test_the_verdict_comes_before_everything_else(pages):
 
 def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
     text = Page(pages["kept"]).text
-    assert "tracking error 68 % lower; overshoot 6 %, before 41 %" in text
-    assert "Changed on the vehicle and read back: ATC_RAT_YAW_P" in text
+    assert "tracking error 68 % lower; overshoot 6 % (before: 41 %)" in text
+    assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
     assert "gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in text
     assert "0.1795 ± 0.0011" in text
     assert "6 parameters read, 4 changed" in text
@@ -132,7 +132,7 @@ def test_bad_news_stands_where_it_is_seen(pages):
     assert "tracking error 14 % HIGHER" in text
     assert "never settled" in text
     assert "not everywhere in its 95 % region" in text
-    assert text.index("What to doubt") < text.index("Step before and after")
+    assert text.index("Doubts") < text.index("Step before and after")
 
 
 def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
@@ -140,7 +140,7 @@ def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
     assert "Heading excursion 131 deg is beyond the limit" in text
     assert "No parameter was written." in text
     assert "not read" in text
-    for absent in ("Stability", "Fit against measurement", "Self-oscillation", "What to doubt"):
+    for absent in ("Stability", "Model and measurement", "Relay experiments", "Doubts"):
         assert absent not in text
 
 
@@ -155,19 +155,19 @@ def test_gains_that_proved_better_before_a_late_abort_are_reported_as_changed():
     story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
     text = Page(render_report(story)).text
     assert "The heading tune was aborted." in text
-    assert "Changed on the vehicle and read back: ATC_RAT_YAW_P" in text
+    assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
 
 
 def test_parameters_that_should_be_back_and_are_not_are_named():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
-    assert "NOT as found, although they should be: ATC_ANG_YAW_P" in Page(render_report(story)).text
+    assert "NOT RESTORED: ATC_ANG_YAW_P" in Page(render_report(story)).text
 
 
 def test_what_the_vehicle_changed_by_itself_is_told_and_not_blamed_on_the_tune():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
     text = Page(render_report(story)).text
-    assert "NOT as found" not in text
-    assert "The vehicle itself changed ATC_SLEW_YAW, which this tool does not write." in text
+    assert "NOT RESTORED" not in text
+    assert "The vehicle itself changed ATC_SLEW_YAW, which this tool never writes." in text
 
 
 def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():

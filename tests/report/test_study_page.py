@@ -69,7 +69,7 @@ def test_page_and_terminal_tell_value_check_and_refusal(study: Study) -> None:
     for text in (render_study(study), render_text(study_summary(study))):
         assert "alpha_r" in text
         assert "no relay here" in text
-        assert "not seen" in text
+        assert "held-out" in text
 
 
 def test_derivatives_are_explained_in_words() -> None:
@@ -96,4 +96,4 @@ def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study
     assert "east [m]; circle: start, square: end" in page
     assert "N [N m]" not in bare
     assert "Where it went" not in bare
-    assert "95 % interval [% of the value]" in bare
+    assert "95 % interval [% of value]" in bare

@@ -48,7 +48,7 @@ def test_a_remainder_that_is_white_is_noise() -> None:
     left = remainder_of([noise(0.01), noise(0.01, seed=2)])
     assert left.rms == pytest.approx(0.01, rel=0.05)
     assert left.unexplained == 0.0
-    assert "as measurement noise does" in remainder_sentence(left, "rad")
+    assert "is white, like measurement noise" in remainder_sentence(left, "rad")
 
 
 def test_a_remainder_that_is_correlated_is_unexplained_and_its_noise_is_the_sensors() -> None:
@@ -57,7 +57,7 @@ def test_a_remainder_that_is_correlated_is_unexplained_and_its_noise_is_the_sens
     assert left.noise == pytest.approx(0.004, rel=0.05)
     assert left.unexplained == pytest.approx(0.05 / np.sqrt(2.0), rel=0.05)
     said = remainder_sentence(left, "rad")
-    assert said == "2° rms remain: 0.23° change from sample to sample, as noise does; 2° stay unexplained."
+    assert said == "The residual is 2° rms: 0.23° white, like noise; 2° correlated and unexplained."
     assert "measurement noise" not in said
 
 
@@ -91,7 +91,7 @@ def test_a_fit_tells_how_much_of_what_is_left_is_noise(found: AxisFit) -> None:
     left = found.remainder["r"]
     assert left.noise == pytest.approx(0.01, rel=0.5)
     assert left.unexplained > 0.05
-    assert "stay unexplained" in model_sentences(found)[-1]
+    assert "unexplained" in model_sentences(found)[-1]
     assert found.to_dict()["remainder"]["r"]["unexplained"] == pytest.approx(left.unexplained)
 
 
@@ -114,14 +114,14 @@ def test_terminal_and_page_give_one_verdict_and_the_terminal_gives_it_last(found
 
 def test_a_prediction_worse_than_none_explains_nothing(found: AxisFit) -> None:
     verdict = verdict_headline(study(found, -15.0))
-    assert verdict.text.startswith("The model explains nothing of motion it has not seen")
+    assert verdict.text.startswith("The model explains nothing of held-out motion")
     assert "-15" not in verdict.text
     assert verdict.tone == "bad"
 
 
 def test_damping_is_called_as_the_field_calls_it_and_explained_at_first_use(found: AxisFit) -> None:
     assert model_words(found) == "linear damping"
-    assert model_sentences(found)[0] == "Linear damping: the water's resistance grows in proportion to the speed."
+    assert model_sentences(found)[0] == "Linear damping: drag is proportional to speed."
     assert "linear damping" in {row[3] for row in model_table(found).rows}
 
 
@@ -154,7 +154,7 @@ def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() ->
 
     assert top(dead) == pytest.approx((1.0 - 0.144) * top(), rel=0.01)
     assert top(bent) == pytest.approx((0.2 + 0.8 / 0.5) * top(), rel=0.01)
-    assert "acts as if it did nothing below 0.144" in " ".join(model_sentences(replace(plain, effects=(dead,))))
+    assert "dead zone: no force below 0.144" in " ".join(model_sentences(replace(plain, effects=(dead,))))
 
 
 def test_a_curve_is_not_followed_beyond_the_largest_output_that_was_flown() -> None:
@@ -177,7 +177,7 @@ def test_what_is_sustained_is_told_of_the_largest_output_flown_without_a_curve_a
     flown = replace(fitted, model=model, extra={"largest": {"N": 0.63}})
     said = " ".join(model_sentences(flown)).partition("An output of 63 % sustains ")[2]
     assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
-    assert "; more was not flown." in said
+    assert ", the largest output flown." in said
     by_rudder = replace(flown, extra={"largest": {"delta": 0.63}})
     assert "An output of 63 % sustains" in " ".join(model_sentences(by_rudder))
 
@@ -204,10 +204,10 @@ def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_
         covariance=covariance,
     )
     said = " ".join(model_sentences(fitted))
-    told = said.partition("by the force it makes the inertia is ")[2].split()
+    told = said.partition("Relative to that force the inertia is ")[2].split()
     relative = np.array([0.01, own / (1.0 - width)])
     error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
-    assert "Full output makes 0.7 of the force the table counts in" in said
+    assert "Full output gives 0.7 of the table's unit of force" in said
     assert float(told[0]) == pytest.approx(inertia / (1.0 - width), rel=0.02)
     assert float(told[2]) == pytest.approx(error, rel=0.1)
 
@@ -263,7 +263,7 @@ def test_depth_is_drawn_downwards() -> None:
     assert low > high
 
 
-@pytest.mark.parametrize(("p", "word"), [(0.4, "noise allows"), (1e-6, "unexplained")])
+@pytest.mark.parametrize(("p", "word"), [(0.4, "within measurement noise"), (1e-6, "unexplained")])
 def test_a_diagnosis_calls_a_correlated_remainder_unexplained(p: float, word: str) -> None:
     told = replace(diagnosed.dead_zone(), left=Signature((), p))
     said = " ".join((diagnosis_headline(told).text, *diagnosis_headline(told).sentences))
@@ -301,7 +301,7 @@ def test_a_limit_cycle_whose_extremes_scatter_is_not_called_valid(scatter: float
 
 def test_doubts_about_figures_do_not_contradict_a_fit_without_doubts() -> None:
     (heading, *_) = doubts_shown(["the approach was not steady"], about="figures")
-    assert render_text(heading).strip() == "What to doubt about the figures"
+    assert render_text(heading).strip() == "Doubts about the figures"
 
 
 def test_a_signal_at_the_beginning_of_a_sentence_keeps_its_name() -> None:

@@ -70,7 +70,7 @@ def test_a_loop_that_does_not_follow_is_given_up_by_its_own_name(force: str, sig
     manoeuvre = kind.make({**usual, "throttle": 0.5, "side": 1.0, "keep-still": 1.0, "speed": 1.0})
     rows = answered(manoeuvre, lambda t, _: at_rest(t=t, u=1.0, speed=1.0))
     assert manoeuvre.outcome is not None
-    assert f"the {kind.axis} does not pass" in manoeuvre.outcome.reason
+    assert f"the {kind.axis} did not cross" in manoeuvre.outcome.reason
     assert {type(command).__name__ for _, command in rows} == {"DepthTarget" if force == "Z" else "HeadingTarget"}
     assert manoeuvre.signal == signal
 
@@ -79,7 +79,7 @@ def test_a_relay_that_would_stop_the_boat_is_refused() -> None:
     kind = MANOEUVRES["set-point-relay"].of("X")
     assert kind.make is not None
     sizes = {"set-point": 0.6, "hysteresis": 0.1, "second-set-point": 0.3, "second-hysteresis": 0.1}
-    with pytest.raises(UsageError, match="goes down to no speed ahead"):
+    with pytest.raises(UsageError, match="leaves no speed ahead"):
         kind.make({**sizes, "throttle": 0.5, "side": 1.0, "keep-still": 0.0, "speed": 0.5})
     with pytest.raises(UsageError, match="none of Y"):
         kind.of("Y")
@@ -168,17 +168,17 @@ def test_a_third_pole_too_quick_to_show_takes_nothing_from_what_is_known_of_the_
 
 
 def test_where_the_smaller_relay_is_explained_worse_a_larger_one_is_advised() -> None:
-    assert "dead band" in _not_linear((0.9, 0.6, 0.8)).cause
+    assert "dead zone" in _not_linear((0.9, 0.6, 0.8)).cause
     assert "larger" in _not_linear((0.9, 0.6, 0.8)).cure
     assert "limits" in _not_linear((0.6, 0.9, 0.8)).cause
-    assert "another form" in _not_linear((0.8, 0.82, 0.8)).cause
+    assert "another structure" in _not_linear((0.8, 0.82, 0.8)).cause
 
 
 def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
     assert "overshoots a step by 40 %" in _verdict((0.8, 0.1), (0.4, 0.1), "heading")
     assert "well damped" in _verdict((0.8, 0.1), (0.1, 0.1), "heading")
     assert "swings" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
-    assert "cannot be told" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
+    assert "not determined" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
 
 
 def test_one_relay_is_too_few_for_the_loop() -> None:

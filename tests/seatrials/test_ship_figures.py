@@ -137,7 +137,7 @@ def test_a_pull_out_tells_stable_from_unstable_and_trim_from_both():
 def test_a_pull_out_from_one_side_does_not_pretend_to_know():
     run = sail(nomoto(0.3, 5.0), plan((0, 0.0), (10, 20 * DEG), (70, 0.0)), 140.0, noise=0.003)
     (sheet,) = ship_figures(run, manoeuvre="pull-out")
-    assert "cannot be told" in sheet.verdict
+    assert "not determined" in sheet.verdict
     assert "one-side" in {d.slug for d in sheet.doubts}
 
 

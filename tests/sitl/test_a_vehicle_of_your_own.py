@@ -39,18 +39,18 @@ def test_it_moves_by_its_own_numbers(mine: Path) -> None:
     [
         (lambda text: text.replace("[sensors]", "[senses]"), "unknown entry 'senses'"),
         (lambda text: text.replace("arm = {", "leg = {"), "thruster: unknown entry 'leg'"),
-        (lambda text: text.replace("arm = {", "# {"), "lacks 'arm'; begin with a copy of one in"),
+        (lambda text: text.replace("arm = {", "# {"), "lacks 'arm'. Start with a copy of one in"),
         (lambda text: text.replace("value = 41.77", "value = -41.77"), r"surge.alpha.value: expected a number > 0"),
-        (lambda text: text.replace("value = 41.77", "value = inf"), "surge.alpha.value: inf is no finite number"),
+        (lambda text: text.replace("value = 41.77", "value = inf"), "surge.alpha.value: inf is not a finite number"),
         (lambda text: text.replace("value = 41.77", 'value = "41.77"'), "surge.alpha.value: expected a number, got"),
-        (lambda text: text.replace('unit = "kg"', 'unit = "lb"'), "surge.alpha is in 'lb'; give it in kg"),
-        (lambda text: text.replace("value = 29.35", "value = -29.35"), "drag below 0 makes it run away"),
+        (lambda text: text.replace('unit = "kg"', 'unit = "lb"'), "surge.alpha is in 'lb'. Use kg"),
+        (lambda text: text.replace("value = 29.35", "value = -29.35"), "negative drag is unstable"),
         (lambda text: text.replace("[start]", "[start]\nx = " + "[" * 5000), "nested more than"),
-        (lambda text: text.replace("value = 41.77", "value = " + "9" * 5000), "is no vehicle file"),
-        (lambda text: text + "= 3", "is no vehicle file"),
+        (lambda text: text.replace("value = 41.77", "value = " + "9" * 5000), "is not a vehicle file"),
+        (lambda text: text + "= 3", "is not a vehicle file"),
         (
             lambda text: text.replace('firmware = "rover"', 'firmware = "plane"'),
-            "has firmware 'plane'; there are rover",
+            "has firmware 'plane'. Use one of rover",
         ),
     ],
 )
@@ -115,5 +115,5 @@ def test_one_whose_lifting_thrusters_sit_fore_and_aft_pitches_where_they_differ_
 def test_a_frame_that_cannot_pitch_is_refused_a_moment_to_pitch_with(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FORE_AND_AFT.replace("rov-4-fore-aft", "simple-rov-3"))
-    with pytest.raises(BadVehicle, match="no thrusters of frame 'simple-rov-3' pitch it"):
+    with pytest.raises(BadVehicle, match="frame 'simple-rov-3' has no pitch thrusters"):
         load_vehicle(str(path))

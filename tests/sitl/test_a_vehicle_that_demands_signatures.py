@@ -66,4 +66,4 @@ def test_a_key_file_that_is_none_is_wrong_usage(tmp_path: Path, capsys: pytest.C
     assert main(["charlie", "--signing-key", str(tmp_path / "none")]) == 2
     (tmp_path / "empty").write_bytes(b"\n")
     assert main(["charlie", "--signing-key", str(tmp_path / "empty")]) == 2
-    assert "it is empty" in capsys.readouterr().err
+    assert "is empty" in capsys.readouterr().err

@@ -173,7 +173,7 @@ def test_every_effect_of_the_book_reaches_ardupilot_or_is_refused_in_words(slug)
         text += "." + (NUMBERS.get(slug) or default or f"{EFFECTS[slug].parameters[0].name}=0.2")
     effect = parse_effect(text)
     if slug in IN_THE_RECORD:
-        with pytest.raises(BadEffect, match="ArduPilot itself writes the record"):
+        with pytest.raises(BadEffect, match="which ArduPilot itself writes"):
             Physics(load_vehicle("bluerov2"), effects=[effect])
         return
     if EFFECTS[slug].on_vehicles.startswith("no"):
@@ -315,12 +315,12 @@ def test_the_parameters_are_written_for_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--ardupilot-json"], "which vehicle? there are charlie"),
-        (["charlie", "--ardupilot-json", "ninethousand"], "give PORT or HOST:PORT, for example 9002"),
-        (["charlie", "--ardupilot-json", "--param", "WP_SPEED=1"], "ArduPilot has its own"),
+        (["--ardupilot-json"], "no vehicle given. Use one of charlie"),
+        (["charlie", "--ardupilot-json", "ninethousand"], "not PORT or HOST:PORT. Use e.g. 9002"),
+        (["charlie", "--ardupilot-json", "--param", "WP_SPEED=1"], "For ArduPilot use"),
         (
             ["charlie", "--ardupilot-json", "0", "--effect", "time-offset.offset=0.1"],
-            "ArduPilot itself writes the record",
+            "which ArduPilot itself writes",
         ),
         (["charlie", "--ardupilot-params", "/nowhere/x.parm"], "No such file or directory"),
     ],

@@ -58,12 +58,12 @@ def test_every_vehicle_opens_and_rests(name):
 
 
 def test_an_unknown_vehicle_names_the_nearest():
-    with pytest.raises(UnknownVehicle, match=r"no vehicle called 'chrlie'; did you mean charlie or charlie-sway\?"):
+    with pytest.raises(UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway\?"):
         load_vehicle("chrlie")
 
 
 def test_a_name_near_nothing_lists_them_all():
-    with pytest.raises(UnknownVehicle, match="there are charlie, videoray, automarine, falcon, bluerov2"):
+    with pytest.raises(UnknownVehicle, match="known: charlie, videoray, automarine, falcon, bluerov2"):
         load_vehicle("zzz")
 
 

@@ -26,14 +26,14 @@ def test_the_vehicles_are_listed(capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["chrlie"], "no vehicle called 'chrlie'; did you mean charlie or charlie-sway?"),
-        ([], "which vehicle? there are charlie"),
-        (["charlie", "--speedup", "0"], "give 0.01 to 1000 simulated seconds per second"),
-        (["charlie", "--speedup", "nan"], "give 0.01 to 1000 simulated seconds per second"),
-        (["charlie", "--param", "WP_SPEED"], "give NAME=VALUE with a finite number"),
-        (["charlie", "--param", "WP_SPEED=fast"], "give NAME=VALUE with a finite number"),
+        (["chrlie"], "unknown vehicle 'chrlie'; did you mean charlie or charlie-sway?"),
+        ([], "no vehicle given. Use one of charlie"),
+        (["charlie", "--speedup", "0"], "use 0.01 to 1000 simulated seconds per second"),
+        (["charlie", "--speedup", "nan"], "use 0.01 to 1000 simulated seconds per second"),
+        (["charlie", "--param", "WP_SPEED"], "not NAME=VALUE with a finite number"),
+        (["charlie", "--param", "WP_SPEED=fast"], "not NAME=VALUE with a finite number"),
         (["charlie", "--param", "NO_SUCH=1"], "the firmware of charlie has no parameter 'NO_SUCH'"),
-        (["charlie", "--listen", "usb:1"], "an address begins with udp:, udpout:, tcp:, serial:"),
+        (["charlie", "--listen", "usb:1"], "an address starts with udp:, udpout:, tcp:, serial:"),
     ],
 )
 def test_a_wrong_command_line_is_explained_in_one_line(arguments, said, capsys):

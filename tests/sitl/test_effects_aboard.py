@@ -44,7 +44,7 @@ def test_every_effect_that_makes_sense_aboard_flies(slug):
 
 @pytest.mark.parametrize("slug", NEED_SWAY)
 def test_effects_that_need_sway_are_refused_aboard(slug):
-    with pytest.raises(BadEffect, match="needs a hull that sways"):
+    with pytest.raises(BadEffect, match="needs a hull with sway"):
         Ground("automarine", effects=[make_effect(slug)])
     assert EFFECTS[slug].on_vehicles.startswith("no")
 
@@ -188,13 +188,13 @@ def test_told_columns_can_have_the_wrong_unit_sign_or_label():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["charlie", "--effect", "backlsh.width=0.05"], "no effect called 'backlsh'; did you mean backlash?"),
+        (["charlie", "--effect", "backlsh.width=0.05"], "unknown effect 'backlsh'; did you mean backlash?"),
         (["charlie", "--effect", "backlash.wdth=0.05"], "backlash has no parameter 'wdth'; did you mean width?"),
-        (["charlie", "--effect", "backlash.width"], "give SLUG.PARAMETER=NUMBER"),
+        (["charlie", "--effect", "backlash.width"], "Use SLUG.PARAMETER=NUMBER"),
         (["charlie", "--effect", "backlash@vertical.width=0.05"], "this craft has no input 'vertical'"),
         (["charlie", "--effect", "net-buoyancy.force=1"], "acts on heave, which this craft does not have"),
-        (["automarine", "--effect", "coriolis-coupling.X_vr=1"], "needs a hull that sways"),
-        (["automarine", "--effect", "channel-swap@u+psi"], "no message of a vehicle carries both u and psi"),
+        (["automarine", "--effect", "coriolis-coupling.X_vr=1"], "needs a hull with sway"),
+        (["automarine", "--effect", "channel-swap@u+psi"], "no message contains both u and psi"),
     ],
 )
 def test_a_wrong_effect_is_explained_in_one_line(arguments, said, capsys):

@@ -136,7 +136,7 @@ def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
         ({"base": {}}, "is not a model file: base: missing entry 'form'"),
         ({"effects": [{"slug": "dead-zon", "place": "N", "values": {}}]}, "did you mean dead-zone?"),
         ({"effects": [{"slug": "dead-zone", "place": "N", "values": {}}]}, "dead-zone needs width"),
-        ({"effects": [{"slug": "coriolis-coupling", "place": "", "values": {"X_vr": 1.0}}]}, "needs a hull that sways"),
+        ({"effects": [{"slug": "coriolis-coupling", "place": "", "values": {"X_vr": 1.0}}]}, "needs a hull with sway"),
     ],
 )
 def test_a_model_that_cannot_be_flown_is_explained_in_one_line(tmp_path, change, said, capsys):
@@ -150,7 +150,7 @@ def test_a_model_that_cannot_be_flown_is_explained_in_one_line(tmp_path, change,
 def test_a_model_the_vehicle_has_no_axis_for_is_explained(tmp_path):
     form = Form("heave", "heave", ("heave",), ("Z_wdot", "Z_w"), {}, {"Z": (("Z", 1.0),)}, coriolis=False)
     path, _ = written(tmp_path, form, {"Z_wdot": -5.0, "Z_w": -2.0})
-    with pytest.raises(BadModel, match="moves in heave, which this vehicle does not"):
+    with pytest.raises(BadModel, match="has heave, which this vehicle does not have"):
         boat(model=read_model(path))
 
 

@@ -68,7 +68,7 @@ def test_sensors_read_another_plant():
 
 
 def test_a_model_and_a_plant_of_ones_own_exclude_each_other():
-    with pytest.raises(BadModel, match="leave out one"):
+    with pytest.raises(BadModel, match="either plant or model"):
         Craft(load_vehicle("blueboat"), plant=Sled(), model=FlownModel({}, {}, {}, (), None))
 
 

@@ -30,6 +30,7 @@ SLUGS = [
     "command-coupling",
     "gain-drift",
     "speed-dependent-steering",
+    "propeller-wash",
     "advance-speed-loss",
     "linear-drag",
     "quadratic-drag",
@@ -38,6 +39,7 @@ SLUGS = [
     "sway-moment",
     "speed-damping",
     "munk-moment",
+    "velocity-product",
     "mass-change",
     "net-buoyancy",
     "ground-effect",
@@ -367,7 +369,7 @@ def test_a_sensor_off_the_centre_shows_the_motion_of_its_own_place_without_the_n
 
 
 def test_a_place_aboard_is_nothing_to_a_compass():
-    with pytest.raises(BadEffect, match="psi is the same everywhere aboard"):
+    with pytest.raises(BadEffect, match="psi does not depend on the sensor's position"):
         turn(SLOW, "sensor-position", {"x_P": 1.0}, COMMAND, place="psi")
     with pytest.raises(BadEffect, match="neither speed nor position"):
         turn(SLOW, "sensor-position", {"x_P": 1.0}, COMMAND)
@@ -445,13 +447,13 @@ def test_columns_can_have_the_wrong_unit_sign_or_label(truth):
         ("gremlins.size=3", "see --list-effects"),
         ("dead-zone.wdth=0.1", "no parameter 'wdth'; did you mean width"),
         ("dead-zone", "dead-zone needs width"),
-        ("dead-zone.width=wide", "give SLUG.PARAMETER=NUMBER"),
-        ("dead-zone.width=-1", "at least 0"),
+        ("dead-zone.width=wide", "Use SLUG.PARAMETER=NUMBER"),
+        ("dead-zone.width=-1", "the minimum is 0"),
         ("dead-zone.width=nan", "finite"),
-        ("actuator-lag.time_constant=0", "at least"),
-        ("compass-deviation.B=nan", r"compass-deviation\.B=nan: 'nan' is no finite number;"),
-        ("compass-deviation.B=5", r"at most 1 rad\. Did you mean 0\.0873 \(5 degrees\)\?"),
-        ("compass-deviation.C=-5", r"at least -1 rad\. Did you mean -0\.0873"),
+        ("actuator-lag.time_constant=0", "the minimum is"),
+        ("compass-deviation.B=nan", r"compass-deviation\.B=nan: 'nan' is not a finite number\."),
+        ("compass-deviation.B=5", r"the maximum is 1 rad\. Did you mean 0\.0873 \(5 degrees\)\?"),
+        ("compass-deviation.C=-5", r"the minimum is -1 rad\. Did you mean -0\.0873"),
     ],
 )
 def test_an_effect_that_cannot_be_is_explained(text, said):
@@ -470,12 +472,12 @@ def test_an_effect_is_written_with_its_place_and_several_numbers():
     [
         ("dead-zone", "X", {"width": 0.1}, "no input 'X'"),
         ("net-buoyancy", "", {"force": 1.0}, "acts on heave"),
-        ("steady-current", "", {"V_x": 1.0}, "moves ahead or sways"),
-        ("coriolis-coupling", "", {"X_vr": 1.0}, "needs a hull that sways"),
-        ("gyro-bias", "psi", {"bias": 0.1}, "no rate of a gyro"),
+        ("steady-current", "", {"V_x": 1.0}, "with surge or sway"),
+        ("coriolis-coupling", "", {"X_vr": 1.0}, "needs a hull with sway"),
+        ("gyro-bias", "psi", {"bias": 0.1}, "not a gyro rate"),
         ("quantisation", "z", {"step": 0.1}, "'z' is not measured here"),
         ("channel-swap", "psi", {}, "two columns joined by"),
-        ("ground-effect", "", {"strength": 1.0, "length": 1.0}, "dives"),
+        ("ground-effect", "", {"strength": 1.0, "length": 1.0}, "with heave"),
     ],
 )
 def test_an_effect_without_its_place_is_refused(slug, place, values, said):

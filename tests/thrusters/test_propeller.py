@@ -85,7 +85,7 @@ def test_the_command_line_maps_a_pull_test_and_a_propeller(tmp_path: Path, capsy
         "n[rad/s],T[N]\n" + "\n".join(f"{a},{2e-3 * a * abs(a) + e:.4f}" for a, e in zip(n, noise, strict=True)) + "\n"
     )
     assert main(["thrusters", str(path)]) == 0
-    assert "Command for a wanted force" in capsys.readouterr().out
+    assert "Command for a required force" in capsys.readouterr().out
     assert main(["thrusters", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["model"]["a_f"] == pytest.approx(2e-3, rel=0.02)
     test = tank()

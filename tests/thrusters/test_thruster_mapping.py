@@ -145,7 +145,7 @@ def test_a_recording_counts_each_hold_once(tmp_path: Path):
         ("n[rpm];T[N]\n1;2\n", BadFile, "pull.csv separates its columns by ';'"),
         ("n[rpm],T[N]\n1,2\n2\n", BadFile, "row 3"),
         ("n[rpm],T[N]\n1,x\n", BadFile, "row 2"),
-        ("n[rpm],T[lb]\n1,2\n", BadFile, r"pull.csv: unit \[lb\] is not known"),
+        ("n[rpm],T[lb]\n1,2\n", BadFile, r"pull.csv: unit \[lb\] is unknown"),
         ("n[rpm],depth[m]\n1,2\n", MissingChannel, "force"),
         ("n[rpm],T[N]\n1,2\n2,3\n", NotInformative, "different commands"),
         ("n[rpm],T[N]\n1,2\n2,2\n3,2\n4,2\n5,2\n6,2\n", NotInformative, "never changes"),
@@ -215,8 +215,8 @@ def test_a_load_cells_log_is_joined_to_the_levels_by_time_whatever_its_clock_say
 
 def test_a_log_that_is_too_short_or_has_no_times_is_refused_in_a_sentence(tmp_path: Path) -> None:
     table, log, _ = bollard(tmp_path, clock=0.0, shown=0.5)
-    with pytest.raises(NotInformative, match="has to cover 80 s of levels"):
+    with pytest.raises(NotInformative, match="must cover 80 s of levels"):
         pulls_from_log(table, log)
     log.write_text("force[N]\n1\n2\n")
-    with pytest.raises(MissingChannel, match=r"t\[s\] wanted"):
+    with pytest.raises(MissingChannel, match=r"needs t\[s\]"):
         pulls_from_log(table, log)

@@ -77,8 +77,8 @@ def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(c
         end = viewer.until("end")["end"]
     assert (end["code"], end["fine"]) == (130, True)
     assert end["reason"] == "stopped by the operator"
-    assert "mode HOLD, disarmed, as it was found" in end["put_back"][0]
-    assert "all 1 as they were" in end["put_back"][1]
+    assert "mode HOLD, disarmed, as before the run" in end["put_back"][0]
+    assert "all 1 as before the run" in end["put_back"][1]
     assert client.post("/stop", headers=OURS).json() == {"stopping": False}
 
 
@@ -154,8 +154,8 @@ def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tm
     assert f"the run directory {tmp_path / name} cannot be written" in end["reason"]
     assert "free some disk space" in end["reason"]
     assert end["put_back"] == [
-        "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found.",
-        "What the parameters were at the end is not on disk.",
+        "Actuators neutral, confirmed at the outputs; mode HOLD, disarmed, as before the run.",
+        "The parameters at the end are not recorded.",
     ]
 
 
@@ -234,18 +234,18 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({**HEADING, "axis": "sideways"}, "sideways"),
         ({**HEADING, "job": "restore"}, "restore"),
         ({**HEADING, "numbers": {"max-roll": "1e9"}}, "max-roll: 1000000000 is out of range"),
-        ({**HEADING, "numbers": {"--out": "/etc"}}, "asks for no number '--out'"),
-        ({**HEADING, "numbers": {"step": "30; rm"}}, "is no number"),
-        ({**HEADING, "numbers": ["step"]}, "no object"),
-        ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale: it is the model's own"),
-        ({**HEADING, "connect": "udpin:\n--yes"}, "no connection string"),
+        ({**HEADING, "numbers": {"--out": "/etc"}}, "unknown number '--out'"),
+        ({**HEADING, "numbers": {"step": "30; rm"}}, "is not a number"),
+        ({**HEADING, "numbers": ["step"]}, "not an object"),
+        ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale applies to a model"),
+        ({**HEADING, "connect": "udpin:\n--yes"}, "not a connection string"),
         ({"job": "fly", "manoeuvre": "zigzag"}, "zig-zag"),
-        ({"job": "fly", "manoeuvre": "step"}, "flown by tune AXIS"),
-        ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "drives no force 'Y'"),
+        ({"job": "fly", "manoeuvre": "step"}, "flown only by tune AXIS"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "cannot drive the force 'Y'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "first_to": "up"}, "starboard"),
         ({"job": "fly", "manoeuvre": "zig-zag", "area": "44.4,8.9 44.5,8.9"}, "area"),
         ({"job": "fly", "manoeuvre": "zig-zag", "area": "/etc/lake.geojson"}, "lat,lon"),
-        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "asks for no number 'duration'"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "unknown number 'duration'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"heading": "900"}}, "heading: 900 is out of range"),
     ],
 )

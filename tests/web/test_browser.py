@@ -113,10 +113,12 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     page.shows("#gains-table", "ATC_STR_RAT_FF")
     page.shows("#end-title", "tune heading: done")
     put_back = page.page.inner_text("#put-back")
-    assert "mode HOLD, disarmed, as it was found" in put_back
+    assert "mode HOLD, disarmed, as before the run" in put_back
     assert "->" in put_back  # the gains that stay
-    assert "error over time (ITAE)" in page.page.inner_text("#flown")
-    assert " are chosen for the least predicted error" in page.page.inner_text("#gains")  # said once for all of them
+    assert "tracking error (ITAE)" in page.page.inner_text("#flown")
+    assert " are chosen for the smallest predicted tracking error" in page.page.inner_text(
+        "#gains"
+    )  # said once for all of them
     (run,) = set(runs.iterdir()) - before
     assert json.loads((run / "summary.json").read_text())["ending"] == "kept"
     assert not page.page.is_enabled("#stop")
@@ -156,7 +158,7 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
     assert "ATC_STR_RAT_FF" in page.page.inner_text("#offer")
     page.page.click("#no")
     page.shows("#end-reason", "the new gains were declined; nothing was written")
-    assert "as they were before" in page.page.inner_text("#put-back")
+    assert "as before the run" in page.page.inner_text("#put-back")
 
 
 def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
@@ -180,7 +182,7 @@ def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
     page.page.click("#yes")
     page.shows("#stage", "zig-zag")
     page.shows("#end-title", "fly zig-zag: done")
-    assert ", disarmed, as it was found" in page.page.inner_text("#put-back")
+    assert ", disarmed, as before the run" in page.page.inner_text("#put-back")
     (run,) = set(runs.iterdir()) - before
     (sheet,) = json.loads((run / "figures.json").read_text())["sheets"]
     assert sheet["manoeuvre"] == "zig-zag"
@@ -193,7 +195,7 @@ def test_a_preview_alone_is_drawn_and_moves_nothing(visit: Any, flying: tuple[st
     page = visit(flying[0])
     page.start(job="fly", manoeuvre="steps", force="Z", dry=True)
     page.shows("#end-title", "preview of steps: done")
-    assert "before anything was armed" in page.page.inner_text("#put-back")
+    assert "ended before arming" in page.page.inner_text("#put-back")
     page.shows("#caption-track", "dashed: predicted")
     assert page.page.get_attribute("#end-report-link", "href").endswith("/preview.html")
 
@@ -226,7 +228,7 @@ def test_a_model_that_a_run_left_is_offered_to_design_from_and_to_preview_with(v
         page.page.select_option("#job", "experiment")
         assert not page.page.is_visible("#model")
         page.page.select_option("#job", "fly")
-        assert "to preview with" in page.page.inner_text("#model-help")
+        assert "for the preview" in page.page.inner_text("#model-help")
         page.start(job="tune", model="20261123-lake/model.json")
         page.shows("#command", f"--model={tmp_path / '20261123-lake' / 'model.json'}")
         page.page.click("#stop")
@@ -273,10 +275,10 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
     page.page.keyboard.press("Space")
     put_back = page.stopped()
     if stage == "Go ahead?":
-        assert "Nothing was armed" in put_back or "before anything was armed" in put_back
+        assert "Nothing was armed" in put_back or "ended before arming" in put_back
     else:
-        assert "Actuators neutral, seen at the outputs; mode HOLD, disarmed, as it was found" in put_back
-    assert "as they were before" in put_back or stage == "Go ahead?"
+        assert "Actuators neutral, confirmed at the outputs; mode HOLD, disarmed, as before the run" in put_back
+    assert "as before the run" in put_back or stage == "Go ahead?"
 
 
 def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Path]) -> None:
@@ -285,9 +287,9 @@ def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Pa
     page.shows("#stage", "self-oscillation")
     page.page.keyboard.press("Space")
     put_back = page.stopped()
-    assert "Actuators neutral, seen at the outputs; mode " in put_back
-    assert ", disarmed, as it was found" in put_back
-    assert "as they were before" in put_back
+    assert "Actuators neutral, confirmed at the outputs; mode " in put_back
+    assert ", disarmed, as before the run" in put_back
+    assert "as before the run" in put_back
     assert "NOT" not in put_back
 
 
@@ -318,7 +320,7 @@ def test_a_reload_changes_nothing_about_the_run_and_shows_it_again(asking: Page)
     asking.shows("#stage", "Step 3 of 8: first self-oscillation")
     asking.shows("#stage", "first self-oscillation, flown")  # no tick for a while: it is not under way any more
     asking.page.click("#stop")
-    assert "as it was found" in asking.stopped()
+    assert "as before the run" in asking.stopped()
 
 
 def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_about_the_run(
@@ -328,7 +330,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
         page = visit(link)
         page.start()
         page.shows("#question-text", "Go ahead?")
-    page.shows("#alarm", "A run under way goes on without this page")
+    page.shows("#alarm", "A current run continues without this page")
     page.page.close()
     page.troubles.clear()  # the browser said as much
     closed = visit(scripted, wait=False)
@@ -359,7 +361,7 @@ def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
     second.goto(asking.link)
     second.locator("#question-text", has_text="Go ahead?").wait_for()
     second.click("#stop")
-    assert "as it was found" in asking.stopped()
+    assert "as before the run" in asking.stopped()
     second.locator("#end-title", has_text="stopped by the operator").wait_for()
 
 
@@ -381,7 +383,7 @@ def test_the_keyboard_alone_starts_answers_and_stops(visit: Any, scripted: str) 
     page.shows("#question-text", "Go ahead?")
     to("#yes")
     keyboard.press("Space")  # stops; it does not press the button
-    assert "as they were before" in page.stopped()
+    assert "as before the run" in page.stopped()
 
 
 def test_a_space_in_a_text_field_is_a_space(asking: Page) -> None:
@@ -412,7 +414,7 @@ def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, 
         page.shows("#question-text", "Go ahead?")
         page.page.route("**/stop", lambda route: route.abort())
         page.page.click("#stop")
-        page.shows("#alarm", "STOP is not confirmed yet: trying again")
+        page.shows("#alarm", "STOP is not confirmed yet; trying again")
         page.page.unroute("**/stop")
         page.stopped()
     page.shows("#alarm", "No connection to the server")
@@ -511,7 +513,7 @@ def test_behind_a_proxy_under_a_prefix_the_page_lives_starts_and_stops(
         page.start()
         page.shows("#question-text", "Go ahead?")
         page.page.click("#stop")
-        assert "as it was found" in page.stopped()
+        assert "as before the run" in page.stopped()
         page.page.click("#tab-runs")
         page.shows("#runs", "-heading")
         page.context.close()

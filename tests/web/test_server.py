@@ -97,7 +97,7 @@ def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.C
         with pytest.raises(CannotOpenLink, match="another --port"):
             serve(ServeSettings("127.0.0.1", port, tmp_path), lambda text: None)
         assert main(["serve", "--port", str(port), "--runs", str(tmp_path)]) == 3
-    assert "is another page open?" in capsys.readouterr().err
+    assert "Stop the other server" in capsys.readouterr().err
 
 
 def test_a_missing_extra_is_one_clear_sentence(

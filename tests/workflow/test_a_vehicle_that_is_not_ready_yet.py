@@ -90,7 +90,7 @@ def test_a_dive_ends_at_its_depth_or_says_that_the_craft_does_not_sink():
     assert descend(0.2).outcome.ending == "completed"
     refused = descend(0.0).outcome
     assert refused.ending == "aborted"
-    assert "does not come to 1.5 m" in refused.reason
+    assert "did not reach 1.5 m" in refused.reason
 
 
 def test_speed_and_distance_limits_grow_with_the_cruise_unless_they_are_given():

@@ -105,7 +105,10 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
         whole, Envelope(distance=80.0)
     )
     loop = replace(whole, usual=Excursion(60.0, 30.0))
-    assert "where the loop hardly damps; usually about 40 m and 1 min 10 s:" in whole_of(loop, Envelope())
+    assert whole_of(loop, Envelope(), "a test") == (
+        "need usually about 40 m from where it lies and 1 min 10 s (by a test). "
+        "A loop that hardly damps takes up to 90 m and up to 2 min 20 s"
+    )
     assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]
     assert [exactly(t) for t in (3.0, 31.0, 36.0, 56.0)] == ["5 s", "35 s", "40 s", "1 min"]
 

@@ -20,7 +20,7 @@ def test_every_axis_of_a_boat_is_identified_and_left_with_a_page(axis: str, tmp_
     assert fit.dof == axis_kind(axis).dof
     assert fit.fit_percent > 80.0
     said = " ".join(harness.said)
-    assert said.index("will move") < said.index("found: mode") < said.rindex("sign check")
+    assert said.index("will move") < said.index("State before the run: mode") < said.rindex("sign check")
     assert f"experiments in {axis}" in said
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed

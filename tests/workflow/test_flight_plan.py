@@ -67,7 +67,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "say with --full-rudder"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = ['port', 1]\n", "unknown side '1'"),
-        ("[[run]]\nmanoeuvre = 'step'\n", "step is flown by tune AXIS"),
+        ("[[run]]\nmanoeuvre = 'step'\n", "step is flown only by tune AXIS"),
         ("[[run]]\nheading = 3\n", "names no manoeuvre"),
         ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),
         ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm is true or false"),
@@ -136,7 +136,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert model.unseen.fit_percent > 85.0
     assert {s.run for s in result.sheets} == set(three.names[:2])
     page = (again / "report.html").read_text()
-    for words in ("held out of the fit", "Runs", "how it ended", three.names[0], "Track"):
+    for words in ("Held-out prediction", "Runs", "end", three.names[0], "Track"):
         assert words in page
     assert json.loads((again / "model.json").read_text())
 
@@ -155,7 +155,7 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
         f"[[run]]\nmanoeuvre = 'doublets'\nforce = '{force}'\nduration = 8\nsteering = 0.3\n" for force in "ZN"
     )
     fly(harness, plan(harness, text))
-    checks = "will move: in heave and yaw a small pulse each way to see that it answers rightly, then 2 runs: doublets"
+    checks = "will move: in heave and yaw a small pulse in each direction to check the response, then 2 runs: doublets"
     assert any(said.startswith(checks) for said in harness.said)
     said: list[str] = []
     common = replace(
@@ -170,7 +170,7 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
     )
     assert nobody.questions == []
     assert "every run is flown already: nothing is armed or moved, figures and models are read again" in said
-    assert not any(text.startswith("found: mode") for text in said)
+    assert not any(text.startswith("State before the run: mode") for text in said)
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 
 

@@ -124,7 +124,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     said = " ".join(harness.said)
     for words in ("m from where it lies", "Go ahead?", "draw on the battery", "sign check ", "write no parameter"):
         assert words in said
-    assert said.index("will move") < said.index("Go ahead?") < said.index("found: mode")
+    assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found
@@ -170,7 +170,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
 @pytest.mark.slow
 def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(NotAchieved, match="deg are wanted: give a smaller --heading"):
+    with pytest.raises(NotAchieved, match=r"deg required\. Use a smaller --heading"):
         flown(harness, {"heading": 90.0 * DEG, "steering": 0.02})
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed

@@ -33,14 +33,14 @@ def test_a_spiral_without_the_space_it_needs_is_refused_before_arming_with_the_n
     harness = SitlHarness(tmp_path, "blueboat")
     with pytest.raises(PreconditionFailed, match=r"spiral needs --max-distance (\d+), and the limit is 20 m"):
         flown(harness, {"steering": 0.3}, name="spiral", envelope=Envelope(distance=20.0))
-    assert not any(text.startswith(("will ", "found: mode")) for text in harness.said)
+    assert not any(text.startswith(("will ", "State before the run: mode")) for text in harness.said)
     assert not harness.vehicle.autopilot.armed
 
 
 def test_a_rudder_that_stalls_never_brings_the_heading_there_and_less_of_it_is_advised(tmp_path: Path) -> None:
     stalls = make_effect("rudder-stall", "yaw", {"angle": 0.25, "drop": 1.0})
     harness = SitlHarness(tmp_path, effects=[stalls])
-    ended(harness, NotAchieved, r"20 deg are wanted: .*\(.*less where it stalls\)", "zig-zag", {**PAIR, "rudder": 0.5})
+    ended(harness, NotAchieved, r"20 deg required.*\(.*less if it stalls\)", "zig-zag", {**PAIR, "rudder": 0.5})
 
 
 def test_a_rangefinder_that_is_lost_under_way_ends_the_relay_before_the_wall(tmp_path: Path) -> None:
@@ -48,4 +48,4 @@ def test_a_rangefinder_that_is_lost_under_way_ends_the_relay_before_the_wall(tmp
         return [] if message.get_type() == "DISTANCE_SENSOR" and t > 40.0 else [message]
 
     harness = SitlHarness(tmp_path, "videoray-wall", meddling=blind, **SLOW_LOOP)
-    ended(harness, NotAchieved, "tells no distance ahead any more", "wall-relay", {"wall-hysteresis": 0.1})
+    ended(harness, NotAchieved, "stopped reporting the distance ahead", "wall-relay", {"wall-hysteresis": 0.1})

@@ -58,7 +58,7 @@ def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None
 
 def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(NotAchieved, match="give more rudder"):
+    with pytest.raises(NotAchieved, match="Use more rudder"):
         flown(harness, {"turn": TURN, "steering": 0.02}, "turning-circle")
     harness.assert_neutral()
     assert list((harness.directory / "trials").glob("*turning-circle.csv"))
@@ -164,6 +164,6 @@ def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_ma
     pulls = [110.4 * c * (1.0 if c > 0.0 else 0.5) for c in commands]
     fit = fit_thruster(read_pull_test(table, pulls=pulls))
     assert fit.map.force(0.25) == pytest.approx(27.6, rel=0.1)
-    with pytest.raises(NotInformative, match="one for each"):
+    with pytest.raises(NotInformative, match="one force per row"):
         read_pull_test(table, pulls=pulls[1:])
     harness.assert_neutral()

@@ -106,7 +106,7 @@ def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_p
     assert found["dof"] == fit.dof == "yaw"
     assert (harness.directory / "onboard.html").stat().st_size > 1000
     said = "\n".join(harness.said)
-    assert "yaw, by telemetry and by the log on board" in said
+    assert "yaw, from telemetry and from the onboard log" in said
     assert "alpha_r" in said and "standard errors apart" in said
     assert_left(harness)
 
@@ -115,7 +115,7 @@ def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_pa
     harness = SitlHarness(tmp_path, "charlie")
     with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* does not tell its logs.*nothing was armed"):
         circle(harness)
-    assert not any(text.startswith("found: mode") for text in harness.said)
+    assert not any(text.startswith("State before the run: mode") for text in harness.said)
     assert_left(harness)
 
 
@@ -128,7 +128,7 @@ def test_a_card_that_took_nothing_is_said_and_the_run_stays_good(tmp_path: Path)
 
 def test_a_stop_in_flight_fetches_nothing_and_says_how_it_is_fetched_later(tmp_path: Path) -> None:
     harness, card = with_a_card(tmp_path)
-    operator = StopsWhenAsked(lambda: any(text.startswith("found: mode") for text in harness.said))
+    operator = StopsWhenAsked(lambda: any(text.startswith("State before the run: mode") for text in harness.said))
     with pytest.raises(OperatorStopped):
         circle(harness, operator)
     assert card.data_asked == 0

@@ -68,7 +68,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
 
 def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
     shown = render_text(recheck_summary(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
-    assert "tune of" in shown and "overshoot of a step" in shown and "5 ± 2" in shown
+    assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
     assert "halved and it was flown again" in shown and "ATC_STR_RAT_P changed since" in shown
     assert "a_1" not in shown and "b_1" not in shown
 

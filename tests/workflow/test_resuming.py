@@ -92,7 +92,7 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
             again.tune()
     finally:
         values[CHANGED] = old
-    assert not any(text.startswith("found: mode") for text in again.said)
+    assert not any(text.startswith("State before the run: mode") for text in again.said)
 
 
 def copied(harness: SitlHarness, tmp_path: Path) -> Path:

@@ -157,9 +157,9 @@ def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[Sitl
 def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: tuple[SitlHarness, Any]) -> None:
     harness, result = flown
     page = (harness.directory / "report.html").read_text()
-    assert "How it went on" in page
+    assert "Course of the trial" in page
     assert "A trial for N_rdot = alpha_r to 0.08 %" in page
-    assert any(f"2-{name}: the motion and what drove it" in page for name in ("s-manoeuvre", "steps"))
+    assert any(f"2-{name}: motion and input" in page for name in ("s-manoeuvre", "steps"))
     assert "z [m]" not in page
     assert all(s.run in page for s in result.steps)
     assert (harness.directory / "model.json").exists()

@@ -120,7 +120,7 @@ def test_an_order_given_in_a_silence_stands(tmp_path: Any) -> None:
     with pytest.raises(AutotuneError):
         harness.tune(Enough(harness, "relay-1: completed"))
     assert harness.mode == "ACRO"
-    assert any("from MANUAL to ACRO, not by us" in text and "That order stands" in text for text in harness.said)
+    assert any("from MANUAL to ACRO, not by us" in text and "This order is respected" in text for text in harness.said)
 
 
 @pytest.mark.parametrize(("patience", "silence"), [(0.0, 9.0), (12.0, 20.0)])

@@ -56,7 +56,7 @@ def test_free_thrust_passes_on_the_first_half_pulse() -> None:
     assert check.answer.command == WORKING / 2
     assert check.answer.obeyed == pytest.approx(1.0, abs=0.02)
     assert check.answer.moved > 0.2
-    assert flown.outcome.reason.endswith("X acts the right way")
+    assert flown.outcome.reason.endswith("X acts in the right direction")
 
 
 @pytest.mark.slow
@@ -91,7 +91,7 @@ def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> 
     assert flown.outcome.ending == "aborted"
     assert check.answer is not None
     assert check.answer.obeyed == pytest.approx(0.25, abs=0.02)
-    assert "+0.40 of full X was commanded, but the outputs show +0.10: SERVO3 is cut off" in flown.outcome.reason
+    assert "commanded +0.40 of full X, but the outputs show +0.10: SERVO3 is limited" in flown.outcome.reason
     assert "MOT_THR_MAX" in flown.outcome.reason
 
 
@@ -101,7 +101,7 @@ def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse(
     assert flown.outcome.ending == "aborted"
     assert check.answer is None
     assert pulses(flown) == []
-    assert "X stands at +0.96 of full output without any command: SERVO3 is saturated" in flown.outcome.reason
+    assert "X is at +0.96 of full output without any command: SERVO3 is saturated" in flown.outcome.reason
 
 
 @pytest.mark.slow

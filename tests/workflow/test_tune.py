@@ -47,7 +47,7 @@ def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned)
     assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert "turn rates, lower is better" in page
-    assert "Turn rates with the same gains (measured)" in page
+    assert "Turn-rate step with the same gains (measured)" in page
 
 
 PROOFS = (("present", "step"), ("present", "turn rate"), ("new", "step"), ("new", "turn rate"))
@@ -277,6 +277,6 @@ def test_a_boat_whose_step_and_relay_do_not_settle_is_tuned_with_what_it_had_rec
     story = harness.tune(stop_rule="settled", envelope=Envelope(distance=60.0), dry_run=True)
     assert story.ending == "dry-run"
     said = " ".join(harness.said)
-    assert re.search(r"step-before: stopped, the room ends \d+ s into the step and 4 s into the step back: 4\d m", said)
-    assert re.search(r"relay-2: stopped, not settled after \d+ reversals, and the room ends: 4\d m", said)
+    assert re.search(r"step-before: stopped, out of space \d+ s into the step and 4 s into the step back: 4\d m", said)
+    assert re.search(r"relay-2: stopped, out of space, not settled after \d+ reversals: 4\d m", said)
     assert story.proposal.changes

@@ -32,7 +32,7 @@ WRONG = {
         {"parameters": {"SERVO3_REVERSED": 1.0}},
         "mounted turned or the thrust is reversed",
     ),
-    "too slow": ("charlie", "heading", {"throttle": 0.02}, "give more --throttle"),
+    "too slow": ("charlie", "heading", {"throttle": 0.02}, "more --throttle"),
 }
 
 

@@ -1,6 +1,6 @@
 """The one compiled loop that every law flies: position, velocity and acceleration in cascade, around a craft.
 
-A law says what of it its autopilot has (:class:`Cascade`); what it leaves at its default is not there. Written from the
+A law sets the stages that its autopilot has (:class:`Cascade`); stages at their defaults are omitted. Written from the
 behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller, LowPassFilter2p), not from its source text.
 """
 
@@ -43,7 +43,7 @@ pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "i
 MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
 FINEST = 0.1
-"""A substep of the craft's motion may take at most this share of its shortest time constant."""
+"""Longest substep of the craft's motion relative to its shortest time constant."""
 MAX_SUBSTEPS = 50
 SATURATED = 0.999
 """A low-passed output counts as at its limit from here on [fraction]: it never quite gets there."""
@@ -168,7 +168,7 @@ def _wrap(angle: float) -> float:
 
 
 def _sqrt_control(error: float, p: float, limit: float) -> float:
-    """Proportional near zero, square root beyond, so that the demand never asks for more than *limit* to stop."""
+    """Proportional near zero, square root beyond, so that stopping never needs more than *limit*."""
     if limit <= 0.0 or p <= 0.0:
         return error * p
     linear = limit / (p * p)
@@ -180,7 +180,7 @@ def _sqrt_control(error: float, p: float, limit: float) -> float:
 
 
 def _smoothing(cutoff: float, dt: float) -> float:
-    """Share of the new sample in a first-order low-pass of *cutoff* [Hz]; 1 (no filter) when it is zero."""
+    """Weight of the new sample in a first-order low-pass of *cutoff* [Hz]; 1 (no filter) if it is zero."""
     if cutoff <= 0.0:
         return 1.0
     return dt / (dt + 1.0 / (2.0 * math.pi * cutoff))

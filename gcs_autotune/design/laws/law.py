@@ -1,4 +1,4 @@
-"""What a control law of an autopilot must be able to say about itself."""
+"""Interface of a control law of an autopilot."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ class Law(Protocol):
     late: Sequence[str]
     """Gains among ``fixed`` that the last stage of an automatic design may take up where that pays."""
     defaults: Settings
-    """The firmware's own values of what the law reads, used where the vehicle did not say."""
+    """Firmware defaults of the law's parameters, for those the vehicle did not report."""
     usual_step: float
     controls_velocity: bool
     """Whether what is stepped is the velocity (of surge, or the turn rate) and not the position."""
     free_overshoot: float
-    """Overshoot [share of the step] that the structure itself causes, not held against the gains."""
+    """Overshoot of the structure itself, relative to the step; it does not count against the gains."""
     measured: Sequence[str]
     """Gains that are set to what was measured (``Spec.measured``)."""
 
@@ -89,7 +89,7 @@ class Law(Protocol):
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return (share of the actuator, largest velocity or acceleration) of following *wanted* exactly."""
+        """Return (actuator use, largest velocity or acceleration) for following *wanted* exactly."""
         ...
 
     def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
@@ -105,7 +105,7 @@ class Law(Protocol):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Return gains that algebra gives for *wanted*, unbounded; the first is the closest to exact."""
+        """Return unbounded algebraic gains for *wanted*; the first is the closest to exact."""
         ...
 
     def simulate(
@@ -141,6 +141,6 @@ class Law(Protocol):
 
 
 def setting(settings: Settings, defaults: Settings, name: str) -> float:
-    """Return a parameter's value, or the firmware's default when the vehicle did not say (or said NaN)."""
+    """Return a parameter's value, or the firmware's default if the vehicle reported none (or NaN)."""
     value = settings.get(name, math.nan)
     return float(value) if math.isfinite(value) else float(defaults[name])

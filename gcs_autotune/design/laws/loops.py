@@ -1,8 +1,8 @@
-"""What the loops share: parameters read with the firmware's defaults, a cascade flown on a craft, and what a loop on a
-position, or on a velocity, asks of the craft.
+"""Common parts of the loops: parameters with firmware defaults, simulation of a cascade on a craft, and the demands of
+position and velocity loops.
 
-A new law is a table of what it reads, what of it is which stage of the one compiled :class:`.kernel.Cascade`, and its
-algebra: where matching may start, its transfer functions, its notes. :class:`PositionLoop` or :class:`VelocityLoop`
+A new law is a table of its parameters, their mapping to stages of the compiled :class:`.kernel.Cascade`, and its
+algebra: start values of matching, transfer functions, notes. :class:`PositionLoop` or :class:`VelocityLoop`
 adds the rest.
 """
 
@@ -116,7 +116,7 @@ def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[
 
 @lru_cache(maxsize=1024)
 def linearisations(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, ...]:
-    """Return the constant drags to judge stability with: at rest, and at half the wanted step's peak velocity."""
+    """Return the constant drags for stability: at rest, and at half the peak velocity of the required step."""
     moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])
     return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
 
@@ -152,7 +152,7 @@ class PositionLoop(Loop):
 
 
 MIN_ROOM = 0.05
-"""Share of full output that counts as left over at the end of the step, though there be none."""
+"""Smallest output reserve assumed at the end of the step, normalised."""
 
 
 def holding(model: SingleDof, velocity: float) -> float:
@@ -190,7 +190,7 @@ class VelocityLoop(Loop):
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return (what accelerates, as a share of the output left over at the end; largest acceleration)."""
+        """Return (accelerating output relative to the reserve at the end; largest acceleration)."""
         base = self.base(step, speed)
         ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
         acceleration = step * ideal.velocity

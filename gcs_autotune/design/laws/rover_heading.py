@@ -29,7 +29,7 @@ __all__ = ["RoverHeading", "alike"]
 
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
-"""Feed-forward below this share of the model's own is worth a note."""
+"""Feed-forward relative to the exact one of the model below which a note is given. Chosen."""
 BARELY = 1.1
 """ATC_STR_ANG_P up to this is held back by the least that is documented, 1."""
 
@@ -71,7 +71,7 @@ class RoverHeading(PositionLoop):
         """Match coefficients, with ``G = K/(T s + 1)``, ``FF = 1/K``.
 
         ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic in A has no real
-        root for every wish; then its real part is taken. The second start drops the integral:
+        root for every specification; then the real part is used. The second start drops the integral:
         ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
         """
         scale = steering.scale(settings, speed)
@@ -87,7 +87,7 @@ class RoverHeading(PositionLoop):
         return [exact, gentle]
 
     def _angle(self, settings: Settings) -> Rational:
-        """Return heading to wanted turn rate."""
+        """Return the transfer from heading error to required turn rate."""
         return first_order(self._get(settings, "ATC_STR_RAT_FLTT")) * constant(settings[ANG])
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
@@ -108,7 +108,7 @@ class RoverHeading(PositionLoop):
         return integral_over_proportional(settings[ANG], settings[FF] + settings[P], settings[I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say at which speeds the gains hold, and how turn rates are followed."""
+        """Return notes on the speeds at which the gains are valid, and on turn rates."""
         vectored = steering.vectored_angle(settings) > 0.0
         plain = steering.is_skid(settings) or (not vectored and steering.integral_grows(settings, speed))
         feed = self._feed_notes(model, settings, speed) if plain else []
@@ -120,10 +120,10 @@ class RoverHeading(PositionLoop):
             return []
         most = math.degrees(abs(model.steady_velocity(1.0)))
         bound = settings[ANG] <= BARELY
-        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the step in heading needs less"
+        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the heading step needs less"
         return [
-            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}; the craft can turn at {most:.0f} "
-            f"deg/s at most at this speed, while ATC_STR_RAT_MAX asks for up to "
+            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}. At this speed the craft turns at "
+            f"most {most:.0f} deg/s; ATC_STR_RAT_MAX requests up to "
             f"{self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
 

@@ -1,7 +1,7 @@
 """ArduRover's speed loop: cruise feed-forward, FF and PID on an acceleration-limited speed, slewed and bent throttle.
 
 ``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``; the speed comes from the position
-estimate, unfiltered. What is told as position is the speed, less that at the start of the step.
+estimate, unfiltered. The speed relative to the start of the step takes the place of the position.
 
 From throttle to servo pulse, fractions of full throughout: the firmware lifts the throttle over MOT_THR_MIN first and
 bends it then, so that thrust ``(1 - e) u + e u^2`` of the pulse becomes proportional to the throttle for
@@ -170,10 +170,11 @@ class RoverSpeed(VelocityLoop):
         return settings[I] / max(settings[P] + self.cruise(settings), 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say what the cruise pair does besides, and where the gains hold."""
+        """Return notes on other uses of the cruise pair, and on the validity of the gains."""
         speed_now, percent = (settings.get(name, math.nan) for name in CRUISE)
         return [
-            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward; "
-            "it also says what a full stick asks for in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
-            "the model was found in calm water on this load: head wind, current and payload are left to the integral",
+            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward. "
+            "It also sets the speed at full stick in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
+            "the model is valid for calm water and this load; head wind, current and payload are left to the integral "
+            "gain",
         ]

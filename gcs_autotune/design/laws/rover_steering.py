@@ -50,14 +50,14 @@ DEFAULTS: Settings = {
     "INS_GYRO_FILTER": 4.0,
     "SCHED_LOOP_RATE": 50.0,
 }
-"""What the controller reads besides its gains."""
+"""Parameters of the controller other than its gains."""
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
 MIN_THROTTLE = 0.05
 """Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
 MAX_FEED = 1.3
-"""Chosen: feed-forward above this share of the model's own is not offered. On a craft that answers at once a larger one
-with a smaller ATC_STR_ANG_P steps as well in heading, but turns so much faster than it is told in every other mode."""
+"""Largest feed-forward relative to the exact one of the model. Chosen: on a craft with a fast response a larger one
+with a smaller ATC_STR_ANG_P gives an equal heading step, but turn rates in other modes exceed their command."""
 
 
 def _get(settings: Settings, name: str) -> float:
@@ -78,8 +78,7 @@ def scale(settings: Settings, speed: float | None) -> float:
     """Return servo per controller output at *speed* [m/s].
 
     With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
-    throttle of the experiment; where that is not known, the one that CRUISE_THROTTLE and CRUISE_SPEED say the autopilot
-    drives at that speed with.
+    throttle of the experiment; if unknown, at the throttle for that speed from CRUISE_THROTTLE and CRUISE_SPEED.
     """
     if is_skid(settings):
         return 1.0
@@ -169,35 +168,36 @@ def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None)
 
 
 def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-    """Say at which speeds the gains hold."""
+    """Return notes on the speeds at which the gains are valid."""
     base = _get(settings, "MOT_SPD_SCA_BASE")
     if is_skid(settings):
         return [
-            f"steered by two thrusters: the autopilot never scales their difference with speed, so the gains are "
-            f"those of {speed or 0.0:.2f} m/s and this throttle; thrust that goes with the square of the pulse "
-            "steers harder at more throttle, weaker at less, unless MOT_THST_EXPO straightens it"
+            f"steered by two thrusters: the autopilot does not scale their difference with speed, so the gains are "
+            f"valid at {speed or 0.0:.2f} m/s and this throttle. If thrust grows with the square of the pulse, "
+            f"steering "
+            "is stronger at more throttle and weaker at less, unless MOT_THST_EXPO linearises it"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0
         whence = "" if known else " (from CRUISE_THROTTLE and CRUISE_SPEED)"
         return [
             "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
-            f"so the gains hold at the throttle of the experiment, {'' if known else 'taken to be '}"
-            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere as long as thrust grows in proportion to "
-            "throttle; without throttle there is no steering"
+            f"so the gains are valid at the throttle of the experiment, {'' if known else 'assumed to be '}"
+            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere if thrust is proportional to throttle. "
+            "Without throttle there is no steering"
         ]
     turn = math.degrees(abs(model.steady_velocity(1.0)))
     seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
     if not integral_grows(settings, speed):
         return [
-            f"{seen}; that is not above MOT_SPD_SCA_BASE = {base:g} m/s: there the autopilot does not scale the "
-            "steering and its integral cannot grow, so wind or trim leaves an error; the margins are given for "
-            "just above that speed; prove the gains again when going faster"
+            f"{seen}, which is not above MOT_SPD_SCA_BASE = {base:g} m/s. Below that speed the autopilot does not "
+            "scale the steering and freezes its integral, so wind or trim leaves an error. The margins are for just "
+            "above that speed. Prove the gains again before going faster"
         ]
     ideal = ideal_feed_forward(model, settings, speed)
     return [
-        f"{seen}; above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed, so the gains "
-        f"hold there as long as the turn rate per rudder grows in proportion to speed: {FF} = 1/(K base) = "
-        f"{ideal:.3g} then follows turn rates exactly, at every speed; at or below {base:g} m/s the integral term "
+        f"{seen}. Above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed. The gains are "
+        f"valid if turn rate per rudder is proportional to speed. {FF} = 1/(K base) = "
+        f"{ideal:.3g} then follows turn rates exactly at every speed. At or below {base:g} m/s the integral term "
         "is frozen"
     ]

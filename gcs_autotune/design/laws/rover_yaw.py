@@ -1,7 +1,7 @@
-"""ArduRover's turn-rate loop alone: what a pilot feels in ACRO, what GUIDED turn rates and the heading loop rest on.
+"""ArduRover's turn-rate loop alone, which serves ACRO, GUIDED turn rates and the heading loop.
 
 ``servo = scale (FF rT + P e + I int(e) + D de/dt)``; limits, filters and scaling as in :mod:`.rover_steering`. The step
-goes from half of it to port to half of it to starboard. What is told as position is the turn rate.
+goes from half of it to port to half of it to starboard. The turn rate takes the place of the position.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class RoverYaw(VelocityLoop):
         return settings[I] / max(settings[P] + settings[FF], 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say at which speeds the gains hold, and what rests on them."""
+        """Return notes on the speeds at which the gains are valid, and on dependent loops."""
         return [
             *steering.speed_notes(model, settings, speed),
-            "ATC_STR_ANG_P was left alone: `tune heading` chooses it together with these gains",
+            "ATC_STR_ANG_P is unchanged; `tune heading` chooses it together with these gains",
         ]

@@ -112,7 +112,7 @@ class SubDepth(PositionLoop):
         )
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:
-        """Acceleration to output (feedback; feed-forward), and climb rate to wanted acceleration."""
+        """Acceleration to output (feedback; feed-forward), and climb rate to required acceleration."""
         throttle = first_order(THROTTLE_CUTOFF) * constant(OUTPUT)
         pid = pid_path(settings[ACC], settings[ACC_I], error_cutoff=self._get(settings, "PSC_ACCZ_FLTE")) * throttle
         velocity = pid_path(settings[VEL], settings[VEL_I], error_cutoff=self._get(settings, "PSC_VELZ_FLTE"))
@@ -136,12 +136,14 @@ class SubDepth(PositionLoop):
         return integral_over_proportional(settings[POS], settings[ACC] + settings[ACC_FF], settings[ACC_I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say what the gains do not cover."""
+        """Return notes on what the gains do not cover."""
         notes = []
         if SURFACE in settings:
-            notes.append(f"near the surface ArduSub limits the upward thrust ({SURFACE}); prove the gains below it")
+            notes.append(
+                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Prove the gains below that depth"
+            )
         if self._get(settings, "PSC_ACCZ_D") != 0.0:
-            notes.append("PSC_ACCZ_D is not zero; the design leaves it alone and does not model it")
+            notes.append("PSC_ACCZ_D is not zero; the design does not change or model it")
         return notes
 
 

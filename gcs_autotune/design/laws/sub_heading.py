@@ -147,5 +147,5 @@ class SubHeading(PositionLoop):
         return integral_over_proportional(settings[ANG], settings[P], settings[I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say what the gains do not cover."""
-        return ["the yaw model was identified without way on; ArduSub does not scale its yaw gains with speed"]
+        """Return notes on what the gains do not cover."""
+        return ["the yaw model was identified without speed; ArduSub does not scale its yaw gains with speed"]

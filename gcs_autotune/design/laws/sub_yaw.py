@@ -1,9 +1,9 @@
-"""ArduSub's turn-rate loop as a pilot feels it: the yaw stick of STABILIZE and ALT_HOLD.
+"""ArduSub's turn-rate loop of the yaw stick in STABILIZE and ALT_HOLD.
 
-No mode of ArduSub leaves the angle loop out: the stick moves a heading target at the wanted rate (shaped by
-ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects what the craft falls behind it. So that gain is
-tuned with the rate PID, for the turn rate (decision 10). ``N = P e + I int(e) + D de/dt``. What is told as position is
-the turn rate.
+Every mode of ArduSub includes the angle loop: the stick moves a heading target at the commanded rate (shaped by
+ATC_ACCEL_Y_MAX), whose rate is fed forward, and ATC_ANG_YAW_P corrects the lag behind it. So that gain is
+tuned with the rate PID, for the turn rate (decision 10). ``N = P e + I int(e) + D de/dt``. The turn rate takes the
+place of the position.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class SubYaw(VelocityLoop):
         return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Say why the angle gain is among them."""
+        """Return a note on why the angle gain is included."""
         return [
-            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and is chosen with the rate gains, "
-            "here for how turn rates are followed; `tune heading` chooses the same gains for how headings are held"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and chosen with the rate gains. Here "
+            "they are chosen for turn rates; `tune heading` chooses the same gains for headings"
         ]

@@ -36,13 +36,17 @@ LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
 SHORTEST_MEMORY = 2.0
 """Least time constant of the force, in intervals between samples: quicker, it is noise of the sensor's kind."""
 
+NO_FORCE = 1e-9
+"""Size [m/s^2, rad/s^2] up to which a drifting force counts as none: it is held there, and its memory means nothing."""
+
 
 @dataclass(frozen=True, slots=True)
 class Water:
     """What drives a craft besides its commands, and how well it is seen.
 
-    ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2], ``memory`` [s] its time constant, ``noise``
-    that of the measured position [m, rad]; ``freedom`` degrees of freedom of the innovations' law, inf when normal.
+    ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none), ``memory`` [s]
+    its time constant, ``noise`` that of the measured position [m, rad]; ``freedom`` degrees of freedom of the
+    innovations' law, inf when normal.
     ``wave_swing`` [as noise], ``wave_force`` [as size]: standard deviations of what waves add to the position seen and
     to the force, ``wave_frequency`` [rad/s] and ``wave_damping`` ratio: of their band (:mod:`.waves`); 0 for none.
     ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
@@ -78,11 +82,17 @@ class Water:
         return bool(rough(self.waves))
 
     @property
+    def still(self) -> Water:
+        """The same sensor without any force that drifts, differs between runs or goes with waves."""
+        return replace(self, size=NO_FORCE, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
+
+    @property
     def unknowns(self) -> tuple[str, ...]:
         """Names of what is fitted, each by its logarithm."""
         smoothing = ("smoothing",) if self.smoothing > 0.0 else ()
         waves = ("wave_swing", "wave_force", "wave_frequency", "wave_damping") if self.wavy else ()
-        return ("size", "memory", "noise", *smoothing, *waves)
+        force = ("size", "memory") if self.size > NO_FORCE else ()
+        return (*force, "noise", *smoothing, *waves)
 
 
 def free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:

@@ -21,6 +21,8 @@ _TRIES = 3
 _IN_PROGRESS_PATIENCE = 10.0
 _HEARTBEAT_PATIENCE = 3.5
 """Chosen: three heartbeats; a mode change shows in the next one or not at all."""
+_KNOWN = 2.0
+"""Chosen [s]: four askings for a HEARTBEAT, before an order that was not answered is sent again."""
 _TEXT_DELAY = 0.5
 """Chosen: the STATUSTEXT that explains a refusal may come after the COMMAND_ACK."""
 _EXPLAINS = ("Arm:", "PreArm:")
@@ -152,8 +154,13 @@ class Commands:
         self._ordered.append((begun, number))
         values = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number)
         try:
-            # Not sent again once the mode has changed: it has arrived, or somebody else has ordered another one.
-            self.command_long(mavlink.MAV_CMD_DO_SET_MODE, *values, in_vain=lambda: self._session.custom_mode != before)
+            # Not sent again once the mode has changed: it has arrived, or somebody else has ordered another one. Nor
+            # where that cannot be known.
+            self.command_long(
+                mavlink.MAV_CMD_DO_SET_MODE,
+                *values,
+                in_vain=lambda: not self._session.ask_state(_KNOWN) or self._session.custom_mode != before,
+            )
         except NoReply:
             if self._session.custom_mode != number:
                 raise

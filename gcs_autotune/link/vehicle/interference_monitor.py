@@ -137,10 +137,10 @@ class InterferenceMonitor:
             self.modes = before
             self._unanswered.add(number)
 
-    def confirm_mode(self) -> None:
-        """What we ordered is in force."""
+    def confirm_mode(self, number: int) -> None:
+        """The order of the mode of that *number* was accepted: from now on no other is expected."""
         self._unanswered.clear()
-        self.modes = frozenset({self._session.custom_mode}) if self.is_ours else frozenset()
+        self.modes = frozenset({number}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
         """Return the first change of mode or armed state that we did not order, by the last heartbeat.

@@ -247,7 +247,7 @@ class MavlinkCraft:
         try:
             self._order_mode(mode)
         except (ModeRefused, NoReply):
-            self._interference.check_state()  # another station ordered a third one just now
+            self._interference.check_state()  # another station ordered one just now
             raise
 
     def _order_mode(self, mode: str) -> None:
@@ -260,7 +260,11 @@ class MavlinkCraft:
             if self.commands.accepted_mode != number:  # when it shows later, that it was ours is not certain
                 self._interference.doubt_mode(number, before)
             raise
-        self._interference.confirm_mode()
+        except ModeRefused:
+            if self.commands.accepted_mode == number:  # it was in force, and another one has been ordered since
+                self._interference.confirm_mode(number)
+            raise
+        self._interference.confirm_mode(number)
         self.on_order("ordered", {"mode": mode})
 
     def _note_order(self, **what: Any) -> None:
@@ -385,7 +389,11 @@ class MavlinkCraft:
                 if self._is_taken():
                     return
                 raise
-        await_neutral(self.session, self.telemetry)
+        try:
+            await_neutral(self.session, self.telemetry)
+        except NotAsFound:
+            if not self._is_taken():  # in a mode that another station has just ordered the autopilot may steer
+                raise
 
     def _is_taken(self) -> bool:
         """Let go of the sticks, neutral, where another station has ordered a mode; return whether one has."""

@@ -1,8 +1,9 @@
-"""A compass that deviates: what it, and velocities turned into the body by it, show instead of the truth.
+"""Compass deviation: its effect on heading, and on velocities rotated into the body with it.
 
-The deviation is that of the compass adjuster, ``d = A + B sin(psi) + C cos(psi)``: A is a misaligned compass, B and C
-are the iron and the currents aboard. A log whose ``u``, ``v`` come from a satellite receiver and the compass's heading
-then holds a sway velocity that is none: ``-sin(d) u``, in proportion to speed and changing sign with the heading.
+The deviation is that of the compass adjuster, ``d = A + B sin(psi) + C cos(psi)``: A is the misalignment, B and C
+are due to iron and electric currents on board. A log whose ``u``, ``v`` come from a satellite receiver and the
+compass's heading then holds a sway velocity that is none: ``-sin(d) u``, in proportion to speed and changing sign with
+the heading.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""SNAME derivative names read as terms of the equations of motion.
+"""Parse SNAME derivative names as terms of the equations of motion.
 
 ============  ==========================================================  ==========================
 name          meaning                                                     term
@@ -27,7 +27,8 @@ of position and velocity (:mod:`.lever_arm`), ``bottom`` [m] a depth and ``reach
 felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
 
 Some inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
-craft whose heave is not simulated, ``surge`` and ``sway`` [m/s] for ``u`` and ``v`` where these are measured only.
+craft whose heave is not simulated, ``surge``, ``sway`` and ``yaw`` for ``u``, ``v`` and ``r`` where these were only
+measured.
 """
 
 from __future__ import annotations
@@ -46,10 +47,9 @@ __all__ = [
     "FORCES",
     "PAYLOAD",
     "RIGID_BODY",
+    "SEEN",
     "SPECIAL",
     "STATES",
-    "SURGE_SEEN",
-    "SWAY_SEEN",
     "WALLS",
     "Inertia",
     "Term",
@@ -92,8 +92,8 @@ SPECIAL: Mapping[str, str] = {
 PAYLOAD, DEPTH = "payload", "depth"
 """The input that multiplies the inertia, and that which stands for ``z``."""
 
-SURGE_SEEN, SWAY_SEEN = "surge", "sway"
-"""Inputs that stand for velocities that were measured and are not simulated."""
+SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
+"""Velocity -> the input that stands for it where it was measured and is not simulated."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {
@@ -130,7 +130,7 @@ def inertia_of(name: str) -> Inertia | None:
         return None
     state = match["rest"].removesuffix("dot")
     if state not in STATES:
-        raise BadFile(f"'{name}' is not a derivative: before 'dot' stands one of {', '.join(STATES)}")
+        raise BadFile(f"'{name}' is not a derivative: 'dot' must follow one of {', '.join(STATES)}")
     return Inertia(FORCES.index(match["force"]), STATES.index(state))
 
 
@@ -150,7 +150,7 @@ def term_of(name: str, inputs: Sequence[str]) -> Term:
         return Term(row, ())
     factors = _factors(name, rest, inputs)
     if not 1 <= len(factors) <= 3:
-        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are possible")
+        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are allowed")
     return Term(row, tuple(factors))
 
 
@@ -162,7 +162,7 @@ def _tokens(name: str, rest: str, inputs: Sequence[str]) -> list[tuple[str, bool
         rest = rest[1:] if modulus else rest
         word = next((w for w in words if rest.startswith(w)), None)
         if word is None or (modulus and not rest[len(word) :].startswith("|")):
-            raise BadFile(f"'{name}': cannot read '{rest}'; known there: {', '.join(words)}")
+            raise BadFile(f"'{name}': cannot read '{rest}'; allowed there: {', '.join(words)}")
         rest = rest[len(word) + modulus :]
         found.append((word, modulus))
     return found

@@ -44,11 +44,11 @@ class Form:
 
     ``dofs`` in SNAME order; ``free`` the parameters to identify and ``known`` constants, names of
     :mod:`.derivatives`; ``inputs`` maps a channel to ``(force letter, gain)`` pairs, the gain a number or a
-    parameter's name, with ``-`` before it for the opposite sign; ``start`` values to begin a search from (optional).
-    ``optional``: inputs that stay out when no run has their channel: nothing pushes there.
-    ``normalised``: forces are fractions of full output, so inertias and drags have no newtons in them.
-    ``per_inertia``: force letters of the equations that are divided by their inertia, because no run tells a force
-    there: what stands in them are accelerations.
+    parameter's name, with ``-`` before it for the opposite sign; ``start`` values to start a search from (optional).
+    ``optional``: inputs that are omitted if no run has their channel.
+    ``normalised``: forces are normalised outputs, so inertias and drags contain no newtons.
+    ``per_inertia``: force letters of the equations that are divided by their inertia, because no run determines a
+    force there; their terms are accelerations.
     """
 
     name: str
@@ -93,8 +93,9 @@ class Form:
             if self.per_inertia:
                 why = f"its equations of {', '.join(self.per_inertia)} are per unit of inertia"
             raise UsageError(
-                f"{', '.join(masses)} cannot enter form '{self.name}': {why}, no force is known in newtons; leave it "
-                "out, or give a form whose inputs are forces (--dof horizontal)"
+                f"{', '.join(masses)} cannot be used in form '{self.name}': {why}, so no force is in newtons. Remove "
+                f"it, "
+                "or use a form whose inputs are forces (--dof horizontal)"
             )
         return self.fixing(values)
 
@@ -154,7 +155,7 @@ class Form:
         kept = [n for n in self.free if n not in RIGID_BODY and n not in alone]
         return replace(
             self,
-            title=f"{self.title}, each force in shares of its own full output",
+            title=f"{self.title}, each force as normalised output",
             free=tuple(dict.fromkeys((*kept, *products))),
             known={**{n: v for n, v in self.known.items() if n in SPECIAL}, **alone},
             coriolis=False,
@@ -179,14 +180,16 @@ def _check(form: Form) -> None:
         raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} named twice (free and known)")
     odd = set(form.per_inertia) - {DOFS[d].force for d in form.dofs}
     if odd:
-        raise BadFile(f"form '{form.name}': per_inertia names {', '.join(sorted(odd))}, not among its equations")
+        raise BadFile(
+            f"form '{form.name}': per_inertia contains {', '.join(sorted(odd))}, which are not among its equations"
+        )
     strange = set(form.optional) - set(form.inputs)
     if strange:
         raise BadFile(f"form '{form.name}': optional {', '.join(sorted(strange))} is not among its inputs")
     pushed = {force for pairs in form.inputs.values() for force, _ in pairs}
     if not pushed <= set(FORCES):
         nowhere = ", ".join(sorted(pushed - set(FORCES)))
-        raise BadFile(f"form '{form.name}': an input drives {nowhere}, which is none of {', '.join(FORCES)}")
+        raise BadFile(f"form '{form.name}': an input drives {nowhere}, which is not one of {', '.join(FORCES)}")
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:
@@ -201,7 +204,9 @@ def _check(form: Form) -> None:
             raise BadFile(f"form '{form.name}': {name} belongs to an equation that is not among {', '.join(form.dofs)}")
     centre = [n for n in ("x_G", "y_G", "z_G") if n in form.free]
     if centre and "m" in form.free:
-        raise BadFile(f"form '{form.name}': m and {', '.join(centre)} cannot both be free: only their product acts")
+        raise BadFile(
+            f"form '{form.name}': m and {', '.join(centre)} cannot both be free: only their product is identifiable"
+        )
 
 
 def form_from(data: Mapping[str, Any], origin: str) -> Form:

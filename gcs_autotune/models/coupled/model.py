@@ -52,9 +52,9 @@ SLACK = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledMotion:
-    """A simulated run: ``values[signal]`` (s,) at the stamps asked for, ``finite`` False when it ran away.
+    """A simulated run: ``values[signal]`` (s,) at the requested timestamps, ``finite`` False if it diverged.
 
-    ``by[signal]`` (s, q): derivatives by the free parameters, then by the free initial states; empty if not asked.
+    ``by[signal]`` (s, q): derivatives by the free parameters, then by the free initial states; empty if not requested.
     """
 
     values: Mapping[str, Array]
@@ -63,13 +63,13 @@ class CoupledMotion:
 
 
 class Simulator:
-    """A form made ready to run, for one choice of free parameters and free initial states.
+    """A form prepared for simulation, for one choice of free parameters and free initial states.
 
     Parameters
     ----------
-    free : names of the parameters sensitivities are wanted for, in this order.
+    free : names of the parameters with sensitivities, in this order.
     free_states : names of the initial states (``u``, ``psi``, ``x`` ...) likewise; they come after the parameters.
-    patience : steps per stamp before a simulation is given up as hopelessly stiff; what is linear takes none.
+    patience : steps per timestamp before a simulation is abandoned as too stiff; linear models need none.
 
     Attributes
     ----------
@@ -301,7 +301,7 @@ class CoupledModel:
         form = form_of(told.form, "form")
         missing, strange = set(form.parameters) - set(told.values), set(told.values) - set(form.parameters)
         if missing or strange:
-            what = "lack" if missing else "hold no parameter of the form:"
+            what = "lack" if missing else "are not parameters of the form:"
             raise BadFile(f"values {what} {', '.join(sorted(missing or strange)[:5])}")
         model = cls(form, dict(told.values))
         model._check_signs()

@@ -1,4 +1,4 @@
-"""The pictures of a diagnosis: flights, views of what is left, curves of causes, gains."""
+"""The figures of a diagnosis: runs, views of the residual, curves of causes, gains."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 BINS = 15
-"""Equally filled bins a residual is averaged in. Chosen: enough for a kink either side of zero."""
+"""Number of equally filled bins of a residual. Chosen: enough for a kink on either side of zero."""
 
 Kind = Literal["against", "cross", "spectrum"]
 
@@ -58,7 +58,7 @@ _FAMILY: Mapping[str, tuple[tuple[Kind, frozenset[str]], ...]] = {
     "environment": (("against", frozenset({"psi", "time", "x", "y", "z"})), ("spectrum", frozenset({""}))),
     "sensor": (("against", frozenset({"psi", "time"}) | _VELOCITIES),),
 }
-"""Where each family of effects usually shows."""
+"""Views in which each family of effects usually shows."""
 
 _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
     (r"command|input|thrust|rudder", "against", _FORCES),
@@ -69,14 +69,14 @@ _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
     (r"spectr|frequen|narrow|peak", "spectrum", frozenset({""})),
     (r"correlat|delay|\blate\b|\blag", "cross", _FORCES | _VELOCITIES),
 )
-"""What an effect's ``shown_by`` speaks of, and where that is drawn."""
+"""Pattern in an effect's ``shown_by`` -> the view that plots it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One way to look at one signal's residual; ``name`` the channel, empty for a spectrum.
+    """One view of a signal's residual; ``name``: the channel, empty for a spectrum.
 
-    ``share``: of the residual's variance, how much this view accounts for (0: nothing, 1: all of it).
+    ``share``: fraction of the residual's variance that the view accounts for.
     """
 
     kind: Kind
@@ -99,7 +99,7 @@ def bin_means(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array
 
 
 def views_of(portrait: Portrait) -> Iterator[View]:
-    """Yield every view a portrait has data for."""
+    """Yield every view for which a portrait has data."""
     for name, (x, y, _) in portrait.against.items():
         keep = np.isfinite(x) & np.isfinite(y)
         if np.count_nonzero(keep) > 2 * BINS and np.ptp(x[keep]) > 0.0:
@@ -113,12 +113,12 @@ def views_of(portrait: Portrait) -> Iterator[View]:
 
 
 def _folded(name: str, x: Array) -> Array:
-    """Return headings as they stand on a compass; all else unchanged."""
+    """Return headings as compass values; other channels unchanged."""
     return x % (2.0 * np.pi) if name == "psi" else x
 
 
 def _explained(x: Array, y: Array) -> float:
-    """Return the share of the mean square of *y* that its means over bins of *x* account for, less what luck gives."""
+    """Return the fraction of the mean square of *y* in its means over bins of *x*, minus that of chance."""
     _, mean, _, count = bin_means(x, y)
     total = float(np.mean(y**2))
     if total <= 0.0 or len(y) <= len(mean):
@@ -128,7 +128,7 @@ def _explained(x: Array, y: Array) -> float:
 
 
 def _peak(frequency: Array, power: Array) -> float:
-    """Return the share of power within a tenth of the strongest frequency, beyond what an even spread gives."""
+    """Return the fraction of power within a tenth of the strongest frequency, beyond an even spread."""
     total = float(np.nansum(power))
     if total <= 0.0:
         return 0.0
@@ -137,7 +137,7 @@ def _peak(frequency: Array, power: Array) -> float:
 
 
 def telling_view(portraits: Sequence[Portrait], effect: Effect | None = None, place: str = "") -> View | None:
-    """Return the view that shows most, preferring where an effect of this kind at this place usually shows."""
+    """Return the most informative view, preferably one where an effect of this kind at this place usually shows."""
     best: tuple[float, View] | None = None
     for portrait in portraits:
         for view in views_of(portrait):
@@ -148,7 +148,7 @@ def telling_view(portraits: Sequence[Portrait], effect: Effect | None = None, pl
 
 
 def _fit(view: View, effect: Effect, place: str) -> float:
-    """Return how much a view is what one would look at: by family, the effect's own words and its place."""
+    """Return the relevance of a view: by family, the effect's ``shown_by`` and its place."""
     weight = 1.0
     if any(view.kind == kind and view.name in names for kind, names in _FAMILY[effect.family]):
         weight += 1.0
@@ -167,17 +167,17 @@ def _fit(view: View, effect: Effect, place: str) -> float:
 
 
 MOST_POINTS = 400
-"""Samples of a cloud that are drawn; more cannot be told apart."""
+"""Most samples plotted of a scatter plot; more are indistinguishable."""
 
 MOST_DOTS = 250
-"""Measured samples drawn of one trace, beside lines through all of them; chosen so that the page stays small."""
+"""Most measured samples plotted of one trace; chosen so that the page stays small."""
 
 _CELLS = 24
-"""Points of a spectrum per decade; chosen so that a narrow peak is still one."""
+"""Points of a spectrum per decade; chosen so that a narrow peak stays visible."""
 
 
 def scaled(values: Array, unit: str) -> tuple[Array, str]:
-    """Return *values* as people read them, and their unit."""
+    """Return *values* in display units, and the unit."""
     shown, factor = to_people(unit)
     return factor * values, pretty_unit(shown) or "1"
 
@@ -185,8 +185,8 @@ def scaled(values: Array, unit: str) -> tuple[Array, str]:
 def draw_flight(
     before: Trace, after: Trace | None = None, run: Trial | None = None, inputs: Sequence[str] = ()
 ) -> Figure:
-    """Measured motion with the simulation, and with the extended one if given; below, what each leaves over, and the
-    *inputs* of the *run* meanwhile.
+    """Plot measurement, simulation and, if supplied, the extended simulation. Below: their residuals and the
+    *inputs* of the *run*.
     """
     driven = run is not None and len(inputs) > 0 and len(before.t) > 1
     figure, (top, bottom, *drive) = new_axes((1.7, 0.9, 0.7) if driven else (1.7, 0.9))
@@ -213,7 +213,7 @@ def draw_flight(
 
 
 def draw_view(view: View, after: Portrait | None = None) -> Figure:
-    """The residual as the view has it; *after*: the same signal's with what was found, for comparison."""
+    """Plot the residual of a view; *after*: the same signal's residual with the causes."""
     if view.kind == "against":
         return draw_against(view.portrait, view.name, after)
     figure, (axes,) = new_axes((2.0,))
@@ -222,14 +222,14 @@ def draw_view(view: View, after: Portrait | None = None) -> Figure:
     else:
         _correlation(axes, *view.portrait.cross[view.name], view.portrait.limit)
         if after is not None and view.name in after.cross:
-            axes.plot(*after.cross[view.name], color=AFTER, lw=1.2, label="with what was found")
-        axes.set_xlabel(f"the residual lags {view.name} by [s]")
+            axes.plot(*after.cross[view.name], color=AFTER, lw=1.2, label="with the causes")
+        axes.set_xlabel(f"lag of the residual behind {view.name} [s]")
     legend(axes)
     return figure
 
 
 def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -> Figure:
-    """The residual of a signal against a channel: a cloud, and its mean in bins; *after*: the extended model's mean."""
+    """Plot the residual over a channel: samples and bin means; *after*: bin means of the extended model."""
     figure, (axes,) = new_axes((2.2,))
     x, y = _cloud(portrait, name)
     x_unit, y_unit = scaled(x, portrait.against[name][2])[1], scaled(y, portrait.unit)[1]
@@ -240,7 +240,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
     axes.axhline(0.0, color=INK, lw=0.8)
     if after is not None and name in after.against and len(_cloud(after, name)[0]):
         centre, mean, _, _ = bin_means(*_cloud(after, name))
-        axes.plot(centre, mean, "o-", ms=2.6, lw=1.4, color=AFTER, label="its mean with what was found")
+        axes.plot(centre, mean, "o-", ms=2.6, lw=1.4, color=AFTER, label="mean with the causes")
     if name == "psi":
         _compass(axes)
     axes.set_xlabel({"time": "time [s]", "psi": "heading"}.get(name, f"{_channel(name)} [{x_unit}]"))
@@ -250,7 +250,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
 
 
 def _cloud(portrait: Portrait, name: str) -> tuple[Array, Array]:
-    """Return channel and residual (n,) as people read them, headings as they stand on a compass."""
+    """Return channel and residual (n,) in display units, headings as compass values."""
     x, residual, unit = portrait.against[name]
     keep = np.isfinite(x) & np.isfinite(residual)
     x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
@@ -267,7 +267,7 @@ def _compass(axes: Axes) -> None:
 
 
 def draw_left(portrait: Portrait) -> Figure | None:
-    """What a model leaves over: its autocorrelation and its spectrum; None when neither was made."""
+    """Plot autocorrelation and spectrum of a residual; None if neither was computed."""
     parts = [p for p in (portrait.correlation, portrait.spectrum) if p is not None and len(p[0]) > 1]
     if not parts:
         return None
@@ -285,7 +285,7 @@ def draw_left(portrait: Portrait) -> Figure | None:
 
 def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
     if np.isfinite(limit):
-        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="95 % of what noise gives")
+        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="95 % band of noise")
     axes.axhline(0.0, color=INK, lw=0.7)
     axes.plot(lag, rho, color=BEFORE, lw=1.4)
     axes.set_ylim(-1.05, 1.05)
@@ -293,7 +293,7 @@ def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
 
 
 def _spectrum(axes: Axes, portrait: Portrait) -> None:
-    """Draw power over frequency in decibels below the strongest, averaged where lines would merge."""
+    """Plot power over frequency in decibels below the strongest, averaged where lines would merge."""
     assert portrait.spectrum is not None
     frequency, power = portrait.spectrum
     keep = (frequency > 0.0) & (power > 0.0) & np.isfinite(power)
@@ -315,7 +315,7 @@ def _spectrum(axes: Axes, portrait: Portrait) -> None:
 
 
 def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
-    """Error after as a share of the error before, per signal, with its 95 % interval; None when none is known."""
+    """Plot the error after in percent of that before, per signal, with its 95 % interval; None if none is known."""
     known = [g for g in gains if np.isfinite(g.ratio)]
     if not known:
         return None
@@ -330,13 +330,13 @@ def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
     axes.set_xlim(0.0, right)
     axes.set_ylim(len(known) - 0.4, -0.6)
     axes.set_yticks(range(len(known)), [signal_words(g.signal) for g in known])
-    axes.set_xlabel("error left over on unseen data [% of the simulation's, the orange line]")
+    axes.set_xlabel("remaining held-out error [% of the simulation's (orange line)]")
     axes.grid(axis="y", visible=False)
     return figure
 
 
 def draw_curve(curve: EffectCurve) -> Figure:
-    """The effect as it was found, in the extended model's colour; the plain model's idea of it dashed."""
+    """Plot the identified effect in the extended model's colour, and the plain model's counterpart dashed."""
     (x, x_label), (y, y_label) = for_people(curve.x, curve.x_label), for_people(curve.y, curve.y_label)
     plain = None if curve.plain is None else for_people(curve.plain, curve.y_label)[0]
     if curve.polar:
@@ -361,7 +361,7 @@ def draw_curve(curve: EffectCurve) -> Figure:
 
 
 def draw_missing(missing: MissingForce, curve: MissingCurve) -> Figure:
-    """The force or moment that no name accounts for, over what it may go with, with its 95 % band between runs."""
+    """Plot the missing force or moment over a candidate variable, with its 95 % band between runs."""
     kind = "moment" if DOFS[missing.dof].angular else "force"
     x, x_label = for_people(curve.x, f"{missing_over(curve)} [{curve.unit or '1'}]")
     y, y_label = for_people(curve.force, f"missing {kind} [{missing.unit}]")
@@ -377,14 +377,14 @@ def draw_missing(missing: MissingForce, curve: MissingCurve) -> Figure:
 
 
 def for_people(values: Array, label: str) -> tuple[Array, str]:
-    """Return a curve's numbers and label ``"heading [rad]"`` with radians made degrees."""
+    """Return a curve's values and label ``"heading [rad]"``, radians converted to degrees."""
     name, unit = parse_header(label)
     shown, factor = to_people(unit)
     return factor * values, f"{name} [{pretty_unit(shown) or unit}]" if unit else name
 
 
 def _rose(axes: PolarAxes, heading: Array, y: Array) -> None:
-    """Draw *y* over the heading, north up and clockwise; the dark circle is zero, outside is positive."""
+    """Plot *y* over the heading, north up and clockwise; the dark circle is zero, outside is positive."""
     reach = float(np.nanmax(np.abs(y))) or 1.0
     around = np.linspace(0.0, 2.0 * np.pi, 181)
     axes.set_theta_zero_location("N")

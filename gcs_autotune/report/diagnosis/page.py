@@ -1,4 +1,4 @@
-"""The page of a diagnosis: one self-contained HTML file that opens without a network."""
+"""The page of a diagnosis: one self-contained HTML file that opens offline."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from gcs_autotune.report.diagnosis.figures import (
     telling_view,
     views_of,
 )
+from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.tables import cause_table, gains_table, numbers_table, ranking_table, steps_of
 from gcs_autotune.report.diagnosis.wording import (
     base_error,
@@ -53,26 +54,26 @@ __all__ = ["render_diagnosis"]
 
 
 MOST_RUNS = 2
-"""Runs drawn of the signal the verdict is about; of every other signal one."""
+"""Most runs plotted of the main signal; one of every other signal. Chosen."""
 
 MOST_SIGNALS = 6
-"""Signals drawn; chosen so that the page stays small."""
+"""Most signals plotted; chosen so that the page stays small."""
 
 MOST_RANKED = 8
-"""Candidates shown of each step; the others are folded away."""
+"""Candidates shown per step; the others are folded. Chosen."""
 
 MOST_CURVES = 2
-"""Curves of the missing force that are drawn, the most telling first."""
+"""Most curves of the missing force plotted, the most informative first. Chosen."""
 
 MODEL_FILE = "model.json"
 
 _SURE = 0.05
-"""Share of a residual, beyond what luck gives, below which a view of it carries no point and is not drawn."""
+"""Fraction of a residual, beyond chance, below which a view is not plotted. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class CauseStory:
-    """One cause, told."""
+    """One cause with title, remarks, table and curve."""
 
     title: str
     remarks: tuple[tuple[str, str], ...]
@@ -94,11 +95,13 @@ def render_diagnosis(
 ) -> str:
     """Return the whole page; the same diagnosis gives the same bytes.
 
-    *when* is an ISO 8601 moment; *directory* is where the files of the diagnosis are, for commands to copy; *runs* are
-    those it looked at: their inputs are drawn below what they moved, and where the craft went.
+    *when* : ISO 8601 moment; *directory* : of the diagnosis, for commands to copy; *runs* : the runs examined, whose
+    inputs and tracks are plotted.
     """
     flown = {run.name: run for run in runs}
     headline = verdict_headline(diagnosis)
+    before, after = tuple(_before(diagnosis, flown)), tuple(_after(diagnosis, flown))
+    first = (next((p for p in after if p.kind == "after"), None) or next(iter(before), None),)
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
     return render_page(
         "diagnosis/page.html",
@@ -110,7 +113,9 @@ def render_diagnosis(
             "tiles": _tiles(diagnosis),
             "doubts": tuple(doubt_sentence(d) for d in diagnosis.doubts),
             "base": diagnosis.base_model.base.form.title,
-            "before": tuple(_before(diagnosis, flown)),
+            "lead": lead_sentence(diagnosis),
+            "lead_picture": tuple(p for p in first if p is not None),
+            "before": tuple(p for p in before if p not in first),
             "track": next(_picture("track", "Track over ground, north up.", lambda: draw_track(flown)), None),
             "numbers_title": "" if diagnosis.numbers is None else numbers_title(diagnosis.numbers),
             "numbers": _numbers(diagnosis.numbers),
@@ -118,7 +123,8 @@ def render_diagnosis(
             "signs": diagnosis.gave_away.findings if diagnosis.verdict != "no-effect" else (),
             "views": tuple(_views(diagnosis)),
             "causes": tuple(_causes(diagnosis)),
-            "after": tuple(_after(diagnosis, flown)),
+            "after": tuple(p for p in after if p not in first),
+            "hints": tuple(hint_stories(diagnosis)),
             "gains": gains_table(diagnosis.gains) if diagnosis.gains and diagnosis.causes else None,
             "held_out": gain.held_out if (gain := first_gain(diagnosis)) is not None else "",
             "left": diagnosis.left.findings,
@@ -142,34 +148,34 @@ def _numbers_gains(numbers: Numbers | None) -> Table | None:
 
 
 def _tiles(diagnosis: Diagnosis) -> tuple[tuple[str, str, str], ...]:
-    """Return the few numbers everybody looks for first: (number, label, remark)."""
+    """Return the key figures: (number, label, remark)."""
     tiles = []
     right = None if diagnosis.numbers is None else diagnosis.numbers.gain
     if right is not None:
         name = signal_words(right.signal)
-        tiles.append((format_error(right.before, right.unit, 3), "error as it stands", f"{name}, unseen data"))
-        tiles.append((format_error(right.after, right.unit, 3), "numbers set right", f"{name}, unseen data"))
+        tiles.append((format_error(right.before, right.unit, 3), "error before", f"{name}, held-out data"))
+        tiles.append((format_error(right.after, right.unit, 3), "with corrected numbers", f"{name}, held-out data"))
     gain = diagnosis.gain
     if gain is not None and right is not None:
         gain = next((g for g in diagnosis.gains if g.signal == right.signal), gain)
         if diagnosis.causes:
-            words = f"{signal_words(gain.signal)}, unseen data"
-            tiles.append((format_error(gain.after, gain.unit, 3), "with the causes too", words))
+            words = f"{signal_words(gain.signal)}, held-out data"
+            tiles.append((format_error(gain.after, gain.unit, 3), "with the causes included", words))
     elif right is not None:
         interval = interval_words(right)
-        tiles.append((format_share(right.ratio), "of the error is left", interval and f"95 %: {interval}"))
+        tiles.append((format_share(right.ratio), "of the error remains", interval and f"95 %: {interval}"))
     elif gain is not None:
         name = signal_words(gain.signal)
-        tiles.append((format_error(gain.before, gain.unit, 3), "error before", f"{name}, unseen data"))
+        tiles.append((format_error(gain.before, gain.unit, 3), "error before", f"{name}, held-out data"))
         if diagnosis.causes:
-            tiles.append((format_error(gain.after, gain.unit, 3), "error after", f"{name}, unseen data"))
+            tiles.append((format_error(gain.after, gain.unit, 3), "error after", f"{name}, held-out data"))
             interval = interval_words(gain)
-            tiles.append((format_share(gain.ratio), "of the error is left", interval and f"95 %: {interval}"))
+            tiles.append((format_share(gain.ratio), "of the error remains", interval and f"95 %: {interval}"))
     else:
         error, unit, signal = base_error(diagnosis)
         tiles.append((format_error(error, unit, 3), "error of the simulation", signal_words(signal)))
         noise = diagnosis.noise.get(signal, math.nan)
-        tiles.append((format_error(noise, unit, 3), "left over", f"of {signal_words(signal)}, rms"))
+        tiles.append((format_error(noise, unit, 3), "residual", f"of {signal_words(signal)}, rms"))
     tiles.append((str(diagnosis.tried), "candidates tried", f"in {diagnosis.seconds:.1f} s"))
     return tuple(t for t in tiles if t[0] != "?")
 
@@ -188,14 +194,14 @@ def _misfit(trace: Trace) -> float:
 
 
 def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
-    """Yield the traces worth a picture: the worst few of the first signal, the worst one of each other."""
+    """Yield the traces to plot: the worst few of the first signal, the worst one of each other."""
     for k, portrait in enumerate(portraits[:MOST_SIGNALS]):
         worst = sorted((t for t in portrait.traces if len(t.t) > 1), key=_misfit, reverse=True)
         yield from worst[: MOST_RUNS if k == 0 else 1]
 
 
 def _ordered(diagnosis: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
-    """Return the signal the verdict is about first."""
+    """Return the portraits, that of the main signal first."""
     first = first_gain(diagnosis)
     return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
@@ -208,8 +214,8 @@ def _drawn(diagnosis: Diagnosis, flown: Mapping[str, Trial], before: Trace, afte
 def _before(diagnosis: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture]:
     for i, trace in enumerate(_shown(_ordered(diagnosis, diagnosis.before)), start=1):
         caption = (
-            f"'{trace.run}', {signal_words(trace.signal)}: measured, and the simulation driven by the same "
-            f"commands. Below, what it gets wrong: {format_error(_misfit(trace), trace.unit, 3)} RMS."
+            f"'{trace.run}', {signal_words(trace.signal)}: measurement, and simulation with the same commands. "
+            f"Below: the error, {format_error(_misfit(trace), trace.unit, 3)} RMS."
         )
         if diagnosis.after and i > 1:
             return
@@ -222,7 +228,7 @@ def _after(diagnosis: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture
     gains = diagnosis.gains if diagnosis.causes or diagnosis.numbers is None else diagnosis.numbers.gains
     yield from _picture(
         "gains-1",
-        "The gain per signal, with its 95 % interval: left of the line is better.",
+        "Remaining error per signal with its 95 % interval; left of the line is better.",
         lambda: draw_gains(gains),
     )
     extended = {(t.run, t.signal): t for p in diagnosis.after for t in p.traces}
@@ -236,7 +242,7 @@ def _after(diagnosis: Diagnosis, flown: Mapping[str, Trial]) -> Iterator[Picture
 
 
 def _views(diagnosis: Diagnosis) -> Iterator[Picture]:
-    """Yield per cause the view of the simulation's residual that shows it, if any; without causes the strongest."""
+    """Yield per cause the view of the residual that shows it, if any; without causes the strongest views."""
     if diagnosis.verdict == "no-effect":
         return
     views: list[tuple[View, str]] = []
@@ -258,16 +264,16 @@ def _views(diagnosis: Diagnosis) -> Iterator[Picture]:
 
 
 def _view_caption(view: View, cause: str) -> str:
-    what = f"What the simulation gets wrong of the {signal_words(view.portrait.signal)}, "
+    what = f"Simulation error of the {signal_words(view.portrait.signal)} "
     share = format_share(view.share)
     if view.kind == "spectrum":
-        how = f"by frequency: {share} of it sits about one frequency, beyond what an even spread would give."
+        how = f"over frequency: {share} of it is concentrated at one frequency, beyond an even spread."
     elif view.kind == "cross":
-        how = f"correlated with {signal_words(view.name)} some time before: up to {share} of it goes with that."
+        how = f"correlated with earlier {signal_words(view.name)}: up to {share} of it."
     else:
         channel = "time" if view.name == "time" else signal_words(view.name)
-        how = f"against {channel}: {share} of it goes with that; noise would scatter evenly about the line."
-    return what + how + (f" This speaks for: {cause}." if cause else "")
+        how = f"over {channel}: {share} of it is correlated; noise would scatter evenly about the line."
+    return what + how + (f" This indicates {cause}." if cause else "")
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[CauseStory]:
@@ -280,17 +286,17 @@ def _curve(cause: Cause, i: int) -> Picture | None:
     curve = cause.curve
     if curve is None or len(curve.x) < 2 or not np.isfinite(curve.y).any():
         return None
-    caption = f"{curve.title}, as found."
+    caption = f"Identified: {curve.title}."
     if curve.polar:
-        caption += " On the rose the dark circle is zero; outside it is positive."
+        caption += " In the polar plot the dark circle is zero; outside is positive."
     return next(_picture(f"curve-{i}", caption, lambda: draw_curve(curve)), None)
 
 
 def _left(diagnosis: Diagnosis) -> Iterator[Picture]:
     for i, portrait in enumerate(_ordered(diagnosis, diagnosis.after or diagnosis.before)[:MOST_RUNS], start=1):
         caption = (
-            f"What is left of the {signal_words(portrait.signal)}: how much neighbouring residuals agree "
-            "(noise: inside the grey band), and at which frequencies they sit (noise: evenly spread)."
+            f"Residual of the {signal_words(portrait.signal)}: autocorrelation (noise: inside the grey band) and "
+            "spectrum (noise: evenly spread)."
         )
         yield from _picture(f"left-{i}", caption, lambda portrait=portrait: draw_left(portrait))  # type: ignore[misc]
 
@@ -299,10 +305,10 @@ def _missing(missing: MissingForce | None) -> Iterator[Picture]:
     if missing is None:
         return
     for i, curve in enumerate(tuple(missing.curves.values())[:MOST_CURVES], start=1):
-        told = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "nothing of it"
+        told = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "none of it"
         caption = (
-            f"The force still missing, estimated without a name, over {missing_over(curve)}: "
-            f"the other runs' curve foretells {told}."
+            f"Missing force without an identified cause, over {missing_over(curve)}: "
+            f"the curve of the other runs predicts {told}."
         )
         yield from _picture(f"missing-{i}", caption, lambda curve=curve: draw_missing(missing, curve))  # type: ignore[misc]
 

@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_title, evidence_remarks
+from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.wording import (
     effect_words,
     found_words,
@@ -59,7 +60,7 @@ __all__ = [
 
 
 def cause_table(cause: Cause) -> Table:
-    """A cause's parameters with what they mean."""
+    """Return the parameters of a cause with their meanings."""
     entry = EFFECTS.get(cause.effect.slug)
     meaning = {} if entry is None else {q.name: q.meaning for q in entry.parameters}
     rows = tuple((name, value_words(v, name), meaning.get(name, "")) for name, v in cause.parameters.items())
@@ -67,7 +68,7 @@ def cause_table(cause: Cause) -> Table:
 
 
 def gains_table(gains: Iterable[ErrorReduction]) -> Table:
-    """Per signal the error on held-out data before and after."""
+    """Return the held-out error per signal, before and after."""
     rows = tuple(
         (
             f"{signal_words(g.signal)} ({g.signal})",
@@ -82,7 +83,7 @@ def gains_table(gains: Iterable[ErrorReduction]) -> Table:
 
 
 def numbers_table(numbers: Numbers) -> Table:
-    """Each number of the given model, or of the plain model fitted to a simulation, against the runs."""
+    """Return each number of the user-supplied model, or of the plain model fitted to a simulation, and of the runs."""
     explained = numbers.of == "model"
     rows = tuple(
         (
@@ -94,12 +95,12 @@ def numbers_table(numbers: Numbers) -> Table:
         )
         for n in numbers.rows
     )
-    head = ("number", *(("what it is",) if explained else ()), f"{numbers.of} (95 %)", "these runs (95 %)", "")
+    head = ("number", *(("meaning",) if explained else ()), f"{numbers.of} (95 %)", "these runs (95 %)", "")
     return Table(head, "llrrl" if explained else "lrrl", rows)
 
 
 def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
-    """Candidates, best first; *brief* for 80 columns."""
+    """Return the candidates, best first; *brief* for 80 columns."""
     rows = tuple(
         (
             r.cause,
@@ -115,44 +116,45 @@ def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
 
 
 def format_p(p: float) -> str:
-    """Return a p-value with two digits; below 1e-15 it is only said to be smaller."""
+    """Return a p-value with two digits; below 1e-15 as ``< 1e-15``."""
     return "< 1e-15" if p < 1e-15 else format_number(p, 2)
 
 
 def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
-    """Return (heading, candidates): tried against the base model, then beside the first cause, and so on."""
+    """Return (heading, candidates) per step: added to the base model, then after the first cause, and so on."""
     told_steps = []
     for step in sorted({r.step for r in diagnosis.ranking}):
         earlier = ", ".join(effect_words(c.effect.slug) for c in diagnosis.causes[: step - 1])
-        heading = f"Tried beside {earlier}" if earlier else "Tried against the simulation"
+        heading = f"Candidates added after {earlier}" if earlier else "Candidates added to the simulation"
         told_steps.append((heading, tuple(r for r in diagnosis.ranking if r.step == step)))
     return tuple(told_steps)
 
 
 MOST_RANKED = 5
-"""Candidates shown of each step; the page and the JSON have them all."""
+"""Candidates shown per step; page and JSON have all. Chosen."""
 
 FAMILIES: Mapping[Family, str] = {
-    "data errors": "Errors of the data: the file, not the craft",
+    "data errors": "Data errors (in the file, not the craft)",
     "actuator": "Actuators",
-    "hydrodynamics": "Water and inertia",
+    "hydrodynamics": "Hydrodynamics and inertia",
     "environment": "Wind, waves, current, tether",
     "sensor": "Sensors",
 }
-"""Family -> heading, in the order of looking."""
+"""Family -> heading, in the order of the search."""
 
 
 def diagnosis_summary(diagnosis: Diagnosis) -> Group:
-    """Return verdict, causes, gains, ranking, what these runs cannot tell, what remains, what to fly next, doubts."""
+    """Return the lead sentence, then verdict, causes, gains, hints, ranking, residual, doubts."""
     headline = verdict_headline(diagnosis)
     parts = contradictions_shown(contradictions_in(diagnosis.doubts))
-    parts.append(title(headline.text, STYLES[headline.tone]))
+    parts.append(title(lead_sentence(diagnosis), STYLES[headline.tone]))
+    parts.append(title(headline.text))
     parts.extend(paragraph(s) for s in headline.sentences)
     if diagnosis.numbers is not None and diagnosis.numbers.rows:
         parts.append(title(numbers_title(diagnosis.numbers)))
         parts.append(grid(numbers_table(diagnosis.numbers)))
         if diagnosis.numbers.gains:
-            parts.append(title("Numbers set right, on unseen data"))
+            parts.append(title("Corrected numbers, on held-out data"))
             parts.append(grid(gains_table(diagnosis.numbers.gains)))
     for cause in diagnosis.causes:
         parts.append(title(cause_title(diagnosis, cause)))
@@ -161,25 +163,28 @@ def diagnosis_summary(diagnosis: Diagnosis) -> Group:
         if cause.parameters:
             parts.append(grid(cause_table(cause)))
     if diagnosis.causes and diagnosis.gains:
-        parts += [title("On data it has not seen"), grid(gains_table(diagnosis.gains))]
+        parts += [title("On held-out data"), grid(gains_table(diagnosis.gains))]
+    for story in hint_stories(diagnosis):
+        parts.append(title(f"Hint: {story.title}"))
+        parts.extend(paragraph(f"{label}: {said}") for label, said in story.remarks)
     for heading, ranked in steps_of(diagnosis):
         parts += [title(heading), grid(ranking_table(ranked[:MOST_RANKED], brief=True))]
     if diagnosis.indistinguishable:
-        parts.append(title("What these runs cannot tell"))
+        parts.append(title("What these runs do not distinguish"))
         parts.extend(bullet(s) for s in cannot_tell(diagnosis))
     parts.append(title("What remains"))
-    parts.extend(bullet(s) for s in diagnosis.left.findings or ("Nothing that could be told from noise.",))
+    parts.extend(bullet(s) for s in diagnosis.left.findings or ("Nothing distinguishable from noise.",))
     if diagnosis.next_manoeuvre:
         parts += [title("What to fly next"), paragraph(sentence(diagnosis.next_manoeuvre))]
     if diagnosis.doubts:
         parts.extend(doubts_shown(doubt_sentence(d) for d in diagnosis.doubts))
-    parts.append(title("What this rests on"))
+    parts.append(title("Basis of this result"))
     parts.extend(paragraph(s) for s in rests_on(diagnosis))
     return Group(*parts)
 
 
 def effects_list(effects: Mapping[str, Effect]) -> Group:
-    """Return every effect by family: slug, meaning, parameters with units, what it is mistaken for, what separates."""
+    """Return every effect by family: slug, meaning, parameters with units, similar effects, how to distinguish them."""
     parts: list[RenderableType] = []
     for family, heading in FAMILIES.items():
         rows: list[tuple[str, str]] = []
@@ -192,10 +197,10 @@ def effects_list(effects: Mapping[str, Effect]) -> Group:
             rows.append(("", f"shows in {effect.shown_by}"))
             if effect.mistaken_for:
                 others = ", ".join(effect_words(s) for s in effect.mistaken_for)
-                rows.append(("", f"mistaken for {others}; told apart by {effect.separated_by}"))
+                rows.append(("", f"mistaken for {others}; distinguished by {effect.separated_by}"))
         if rows:
             parts += [title(heading), grid(Table(("effect", "what; parameters"), "ll", tuple(rows)))]
-    return Group(*parts, paragraph(f"Bounds are those of a craft to scale from: {CRAFT}; a fit takes its runs' own."))
+    return Group(*parts, paragraph(f"Bounds are for a reference craft: {CRAFT}. A fit derives them from its runs."))
 
 
 def _between(bounds: tuple[float, float]) -> str:
@@ -212,7 +217,7 @@ def _unit(unit: str) -> str:
 
 
 def effects_to_dict(effects: Mapping[str, Effect]) -> dict[str, Any]:
-    """Return the JSON form of the table of effects, in its own order; units with the words the entries use."""
+    """Return the JSON form of the table of effects, in its own order; units as in the entries."""
     return {
         "schema": 1,
         "bounds_of": CRAFT,

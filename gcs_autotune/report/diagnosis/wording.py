@@ -1,4 +1,4 @@
-"""The sentences of a diagnosis, and what effects, channels and values are called in them."""
+"""The sentences of a diagnosis, and the names of effects, channels and values in them."""
 
 from __future__ import annotations
 
@@ -65,16 +65,16 @@ __all__ = [
 
 
 MOST_PLACES = 3
-"""Columns named one by one in a sentence."""
+"""Most columns listed in a sentence. Chosen."""
 
 
 def effect_words(slug: str) -> str:
-    """Return a slug as people say it: ``dead-zone`` is ``dead zone``."""
+    """Return a slug as words: ``dead-zone`` is ``dead zone``."""
     return slug.replace("-", " ")
 
 
 def signal_words(signal: str) -> str:
-    """Return what a channel is called: ``psi`` is ``heading``; unknown ones keep their name."""
+    """Return the name of a channel: ``psi`` is ``heading``; unknown ones keep theirs."""
     return SIGNALS[signal][1].split(",")[0] if signal in SIGNALS else signal
 
 
@@ -102,7 +102,7 @@ def named(cause: Cause) -> str:
 
 
 def value_words(value: Value, name: str = "") -> str:
-    """Return a number with its standard error in the unit it is set in, angles in degrees besides.
+    """Return a number with its standard error in its own unit, angles also in degrees.
 
     name : of the parameter: an ``anchor`` or a ``direction`` in radians is a heading.
     """
@@ -117,7 +117,7 @@ def value_words(value: Value, name: str = "") -> str:
 
 
 NOISE_P = 0.01
-"""Chance of noise looking at least this regular below which what is left is no noise."""
+"""p-value of the whiteness test below which a residual counts as not noise. Chosen."""
 
 _TONES: Mapping[str, Tone] = {
     "wrong-numbers": "good",
@@ -128,13 +128,13 @@ _TONES: Mapping[str, Tone] = {
     "no-effect": "good",
     "unfinished": "neutral",
 }
-"""Verdict -> tone: good is what can be relied on, whether it is pleasant or not."""
+"""Verdict -> tone; good means reliable, whether pleasant or not."""
 
 
 def verdict_headline(diagnosis: Diagnosis) -> Headline:
-    """Return the verdict: one sentence with its number, its tone, and what follows from it.
+    """Return the verdict: headline, tone, and the sentences after it.
 
-    Columns that contradict each other come first: every cause below may be theirs.
+    Contradictory columns come first: they may be the reason for every cause below.
     """
     headline, first = _headline(diagnosis), contradictions_in(diagnosis.doubts)
     unseen = [sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO]
@@ -145,13 +145,13 @@ def verdict_headline(diagnosis: Diagnosis) -> Headline:
 def _headline(diagnosis: Diagnosis) -> Headline:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
-        follows = ["This is no proof that nothing is missing elsewhere: it holds for what these runs do."]
+        follows = ["This holds for the motion of these runs; other motion may show more."]
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
-            follows.insert(0, f"These runs contradict no number of the {diagnosis.numbers.of}.")
+            follows.insert(0, f"These runs agree with every number of the {diagnosis.numbers.of}.")
         return Headline(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
     if diagnosis.verdict == "unfinished":
         return Headline(
-            _unfinished(diagnosis), tone, ("It names nothing: the rest of the search may refuse any cause.",)
+            _unfinished(diagnosis), tone, ("No cause is reported: the rest of the search may reject any of them.",)
         )
     if diagnosis.verdict == "unexplained":
         return Headline(_unexplained(diagnosis), tone, _findings(diagnosis.left))
@@ -159,12 +159,12 @@ def _headline(diagnosis: Diagnosis) -> Headline:
     if diagnosis.verdict == "partly-explained":
         sentences.append(_hypotheses(diagnosis))
     elif diagnosis.verdict == "wrong-numbers":
-        sentences.append("With these numbers nothing is missing that these runs could show.")
+        sentences.append("With these numbers the runs show no missing effect.")
     else:
-        followed = "With this the simulation follows the unseen data"
+        followed = "With this the simulation follows the held-out data"
         sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
     if diagnosis.indistinguishable:
-        sentences.append("These runs leave other names possible: see below what they cannot tell.")
+        sentences.append("Other causes remain possible: see below what these runs do not distinguish.")
     return Headline(
         _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
         tone,
@@ -173,21 +173,21 @@ def _headline(diagnosis: Diagnosis) -> Headline:
 
 
 NEARLY = 0.02
-"""Share by which a number may differ that is not called wrong."""
+"""Relative difference up to which a number is not reported as wrong. Chosen."""
 
 HALF_WIDTH = 1.96
 """Standard errors to either end of a 95 % interval."""
 
 MOST_NUMBERS = 4
-"""Wrong numbers named in the headline."""
+"""Most wrong numbers listed in the headline. Chosen."""
 
 
 def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
-    """Return which numbers are wrong: a headline of its own, whatever else was found."""
+    """Return the headline of wrong numbers, which takes precedence over causes."""
     wrong = numbers.wrong
     parts = [_against(n) for n in wrong[:MOST_NUMBERS]]
     if len(wrong) > MOST_NUMBERS:
-        parts.append(f"{len(wrong) - MOST_NUMBERS} more are wrong")
+        parts.append(f"{len(wrong) - MOST_NUMBERS} more")
     begin = f"Wrong number{'s' if len(wrong) > 1 else ''} in the {numbers.of}"
     if diagnosis.verdict == "partly-explained":
         begin = f"Partly explained: {begin[0].lower()}{begin[1:]}"
@@ -196,18 +196,18 @@ def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
 
 def _against(number: Number) -> str:
     if not number.of_record:
-        return f"{number.name} is {given_words(number)}, these runs say {found_words(number)}"
+        return f"{number.name} is {given_words(number)}, but {found_words(number)} from these runs"
     unit = "" if number.unit == "1" else f" {pretty_unit(number.unit)}"
     return f"{number.name} ({number.meaning}) is {given_words(number)}{unit}, not {format_number(number.value)}"
 
 
 def given_words(number: Number) -> str:
-    """Return what the model has with half the 95 % interval where it states one, in its own unit."""
-    return "not told" if math.isnan(number.given) else format_value(number.given, HALF_WIDTH * number.given_std)
+    """Return the model's value with half its 95 % interval, if stated, in its own unit."""
+    return "not stated" if math.isnan(number.given) else format_value(number.given, HALF_WIDTH * number.given_std)
 
 
 def found_words(number: Number) -> str:
-    """Return what the runs say with half the 95 % interval, in the unit of the model."""
+    """Return the value from the runs with half its 95 % interval, in the unit of the model."""
     if math.isnan(number.value):
         return NOT_TOLD
     if number.of_record:
@@ -217,21 +217,21 @@ def found_words(number: Number) -> str:
 
 
 def standing(number: Number) -> str:
-    """Return what the runs say of a number in a word or two."""
+    """Return in a word or two whether the runs agree with a number."""
     if number.wrong:
         return "wrong"
     off = abs(number.value - number.given)
     if math.isnan(off):
-        return "cannot tell"
+        return "not determined"
     if number.explained:
-        return "by a cause"
+        return "explained by a cause"
     if off <= 3.0 * math.hypot(number.std, number.given_std):
         return "agrees"
-    return "nearly" if off <= NEARLY * abs(number.given) else "cannot tell"
+    return "nearly agrees" if off <= NEARLY * abs(number.given) else "not determined"
 
 
 def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
-    """Return what setting numbers right gains, then what causes gain on top of that."""
+    """Return the improvement by corrected numbers, then that by causes."""
     sentences = []
     if diagnosis.numbers is not None and diagnosis.wrong_numbers:
         sentences.append(numbers_sentence(diagnosis.numbers, causes=bool(diagnosis.causes)))
@@ -242,34 +242,33 @@ def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
         sentences.append(gain_sentence(diagnosis.gain))
         if diagnosis.numbers is not None:
             owner = diagnosis.numbers.of
-            fitted, as_it_is = "with its numbers fitted to these runs", "as it stands, for fitted alone it errs more"
+            fitted, as_it_is = "fitted to these runs", "without fitting, which alone increases its error"
             over = fitted if diagnosis.numbers.over == "fitted" else as_it_is
-            sentences.append(f"This gain is counted over the {owner} {over}.")
+            sentences.append(f"This improvement is relative to the {owner} {over}.")
     return sentences
 
 
 def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
-    """Return what setting the numbers right gains on unseen data, before any cause is added."""
+    """Return the improvement by corrected numbers on held-out data, before any cause is added."""
     gain = numbers.gain
     if all(n.of_record for n in numbers.wrong):
-        return "That was set right before anything else was compared."
+        return "This was corrected before any other comparison."
     if gain is None:
-        return f"As it stands the {numbers.of} runs away on these runs."
+        return f"Without correction the {numbers.of} diverges on these runs."
     if gain.ratio >= 1.0:
-        return "They make up for what is missing: set right without it, they leave no smaller error on unseen data."
+        return "They compensate for a missing effect: corrected alone, they do not reduce the held-out error."
     before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
     interval = interval_words(gain)
     these = "these" if len(numbers.wrong) > 1 else "this"
     return (
-        f"With {these} set right{', before any cause is added' if causes else ''},"
-        f" the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by {after} instead of {before}"
-        " on data it has not seen"
-        + (f" ({format_share(gain.ratio)} of what it was; 95 % interval {interval})." if interval else ".")
+        f"With {these} corrected{', before any cause is added' if causes else ''},"
+        f" the error of the simulated {signal_words(gain.signal)}{_ahead(gain)} falls from {before} to {after}"
+        " on held-out data" + (f" (to {format_share(gain.ratio)}; 95 % interval {interval})." if interval else ".")
     )
 
 
 def scale_words(numbers: Numbers) -> list[str]:
-    """Return what else it may be when every number that is not zero is wrong by one factor: none when they are not."""
+    """Return the alternative explanation if every non-zero number is wrong by one factor, else nothing."""
     rows = [n for n in numbers.rows if n.given != 0.0 and n.value != 0.0]
     if numbers.of != "model" or len(numbers.wrong) < 2 or not all(n.wrong for n in rows):
         return []
@@ -278,21 +277,25 @@ def scale_words(numbers: Numbers) -> list[str]:
     mean = float(np.average(factors, weights=1.0 / np.maximum(errors, 1e-300) ** 2))
     if np.any(np.abs(factors - mean) > 3.0 * errors):
         return []
-    return [f"All are off by one factor ({format_number(mean, 3)}): the scale of the commands is as likely the cause."]
+    return [
+        f"All differ by one factor ({format_number(mean, 3)}). The scale of the commands is an equally likely cause."
+    ]
 
 
 def numbers_title(numbers: Numbers) -> str:
-    """Return the heading over the table of numbers."""
+    """Return the heading of the table of numbers."""
     if numbers.of == "model":
-        return "The model's numbers against these runs"
-    return "The plain model, fitted to the simulation and to these runs"
+        return "The model's numbers and these runs"
+    return "The plain model fitted to the simulation and to these runs"
 
 
 def _hypotheses(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
-        return "Part of the error stays unexplained: no cause that is known here pays on unseen data."
-    names = "The name is a hypothesis: it pays" if len(diagnosis.causes) == 1 else "The names are hypotheses: they pay"
-    return f"{names} on unseen data, but part of the error stays unexplained."
+        return "Part of the error is unexplained: no known cause improves prediction of held-out data."
+    names = "The cause improves" if len(diagnosis.causes) == 1 else "The causes improve"
+    rest = "Part of the error is unexplained"
+    treat = "treat the cause as a hypothesis" if len(diagnosis.causes) == 1 else "treat the causes as hypotheses"
+    return f"{names} prediction of held-out data. {rest}; {treat}."
 
 
 def _found(diagnosis: Diagnosis) -> str:
@@ -305,17 +308,16 @@ def _found(diagnosis: Diagnosis) -> str:
         return said
     it = "it" if len(diagnosis.causes) == 1 else "them"
     if gain.ratio >= 1.0:
-        seen = f"the simulated {signal_words(gain.signal)}"
-        return f"{said} On data it has not seen {seen} errs no less with {it}{_ahead(gain)}."
+        seen = f"{signal_words(gain.signal)}{_ahead(gain)}"
+        return f"{said} Adding {it} does not improve prediction of the {seen} on held-out data."
     return (
-        f"{said} With {it}, the simulated {signal_words(gain.signal)} errs{_ahead(gain)} by "
-        f"{format_error(gain.after, gain.unit, 3)} instead of {format_error(gain.before, gain.unit, 3)} "
-        "on data it has not seen."
+        f"{said} With {it}, the error of the simulated {signal_words(gain.signal)}{_ahead(gain)} falls from "
+        f"{format_error(gain.before, gain.unit, 3)} to {format_error(gain.after, gain.unit, 3)} on held-out data."
     )
 
 
 def _named_by_kind(diagnosis: Diagnosis) -> str:
-    """Return the names: first what is wrong, then what a first model of such a craft merely leaves out."""
+    """Return the causes: errors first, then effects that a first model of such a craft commonly omits."""
     causes = diagnosis.causes
     alone = len(causes) == 1 and causes[0].parameters
     names = [(c.is_structural, f"{named(c)}, {_parameters(c)}" if alone else named(c)) for c in causes]
@@ -324,7 +326,7 @@ def _named_by_kind(diagnosis: Diagnosis) -> str:
 
 
 def base_words(diagnosis: Diagnosis) -> str:
-    """Return what the simulation in question is called: one that was given, else the plain one fitted to the runs."""
+    """Return the name of the examined simulation: the user-supplied one, else the plain model fitted to the runs."""
     return "the plain model" if diagnosis.numbers is None else f"the {diagnosis.numbers.of}"
 
 
@@ -334,63 +336,67 @@ def _parameters(cause: Cause) -> str:
 
 def _nothing(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
-    said = "Nothing is missing that these runs could show"
+    said = "These runs show no missing effect"
     if not math.isfinite(error):
         return said + "."
     return (
-        f"{said}: the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}, "
-        f"and {_remains(diagnosis.left)}."
+        f"{said}: the error of the simulated {signal_words(signal)} is {format_error(error, unit, 3)}, "
+        f"{_remains(diagnosis.left)}."
     )
 
 
 def _is_noise(left: Signature) -> bool:
-    """Whether nothing speaks against noise in what is left: correlated remainder is unexplained, no noise."""
+    """Return whether a residual is consistent with noise; a correlated one is not."""
     return not left.whiteness_p < NOISE_P
 
 
 def _remains(left: Signature) -> str:
     if _is_noise(left):
-        return "what remains cannot be told from measurement noise"
-    return "what remains is correlated, too small or too odd for any effect that is known here: it stays unexplained"
+        return "and the residual is indistinguishable from measurement noise"
+    return "with a correlated residual that no known effect explains"
 
 
 def _as_closely(left: Signature) -> str:
     if _is_noise(left):
-        return " as closely as the measurement noise allows"
-    return "; what remains is small, but correlated, so it stays unexplained"
+        return " within measurement noise"
+    return ", with a small but correlated, unexplained residual"
 
 
 def _ahead(gain: ErrorReduction) -> str:
-    """Return how far ahead an error is told, where no free run could follow."""
+    """Return the prediction horizon of an error, if no free run was possible."""
     return f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
 
 
 def _unexplained(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
     if any(d.slug == "no-model" for d in diagnosis.doubts):
-        return "Something is missing, and no name is given: no model of the craft was found to name one beside."
-    said = "Something is missing, and it is none of the effects known here"
+        return "An effect is missing, but no cause is reported: no model of the craft could be fitted."
+    said = "An effect is missing, and no known effect explains it"
+    if diagnosis.hints:
+        said = "An effect is missing, and the evidence is too weak to identify it"
     if math.isfinite(error):
-        said += f": the simulation errs by {format_error(error, unit, 3)} in {signal_words(signal)}"
+        said += f": the error of the simulated {signal_words(signal)} is {format_error(error, unit, 3)}"
     if not diagnosis.tried:
-        return f"{said}; no candidate was tried to the end."
-    return f"{said}; none of the {diagnosis.tried} candidates tried pays on unseen data."
+        return f"{said}. No candidate was tried completely."
+    if diagnosis.hints:
+        return f"{said}. Of {diagnosis.tried} candidates tried, {len(diagnosis.hints)} are reported as hints."
+    return f"{said}. None of the {diagnosis.tried} candidates tried improves prediction of held-out data."
 
 
 def _unfinished(diagnosis: Diagnosis) -> str:
-    """Return that the search was stopped, by what, and how to go on."""
+    """Return the sentence of a stopped search: the limit reached, and how to continue."""
     what = "work" if any(d.slug == "out-of-work" for d in diagnosis.doubts) else "time"
-    return f"Unfinished: the search used up its {what} and was stopped. --resume goes on from here."
+    return f"Unfinished: the search reached its {what} limit and was stopped. Use --resume to continue."
 
 
 def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
-    """Return the gain that begins with the simulation as it stands: of numbers set right, else of the causes."""
+    """Return the gain relative to the original simulation: by corrected numbers, else by causes."""
     numbers = None if diagnosis.numbers is None else diagnosis.numbers.gain
     return diagnosis.gain if numbers is None else numbers
 
 
 def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
-    """Return the base model's error, its unit and signal: held out where that was measured, else of the pictures."""
+    """Return the base model's error, its unit and signal: held out if measured, else of the plotted runs."""
     first = first_gain(diagnosis)
     if first is not None:
         return first.before, first.unit, first.signal
@@ -409,30 +415,30 @@ def gain_sentence(gain: ErrorReduction) -> str:
         f"{format_error(gain.before, gain.unit, 3)} before, {format_error(gain.after, gain.unit, 3)} after (RMS)"
     )
     if math.isfinite(gain.ratio):
-        said += f", {format_share(gain.ratio)} of what it was"
+        said += f", {format_share(gain.ratio)} of the error before"
     interval = interval_words(gain)
     return said + (f" (95 % interval {interval})." if interval else ".")
 
 
 def interval_words(gain: ErrorReduction) -> str:
-    """Return ``12 % to 19 %``; empty when it is not known."""
+    """Return ``12 % to 19 %``; empty if unknown."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
 
 
 def missing_over(curve: MissingCurve) -> str:
-    """Return what the missing force is drawn over."""
+    """Return the name of the variable that the missing force is plotted over."""
     return {"time": "time into the run", "drift": "drift angle"}.get(curve.over, signal_words(curve.over))
 
 
 def left_sentence(left: Signature) -> str:
-    """Return how likely plain noise would look like what is left."""
+    """Return the result of the whiteness test of a residual."""
     if not math.isfinite(left.whiteness_p):
         return ""
     p = left.whiteness_p
-    chance = "less than 1 time in 10 000" if p < 1e-4 else f"with probability {format_number(p, 2)}"
-    verdict = "so this is not noise" if p < NOISE_P else "so nothing speaks against noise"
-    return f"Pure noise would look at least this regular {chance}, {verdict}."
+    chance = "p < 0.0001" if p < 1e-4 else f"p = {format_number(p, 2)}"
+    verdict = "not noise" if p < NOISE_P else "consistent with noise"
+    return f"Whiteness test of the residual: {chance}, {verdict}."
 
 
 def _findings(signature: Signature) -> tuple[str, ...]:
@@ -440,18 +446,18 @@ def _findings(signature: Signature) -> tuple[str, ...]:
 
 
 def rests_on(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what was used, held out, tried, and the noise found."""
+    """Return the runs used and held out, the number of candidates, and the residual levels."""
     said = [f"Runs used: {', '.join(diagnosis.used)}."] if diagnosis.used else []
     if diagnosis.held_out:
         said.append(f"Held out: {', '.join(diagnosis.held_out)}.")
     said.append(
-        f"Candidates tried: {diagnosis.tried}; the p-values allow for that many. Time: {diagnosis.seconds:.1f} s."
+        f"Candidates tried: {diagnosis.tried}; p-values are corrected for this number. Time: {diagnosis.seconds:.1f} s."
     )
     levels = [
         f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in diagnosis.noise.items() if n in SIGNALS
     ]
     if levels:
-        said.append(f"Left of each signal (rms): {', '.join(levels)}.")
+        said.append(f"Residual of each signal (rms): {', '.join(levels)}.")
     return tuple(said)
 
 
@@ -464,7 +470,7 @@ def commands(diagnosis: Diagnosis, model_file: str) -> tuple[tuple[str, str], ..
     file = shlex.quote(str(PurePath(model_file)))
     axis = next((_AXES[d] for d in diagnosis.extended_model.base.form.dofs if d in _AXES), "heading")
     return (
-        ("Fly it: the simulated vehicle moves as this model does", f"gcs-autotune sitl VEHICLE --model {file}"),
-        ("Refine it with another run", f"gcs-autotune identify RUN --start {file}"),
-        ("Design gains with it", f"gcs-autotune tune {axis} --model {file}"),
+        ("Simulate a vehicle with this model", f"gcs-autotune sitl VEHICLE --model {file}"),
+        ("Refine the model with another run", f"gcs-autotune identify RUN --start {file}"),
+        ("Design gains with the model", f"gcs-autotune tune {axis} --model {file}"),
     )

@@ -1,1 +1,1 @@
-"""The report of a flown manoeuvre, and the page of its preview."""
+"""The report of a flown manoeuvre, and its preview page."""

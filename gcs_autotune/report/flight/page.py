@@ -1,4 +1,4 @@
-"""The page of a flight, of one manoeuvre or a plan of them, and that of one only previewed."""
+"""The page of a flight (a manoeuvre or a plan), and of a preview."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = ["FlightModel", "TrialTold", "render_flight", "render_preview"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightModel:
-    """A model identified from a flight; ``unseen``: how it predicts the runs ``held_out``, if any."""
+    """A model identified from a flight; ``unseen``: its prediction of the runs ``held_out``, if any."""
 
     fit: Fit
     held_out: Sequence[str] = ()
@@ -51,8 +51,8 @@ class FlightModel:
 
 @dataclass(frozen=True, slots=True)
 class TrialTold:
-    """A run of a trial that planned itself: ``why`` it was flown, its seconds, what was ``known`` after it, how well
-    [%] the model before it ``foretold`` it (NaN: there was none), and why it was the last.
+    """A run of a self-planned trial: ``why`` it was flown, its duration [s], the precision ``known`` after it, how
+    well [%] the previous model predicted it (``foretold``; NaN: there was none), and why it was the last.
     """
 
     run: str
@@ -75,7 +75,7 @@ def render_flight(
 ) -> str:
     """Return the page of a flight: figures, models, and of each run (name, record) signals and track.
 
-    predicted : of the one run there is, for the track. story : of a trial that planned itself.
+    predicted : the predicted run, for the track of a single run. story : of a self-planned trial.
     """
     doubts = [*remarks, *(doubt_sentence(d) for s in sheets for d in s.doubts)]
     doubts += [doubt_sentence(d) for m in models for d in m.fit.doubts]
@@ -96,7 +96,7 @@ def _together(runs: Sequence[Trial]) -> str:
 
 
 def render_preview(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> str:
-    """Return the page of runs that were only previewed: of each name, record, time and room, and why not to fly it."""
+    """Return the page of a preview: per run its name, record, time and space, and the reason not to fly it, if any."""
     troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
     good = f"It takes {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
     told = tuple(f"{name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
@@ -145,7 +145,7 @@ def _page(
 
 def _runs(runs: Sequence[tuple[str, Trial]]) -> Table:
     rows = tuple((name, format_seconds(trial.duration), trial.reason) for name, trial in runs)
-    return Table(("run", "length", "how it ended"), "lrl", rows)
+    return Table(("run", "length", "end"), "lrl", rows)
 
 
 def _story(steps: Sequence[TrialTold]) -> Table:
@@ -154,16 +154,16 @@ def _story(steps: Sequence[TrialTold]) -> Table:
             s.run,
             s.why,
             format_seconds(s.seconds),
-            "" if math.isnan(s.foretold) else format_percent(s.foretold) if math.isfinite(s.foretold) else "runs away",
+            "" if math.isnan(s.foretold) else format_percent(s.foretold) if math.isfinite(s.foretold) else "diverges",
             s.known,
         )
         for s in steps
     )
-    return Table(("run", "why", "length", "predicted before", "known after it"), "llrrl", rows)
+    return Table(("run", "why", "length", "held-out prediction", "precision after it"), "llrrl", rows)
 
 
 MOST_SIGNALS = 12
-"""Runs whose signals are drawn; chosen so that the page stays small."""
+"""Most runs whose signals are plotted; chosen so that the page stays small."""
 
 
 def _picture(kind: str, caption: str, figure: Figure | None) -> list[Picture]:
@@ -188,16 +188,16 @@ def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> list[P
             label_as_read(ax, signal, float(few.y[0]) if len(few) else 0.0)
         draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
         axes[-1].set_xlabel("time [s]")
-    told = "the motion and what drives it, predicted." if predicted else "the motion and what drove it."
+    told = "predicted motion and input." if predicted else "motion and input."
     return _picture(f"signals{name}", f"{name}: {told}" if name else f"{told[0].upper()}{told[1:]}", figure)
 
 
 def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> list[Picture]:
     found: list[Picture] = []
     unseen = () if model.unseen is None else model.unseen.traces
-    told = "The model, free running, against measurement; below, what is left over."
+    told = "Model (free run) and measurement. Below: the residual."
     for i, (trace, caption) in enumerate(
-        [*((t, told) for t in model.fit.traces), *((t, f"Prediction of {t.run}, held out of the fit.") for t in unseen)]
+        [*((t, told) for t in model.fit.traces), *((t, f"Held-out prediction of {t.run}.") for t in unseen)]
     ):
         if trace.run not in runs:
             continue
@@ -211,7 +211,7 @@ def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> list[Picture]:
 def _tracks(runs: Mapping[str, Trial]) -> list[Picture]:
     with pens("track"):
         figure = draw_track({name: _from_origin(trial) for name, trial in runs.items()})
-    return _picture("track", "Track from where it began, north up; the prediction starts north.", figure)
+    return _picture("track", "Track from its start, north up; the prediction starts heading north.", figure)
 
 
 def _from_origin(trial: Trial) -> Trial:

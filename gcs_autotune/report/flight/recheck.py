@@ -1,4 +1,4 @@
-"""The verdict of a recheck: is the old tune still good? Its page with one picture, and what the terminal shows."""
+"""The verdict of a recheck of an old tune: its page and its terminal output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["LoopCheck", "LoopNumbers", "recheck_summary", "render_recheck"]
 
 @dataclass(frozen=True, slots=True)
 class LoopNumbers:
-    """A closed loop in numbers; NaN: unknown.
+    """Metrics of a closed loop; NaN: unknown.
 
     ``overshoot`` of a step as a fraction of it; ``rise`` (10 to 90 %) and ``settling`` (to 5 %) [s]; ``damping`` ratio;
     ``oscillation`` with a constant command [SI, rad] and its ``period`` [s]. ``overshoot_std``: its standard error.
@@ -52,8 +52,9 @@ class LoopNumbers:
 class LoopCheck:
     """The verdict on the loop of ``axis``.
 
-    ``kind``: good, degraded, poorly damped, oscillates, not identifiable. ``text`` says it in a sentence, ``tone`` is
-    its colour, ``notes`` follow from it. ``now`` and, of the last tune (flown ``when``), ``then`` are its numbers.
+    ``kind``: good, degraded, poorly damped, oscillates, not identifiable. ``text``: the verdict as a sentence;
+    ``tone``: its colour; ``notes``: further sentences. ``now``: the metrics; ``then``: those of the last tune
+    (``when``).
     """
 
     axis: str
@@ -86,7 +87,7 @@ class LoopCheck:
 
 
 def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str:
-    """Return the page: the verdict, the numbers beside those of the last tune, and the picture of *run*."""
+    """Return the page: the verdict, the metrics now and after the last tune, and the plot of *run*."""
     numbers, of = _numbers(check), "Now" if check.then is None else "Now and after the last tune"
     return render_page(
         "flight/page.html",
@@ -98,7 +99,7 @@ def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str
             "doubts": _doubts(check),
             "runs": None,
             "story": None,
-            "pictured": "Commanded and flown",
+            "pictured": "Command and response",
             "sheets": [(of, numbers, "")] if numbers.rows else [],
             "models": [],
             "pictures": _picture(check.axis, run),
@@ -107,13 +108,13 @@ def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str
 
 
 def recheck_summary(check: LoopCheck) -> Group:
-    """Return what the terminal shows: verdict, numbers, what to doubt."""
+    """Return the terminal output: verdict, metrics, doubts."""
     numbers = _numbers(check)
     parts = [title(check.text, STYLES[check.tone]), *(bullet(note) for note in check.notes)]
     parts += [grid(numbers)] if numbers.rows else []
     doubts = _doubts(check)
     if doubts:
-        parts += [title("What to doubt", "bold yellow"), *(bullet(text) for text in doubts)]
+        parts += [title("Doubts", "bold yellow"), *(bullet(text) for text in doubts)]
     return Group(*parts, paragraph(""))
 
 
@@ -126,11 +127,11 @@ def _numbers(check: LoopCheck) -> Table:
     unit, factor = to_people(SIGNALS[axis_kind(check.axis).stepped][0])
     std = now.overshoot_std
     rows = [
-        _row("overshoot of a step", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot, std),
+        _row("step overshoot", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot, std),
         _row("rise time, 10 to 90 %", "s", 1.0, now.rise, math.nan if then is None else then.rise),
         _row("settling time, to 5 %", "s", 1.0, now.settling, math.nan if then is None else then.settling),
         _row("damping ratio", "", 1.0, now.damping, math.nan),
-        _row("oscillation with a constant command", f"{unit} to either side", factor, now.oscillation, math.nan),
+        _row("oscillation at constant command", f"{unit} amplitude", factor, now.oscillation, math.nan),
         _row("its period", "s", 1.0, now.period, math.nan),
     ]
     heads = ("figure", "now", f"tune of {format_moment(check.when)}" if then is not None else "", "unit")
@@ -147,7 +148,7 @@ def _row(name: str, unit: str, factor: float, now: float, then: float, std: floa
 
 
 def _picture(axis: str, run: Trial) -> Sequence[Picture]:
-    """Draw what was commanded and what the craft did, from its course."""
+    """Plot command and response, relative to the course."""
     signal = axis_kind(axis).stepped
     commanded = [(m.t, m.detail[f"{signal}_ref"]) for m in run.marks if f"{signal}_ref" in m.detail]
     if signal not in run or not commanded:
@@ -155,7 +156,7 @@ def _picture(axis: str, run: Trial) -> Sequence[Picture]:
     unit, factor = to_people(run[signal].unit)
     t, wanted = (np.array(column, dtype=np.float64) for column in zip(*commanded, strict=True))
     middle = 0.5 * float(wanted.max() + wanted.min()) if signal != "z" else 0.0
-    caption = f"The {axis} commanded and flown. A loop that is damped well follows soon and stays in between."
+    caption = f"Commanded and flown {axis}. A well damped loop follows quickly, without oscillation."
     with pens("recheck"):
         figure, (axes,) = new_axes((2.8,))
         seen = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
@@ -165,7 +166,7 @@ def _picture(axis: str, run: Trial) -> Sequence[Picture]:
         axes.lines[-1].set_label("commanded")
         if signal == "z":
             axes.invert_yaxis()
-        axes.set_ylabel(f"{axis} [{unit}]" if signal != "psi" else f"{axis} from the course [{unit}]")
+        axes.set_ylabel(f"{axis} [{unit}]" if signal != "psi" else f"{axis} relative to course [{unit}]")
         axes.set_xlabel("time [s]")
         legend(axes, 2)
         return (Picture("recheck", caption, to_svg(figure, "recheck", caption)),)

@@ -1,4 +1,4 @@
-"""Figures: who moves with whom, how far a parameter may go, what the next manoeuvre would bring."""
+"""Figures: correlations, profile likelihoods, expected improvement by the next manoeuvre."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def correlation_plot(found: Identifiability) -> Figure:
     axes.set_xticks(range(p), found.names, rotation=90, fontsize="small")
     axes.set_yticks(range(p), found.names, fontsize="small")
     figure.colorbar(image, ax=axes, shrink=0.8, label="correlation")
-    axes.set_title("which estimates move together", fontsize="small", loc="left")
+    axes.set_title("correlation of the estimates", fontsize="small", loc="left")
     return figure
 
 
@@ -74,7 +74,7 @@ def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     axes.invert_yaxis()
     axes.set_xscale("log")
     axes.set_xlim(right=edge)
-    axes.set_xlabel("standard error [% of size]")
+    axes.set_xlabel("standard error [% of value]")
     axes.set_title(f"{chosen.candidate.title}, {proposal.seconds:.0f} s", fontsize="small", loc="left")
     axes.legend(fontsize="small")
     return figure

@@ -1,1 +1,1 @@
-"""The report of an identification: what there is to tell, its page and its tables."""
+"""The report of an identification: its record, page and tables."""

@@ -1,4 +1,4 @@
-"""The page of an identification: one self-contained HTML file that opens without a network."""
+"""The page of an identification: one self-contained HTML file that opens offline."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ __all__ = ["render_study"]
 
 
 MOST_TRACES = 12
-"""Traces drawn of each kind; chosen so that the page stays small."""
+"""Most traces plotted of each kind; chosen so that the page stays small."""
 
 DEEPEST = 0.7
-"""Opacity of the cell of a pair that is wholly correlated: its number is still read, on light paper and on dark."""
+"""Opacity of the cell of a fully correlated pair; its number stays legible on light and dark pages."""
 
 _COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
@@ -81,9 +81,9 @@ def _context(study: Study) -> dict[str, Any]:
 def _tiles(study: Study) -> tuple[tuple[str, str, str], ...]:
     fit, answer = study.fit, study.answer
     fitted = [p for p in fit.parameters.values() if p.status in ("fitted", "at_bound")]
-    tiles = [(format_percent(fit.fit_percent), "fit", "free run, the runs identified from")]
+    tiles = [(format_percent(fit.fit_percent), "fit", "free run, identification runs")]
     if answer.unseen is not None:
-        tiles.append((format_percent(answer.unseen.fit_percent), "prediction", "data it has not seen"))
+        tiles.append((format_percent(answer.unseen.fit_percent), "prediction", "held-out data"))
     tiles.append((str(len(fitted)), "parameters", f"from {len(fit.used)} run{'s' if len(fit.used) > 1 else ''}"))
     known = [100.0 * p.std / abs(p.value) for p in fitted if p.value and np.isfinite(p.std)]
     if known:
@@ -94,21 +94,21 @@ def _tiles(study: Study) -> tuple[tuple[str, str, str], ...]:
 def _pictures(study: Study) -> Iterator[Picture]:
     answer = study.answer
     for i, trace in enumerate(study.fit.traces[:MOST_TRACES], start=1):
-        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, what is left over and the input."
+        caption = f"Model and measurement of '{trace.run}', with the 95 % band. Below: residual and input."
         yield from _picture("fit", i, caption, _trace(trace, study))
     unseen = () if answer.unseen is None else answer.unseen.traces
     for i, trace in enumerate(unseen[:MOST_TRACES], start=1):
-        caption = f"Prediction of '{trace.run}', which this model was not identified from."
+        caption = f"Held-out prediction of '{trace.run}'."
         yield from _picture("unseen", i, caption, _trace(trace, study))
     if len([p for p in study.fit.parameters.values() if p.std > 0.0]) > 2:
-        caption = "Correlation of the estimates: pairs near ±1 cannot be told apart by these runs."
+        caption = "Correlation of the estimates. These runs do not separate pairs near ±1."
         yield from _picture("model", 1, caption, _correlation(study))
     intervals = _plain("intervals", lambda: draw_intervals(study.fit.parameters))
     yield from _picture("model", 3, INTERVALS_CAPTION, intervals)
     track = _plain("track", lambda: draw_track({t.name: t for t in study.trials}))
     yield from _picture("track", 1, "Track over ground, north up.", track)
     if sum(o.fit is not None for o in study.outcomes) > 1:
-        caption = "What each method found, relative to the answer, with 95 % intervals."
+        caption = "Estimates of each method relative to the selected one, with 95 % intervals."
         yield from _picture("model", 2, caption, _methods(study))
     for i, (caption, figure) in enumerate(study.figures, start=1):
         yield from _picture("extra", i, caption, figure)
@@ -174,6 +174,6 @@ def _methods(study: Study) -> Figure:
         axes.set_yticks(range(len(names)), names)
         axes.set_xlim(0.0, 2.0)
         axes.invert_yaxis()
-        axes.set_xlabel("estimate / answer")
+        axes.set_xlabel("estimate / selected")
         legend(axes)
     return figure

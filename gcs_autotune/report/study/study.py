@@ -1,4 +1,4 @@
-"""What there is to tell of an identification: one or several fits of the same runs, and the sentences about them."""
+"""The record of an identification: one or several fits of the same runs, and their sentences."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class RunRow:
-    """One run of the study: what it holds and what it was used for."""
+    """One run of the study: its contents and its use."""
 
     name: str
     source: str
@@ -50,7 +50,7 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodOutcome:
-    """What one method made of the runs: a fit and how it predicts what it has not seen, or why it refused."""
+    """The result of one method: a fit with its held-out prediction, or the reason for its refusal."""
 
     method: str
     fit: Fit | None
@@ -62,13 +62,13 @@ class MethodOutcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """An identification ready to be told.
+    """The complete record of an identification.
 
-    ``outcomes``: one per method, the first fitted one is the answer. ``how_unseen`` says which data the check used.
+    ``outcomes``: one per method, the first fitted one is selected. ``how_unseen``: the data of the held-out check.
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
-    ``trials``: the runs themselves, for the pictures of inputs and track.
-    ``comparisons``: how it moves beside the model ``compared_with``, axis by axis.
-    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra pictures as (caption,
+    ``trials``: the runs, for the figures of inputs and track.
+    ``comparisons``: comparison with the model ``compared_with``, axis by axis.
+    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption,
     matplotlib figure).
     """
 
@@ -91,19 +91,19 @@ class Study:
 
     @property
     def answer(self) -> MethodOutcome:
-        """The outcome the page is about."""
+        """The selected outcome."""
         return next(o for o in self.outcomes if o.fit is not None)
 
     @property
     def fit(self) -> Fit:
-        """The fit the page is about."""
+        """The fit of the selected outcome."""
         fit = self.answer.fit
         assert fit is not None
         return fit
 
 
 def study_to_dict(study: Study) -> dict[str, Any]:
-    """Return the JSON form: the answer's fit, and under ``methods`` what the others made of it."""
+    """Return the JSON form: the selected fit, and under ``methods`` the results of the others."""
     answer = study.answer
     data = study.fit.to_dict()
     if answer.unseen is not None:
@@ -125,7 +125,7 @@ def study_to_dict(study: Study) -> dict[str, Any]:
 
 
 def comparison_sentences(study: Study) -> tuple[str, ...]:
-    """Return where and how soon both models settle, two sentences per degree of freedom."""
+    """Return steady state and rise time of both models, two sentences per degree of freedom."""
     return tuple(s for c in study.comparisons for s in _compared(c, study.compared_with))
 
 
@@ -133,15 +133,15 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
     unit = f"{DOFS[c.dof].position_unit}/s"
     largest, smallest = (format_quantity(x, c.input_unit) for x in (c.largest, c.smallest))
     settles = [format_quantity(v, unit) for v in c.steady]
-    said = f"{c.dof}: under {largest}, the most there was, it settles at {settles[0]}, by {other} at {settles[1]}: "
-    said += f"{format_quantity(c.steady_apart, unit)} apart"
+    said = f"{c.dof}: at {largest}, the largest input, the steady state is {settles[0]}, with {other} {settles[1]}: a "
+    said += f"difference of {format_quantity(c.steady_apart, unit)}"
     if c.quantum > 0.0:
         step = format_quantity(c.quantum, unit)
-        said += f", {'within' if c.same_steady else 'more than'} the {step} the sensor resolves"
-        said += ": their drags count as the same" if c.same_steady else ""
+        said += f", {'within' if c.same_steady else 'more than'} the sensor resolution of {step}"
+        said += "; their drag counts as equal" if c.same_steady else ""
     rise = [format_number(t) for t in c.rise]
-    soon = f"{c.dof}: under {smallest}, the least there was, it takes {rise[0]} s to {100.0 * c.share:.0f} % of that, "
-    soon += f"by {other} {rise[1]} s: {format_number(c.rise_apart)} s apart, {format_number(c.samples, 2)} samples"
+    soon = f"{c.dof}: at {smallest}, the smallest input, the time to {100.0 * c.share:.0f} % is {rise[0]} s, "
+    soon += f"with {other} {rise[1]} s: {format_number(c.rise_apart)} s apart, {format_number(c.samples, 2)} samples"
     return f"{said}.", f"{soon}."
 
 
@@ -163,7 +163,7 @@ def structure_title(fit: Fit) -> str:
 
 
 def answer_sentences(study: Study) -> tuple[str, ...]:
-    """Return what the fit means, how well it fits, and where it comes from."""
+    """Return the meaning, quality and origin of the fit."""
     fit = study.fit
     said = list(model_sentences(fit)) if isinstance(fit, AxisFit) else [fits_sentence(fit)]
     said.append(f"Method: {fit.method}, from {', '.join(fit.used)}.")
@@ -171,39 +171,41 @@ def answer_sentences(study: Study) -> tuple[str, ...]:
 
 
 def fits_sentence(fit: Fit) -> str:
-    """Return how well a coupled model fits, and what it leaves."""
-    said = f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} the motion it was fitted to."
+    """Return how well a coupled model fits, and its residual."""
+    said = f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} the motion used for the fit."
     left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
     if not left:
         return said
     rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
     coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
     if not coloured:
-        return f"{said} Left of it (rms): {rows}, which change from sample to sample, as measurement noise does."
+        return f"{said} Residual (rms): {rows}; white, like measurement noise."
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
-    return f"{said} Left of it (rms): {rows}; of that correlated, so unexplained and no noise: {rest}."
+    return f"{said} Residual (rms): {rows}; of that correlated and unexplained: {rest}."
 
 
 def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
-    """Return what is to be said below the table of what was predicted."""
+    """Return the remarks below the table of held-out predictions."""
     poor = answer.unseen is not None and any(s.fit_percent < 0.0 for s in answer.unseen.statistics)
-    return ("A fit below 0 %: the prediction errs by more than the signal varies.",) if poor else ()
+    return (
+        ("A fit below 0 % means that the prediction error is larger than the variation of the signal.",) if poor else ()
+    )
 
 
 def verdict_headline(study: Study) -> Headline:
-    """Return the one sentence everybody reads first, its tone, and what follows from it."""
+    """Return the headline, its tone, and the sentences after it."""
     fit, unseen = study.fit, study.answer.unseen
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
-    where = "the motion it was fitted to" if unseen is None else "motion it has not seen"
+    where = "the motion used for the fit" if unseen is None else "held-out motion"
     said = f"The model {explains(percent)} {where}"
     if unseen is not None:
-        said += f" ({format_percent(fit.fit_percent)} of what it was fitted to)" if fit.fit_percent > 0.0 else ""
+        said += f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
     said += "."
     grave = [
         d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION)
     ]
     if percent < 40.0 or grave:
         first = contradictions_in(fit.doubts)
-        return Headline(said + " Read what to doubt before you use it.", "bad", (*first, *answer_sentences(study)))
+        return Headline(said + " Read the doubts before you use it.", "bad", (*first, *answer_sentences(study)))
     tone: Tone = "good" if percent >= 70.0 and not fit.doubts else "neutral"
     return Headline(said, tone, answer_sentences(study))

@@ -1,4 +1,4 @@
-"""The tables of an identification, and what ``identify`` prints."""
+"""The tables of an identification, and the output of ``identify``."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ __all__ = [
 
 
 ABREAST = 3
-"""Parameters side by side in one table of estimates: what 80 columns hold."""
+"""Parameters per table of estimates; as many as fit in 80 columns."""
 
 _FORCES = {
     "X": "surge force",
@@ -88,15 +88,15 @@ _NAMED = {
     "x_G": "centre of gravity, ahead",
     "y_G": "centre of gravity, to starboard",
     "z_G": "centre of gravity, down",
-    "delay": "input to force",
+    "delay": "input delay",
     "lag": "first-order lag of the force",
-    "V_x": "current towards north",
-    "V_y": "current towards east",
+    "V_x": "current to the north",
+    "V_y": "current to the east",
 }
 
 
 def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
-    """Every parameter rounded to its standard error, beside the bound no method can beat; *brief* for 80 columns."""
+    """Return every parameter rounded to its standard error, with the Cramér-Rao bound; *brief* for 80 columns."""
     if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     axis = meanings(fit) if isinstance(fit, AxisFit) else None
@@ -134,14 +134,14 @@ def _over_bound(p: Parameter) -> str:
 
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
-        return "not told from zero"
+        return "not distinct from zero"
     if p.status == "at_bound" and p.value == 0.0:
-        return "none found"
+        return "none"
     return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 
 def meaning_of(name: str) -> str:
-    """Return what a derivative stands for, in words; empty for what has none."""
+    """Return the meaning of a derivative; empty if unknown."""
     if name in _NAMED:
         return _NAMED[name]
     force, _, rest = name.partition("_")
@@ -159,8 +159,10 @@ def meaning_of(name: str) -> str:
 
 
 def method_table(study: Study) -> Table:
-    """How well each method explains and predicts the same runs, or why it refused them."""
-    return Table(("method", "fit", "unseen", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes))
+    """Return fit and held-out prediction of each method, or the reason for its refusal."""
+    return Table(
+        ("method", "fit", "held out", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes)
+    )
 
 
 def _method_row(outcome: MethodOutcome) -> tuple[str, ...]:
@@ -172,7 +174,7 @@ def _method_row(outcome: MethodOutcome) -> tuple[str, ...]:
 
 
 def estimate_tables(study: Study) -> tuple[Table, ...]:
-    """What each method found for each parameter, a few parameters to a table."""
+    """Return the estimates of each method, a few parameters per table."""
     fits = [o.fit for o in study.outcomes if o.fit is not None]
     names = list(dict.fromkeys(n for f in fits for n, p in f.parameters.items() if p.std > 0.0))
     tables = []
@@ -191,13 +193,13 @@ def _estimate(fit: Fit, name: str) -> str:
 
 
 def run_table(study: Study) -> Table:
-    """The runs, what they hold and what they were used for."""
+    """Return the runs, their contents and their use."""
     rows = tuple((r.name, format_seconds(r.duration), str(r.samples), " ".join(r.signals), r.role) for r in study.runs)
     return Table(("run", "length", "samples", "channels", "used for"), "lrrll", rows)
 
 
 def unseen_table(found: Validation | None, dof: str) -> Table:
-    """Free-run prediction of data the fit, of degree of freedom or form *dof*, had not seen."""
+    """Return the free-run prediction of held-out data by a fit of degree of freedom or form *dof*."""
     pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
     rows = tuple(
         (
@@ -213,42 +215,42 @@ def unseen_table(found: Validation | None, dof: str) -> Table:
 
 
 def choice_table(study: Study) -> Table:
-    """How the structure was decided."""
-    return Table(("structure", "error on data left out", "BIC - best", "verdict"), "lrrl", study.choice)
+    """Return the comparison of structures."""
+    return Table(("structure", "held-out error", "BIC - best", "verdict"), "lrrl", study.choice)
 
 
 def proposal_table(study: Study) -> Table:
-    """What to fly next, best first."""
-    return Table(("manoeuvre", "how", "what it buys", "needs"), "llll", study.proposals)
+    """Return the proposed manoeuvres, best first."""
+    return Table(("manoeuvre", "how", "expected improvement", "needs"), "llll", study.proposals)
 
 
 def study_summary(study: Study) -> Group:
-    """Return model, validation, structure decision, methods side by side, what cannot be told, doubts, verdict."""
+    """Return model, validation, choice of structure, comparison of methods, doubts and verdict."""
     fit, answer = study.fit, study.answer
     parts = contradictions_shown(contradictions_in(fit.doubts))
     parts += [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
     parts.extend(paragraph(s) for s in answer_sentences(study))
     if study.how_unseen:
-        parts += [title("On data it has not seen"), paragraph(study.how_unseen)]
+        parts += [title("Held-out prediction"), paragraph(study.how_unseen)]
         parts.append(grid(unseen_table(answer.unseen, fit.dof)))
         parts.extend(paragraph(s) for s in unseen_remarks(answer))
     if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
-        parts.append(title("Which kind of damping"))
+        parts.append(title("Choice of damping"))
         if fit.decision is not None:
             parts.append(paragraph(decision_sentence(fit)))
         if fit.candidates:
             parts.append(grid(candidate_table(fit)))
     if study.choice:
-        parts += [title("Which structure"), paragraph(study.choice_verdict), grid(choice_table(study))]
+        parts += [title("Choice of structure"), paragraph(study.choice_verdict), grid(choice_table(study))]
     if len(study.outcomes) > 1:
-        parts += [title("Methods side by side"), grid(method_table(study))]
+        parts += [title("Comparison of methods"), grid(method_table(study))]
         parts.extend(grid(one) for one in estimate_tables(study))
     if study.cannot_tell:
-        parts += [title("What these runs cannot tell"), *(paragraph(s) for s in study.cannot_tell)]
+        parts += [title("What these runs do not determine"), *(paragraph(s) for s in study.cannot_tell)]
     if study.intervals:
         parts += [title("Intervals by profile likelihood"), *(paragraph(s) for s in study.intervals)]
     if study.comparisons:
-        parts += [title(f"Beside {study.compared_with}"), *(paragraph(s) for s in comparison_sentences(study))]
+        parts += [title(f"Comparison with {study.compared_with}"), *(paragraph(s) for s in comparison_sentences(study))]
     if study.proposals:
         parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
         parts.append(grid(proposal_table(study)))
@@ -259,7 +261,7 @@ def study_summary(study: Study) -> Group:
 
 
 def model_summary(fit: Fit) -> Group:
-    """Return a model of any form by itself: parameters, how well it fits, doubts."""
+    """Return a single model of any form: parameters, fit, doubts."""
     if isinstance(fit, AxisFit):
         return fit_summary(fit)
     parts: list[RenderableType] = [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
@@ -269,7 +271,7 @@ def model_summary(fit: Fit) -> Group:
 
 
 def method_list(methods: Iterable[Method]) -> Group:
-    """Return every method with what it fits, and its options."""
+    """Return every method with its kinds of models and its options."""
     rows = []
     for m in methods:
         kinds = " and ".join(k for k, there in (("one axis", m.axis), ("coupled", m.coupled)) if there is not None)

@@ -1,1 +1,1 @@
-"""What every report is made of: pens and pictures, words for numbers, tables, pages, the terminal, live lines."""
+"""Parts of every report: figures, number formats, tables, pages, terminal output, live lines."""

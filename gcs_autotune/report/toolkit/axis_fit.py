@@ -1,4 +1,4 @@
-"""A fitted axis in words and tables: what a tune, an experiment and an identification say of it alike."""
+"""Sentences and tables of a fitted axis, shared by tune, experiment and identification."""
 
 from __future__ import annotations
 
@@ -63,32 +63,31 @@ _STRUCTURES: Mapping[str, str] = {
     "nonlinear": "quadratic damping",
     "affine": "linear and quadratic damping",
 }
-"""Structure -> what the field calls it (Miskovic2010: linear and nonlinear model)."""
+"""Structure -> its name in the field (Miskovic2010: linear and nonlinear model)."""
 
 _DAMPING: Mapping[str, str] = {
-    "linear": "Linear damping: the water's resistance grows in proportion to the speed.",
-    "nonlinear": "Quadratic damping: the water's resistance grows with the square of the speed.",
-    "affine": "Linear and quadratic damping: one part of the water's resistance grows in proportion to the speed, "
-    "one with its square.",
+    "linear": "Linear damping: drag is proportional to speed.",
+    "nonlinear": "Quadratic damping: drag grows with the square of speed.",
+    "affine": "Linear and quadratic damping: one part of drag is proportional to speed, one grows with its square.",
 }
-"""Structure -> its words explained, once, where a model is first told."""
+"""Structure -> its explanation, shown once per report."""
 
 
 def structure_words(structure: str) -> str:
-    """Return what a structure means, e.g. ``nonlinear`` -> ``quadratic damping``."""
+    """Return the name of a structure, e.g. ``nonlinear`` -> ``quadratic damping``."""
     return _STRUCTURES.get(structure, structure)
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return what a model consists of: its damping, and what was found of its actuator."""
+    """Return the parts of a model: its damping and its actuator effects."""
     found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
     return structure_words(fit.structure) + (f", with {found}" if found else "")
 
 
 def decision_sentence(fit: AxisFit) -> str:
-    """Return the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)) in words, and what decided where it did not.
+    """Return the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)) in words, and what decided instead.
 
-    The reading off the oscillations only advises: the structure is chosen on the fits to the whole records.
+    The criterion is advisory; the structure is chosen from the fits to the whole records.
     """
     decision = fit.decision
     assert decision is not None  # asked by the caller
@@ -101,28 +100,28 @@ def decision_sentence(fit: AxisFit) -> str:
     if decision.verdict == "undecided":
         return (
             f"{numbers} The difference of {format_percent(abs(gap))} is within the margin of "
-            f"{format_percent(decision.margin)}, so this criterion cannot tell: a third experiment with a clearly "
-            "different relay output would."
+            f"{format_percent(decision.margin)}, so this criterion does not decide. A third experiment with a clearly "
+            "different relay output can."
         )
     advised = structure_words(decision.verdict)
     steadier = (
-        f"{numbers} The steadier of the two, by {format_percent(abs(gap))} against a margin of "
-        f"{format_percent(decision.margin)}, speaks for {advised}"
+        f"{numbers} The more consistent of the two, by {format_percent(abs(gap))} with a margin of "
+        f"{format_percent(decision.margin)}, indicates {advised}"
     )
     if fit.structure == decision.verdict:
         return f"{steadier}, and so do the fits." if len(fit.candidates) > 1 else f"{steadier}."
     if len(fit.candidates) <= 1:
-        return f"{steadier}; {structure_words(fit.structure)} was asked for."
-    return f"{steadier}; the fits to the whole records speak for {structure_words(fit.structure)}, which was taken."
+        return f"{steadier}; {structure_words(fit.structure)} was requested."
+    return f"{steadier}. The fits to the whole records support {structure_words(fit.structure)}, which is used."
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return what the model means for the craft: damping, lag, speed at the most that was flown, actuator, its fit."""
+    """Return the model in words: damping, lag, speed at the largest output flown, actuator, fit."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
-        said.append(f"Slow motion dies out with a time constant of {format_seconds(model.alpha / model.beta)}.")
+        said.append(f"Slow motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
         said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
@@ -132,26 +131,25 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         by_it = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, output))
         per_force = pretty_unit(fit.parameters[axis.parameter_names()[0]].unit)
         said.append(
-            f"{_of_full(output)} makes {format_number(acting)} of the force the table counts in: by the force it makes "
-            f"the inertia is {format_value(*by_it)} {per_force}, as far as the actuator goes between the sizes flown "
-            "as it does here."
+            f"{_of_full(output)} gives {format_number(acting)} of the table's unit of force. Relative to that force "
+            f"the inertia is {format_value(*by_it)} {per_force}, if the thrust curve holds between the outputs flown."
         )
     trace = fit.traces[0] if fit.traces else None
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
     shown = trace.unit if trace is not None and trace.unit else axis.position_unit
     said.append(
         f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} "
-        f"the motion it was fitted to. {remainder_sentence(left, shown)}"
+        f"the motion used for the fit. {remainder_sentence(left, shown)}"
     )
     return tuple(said)
 
 
 _MUCH = 0.02
-"""Chosen: a difference of full output from the table's unit of force that is worth a sentence."""
+"""Difference between full output and the table's unit of force that gets a sentence. Chosen."""
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
-    """Return the speed that the largest output flown sustains; nothing where the numbers are no shares of full."""
+    """Return the steady speed at the largest output flown; empty if outputs are not normalised."""
     if _largest(fit) > OVERFULL:
         return []
     output = _most_flown(fit)
@@ -162,15 +160,15 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
     error = math.hypot(error, _by_shape(fit, top))
     shown, factor = to_people(unit)
     speed = f"{format_value(top * factor, error * factor)}{'' if shown.startswith('°') else ' '}{pretty_unit(shown)}"
-    more = "" if output == 1.0 else "; more was not flown"
+    more = "" if output == 1.0 else ", the largest output flown"
     return [f"{_of_full(output)} sustains {speed}{more}."]
 
 
 def _by_shape(fit: AxisFit, top: float) -> float:
-    """Return the standard error of a steady speed *top* for the shape of damping, which the fit takes as known.
+    """Return the standard error of a steady speed *top* from the shape of damping, which the fit takes as known.
 
-    Up to the fastest motion flown the runs show it. Beyond, damping may go on in proportion to the speed or to its
-    square; the speed lies anywhere between what the two give.
+    Up to the fastest motion flown the runs determine it. Beyond, damping may be linear or quadratic; the speed lies
+    between the two results.
     """
     fastest = max((_fastest(trace, fit.model.axis.velocity) for trace in fit.traces), default=math.nan)
     if not 0.0 < fastest < top:
@@ -193,10 +191,10 @@ def _fastest(trace: Trace, velocity: str) -> float:
 
 
 def _most_flown(fit: AxisFit) -> float:
-    """Return the largest output flown, 1 where it is not known: how the actuator goes on beyond it is a guess.
+    """Return the largest output flown, 1 if unknown; beyond it the thrust curve is an extrapolation.
 
-    A BlueBoat turned at 33.7 deg/s at full output in a spiral, where doublets of 63 % predicted 36.3: astern its
-    thrusters are the weaker.
+    A BlueBoat turned at 33.7 deg/s at full output in a spiral, where doublets of 63 % predicted 36.3: its thrusters
+    are weaker astern.
     """
     flown = _largest(fit)
     return flown if flown < 1.0 - _MUCH else 1.0
@@ -212,7 +210,7 @@ def _of_full(output: float) -> str:
 
 
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
-    """Return what *output* comes to in the model: a dead zone takes its width off that, too."""
+    """Return the force of *output* in the model, dead zone included."""
     acting = np.full(1, output)
     for own in effects:
         law = EFFECTS[own.slug]
@@ -222,7 +220,7 @@ def _acting(effects: Sequence[EffectInstance], output: float) -> float:
 
 
 def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance]], float]) -> tuple[float, float]:
-    """Return what *told* makes of the model and its actuator's effects, with its standard error to first order."""
+    """Return *told* of the model and its actuator effects, with its standard error to first order."""
     fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
     value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
     for k, (name, own) in enumerate(fit.parameters.items()):
@@ -239,30 +237,30 @@ def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance
 
 
 def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
-    """Return *effect* with the number of that *label* moved, if it is one of its own."""
+    """Return *effect* with the parameter of that *label* shifted, if it has one."""
     return effect.with_values({n: v + by for n, v in effect.values.items() if label_of(effect, n) == label})
 
 
 def explains(percent: float) -> str:
-    """Return ``explains 74 % of``; a model that errs by more than there is to explain explains nothing of it."""
+    """Return ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
     if percent > 0.0:
         return f"explains {format_percent(percent)} of"
     return "explains nothing of"
 
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
-    """Return what a model leaves: what changes from sample to sample is noise, what is correlated is unexplained."""
+    """Return the residual in words: white noise, and the correlated, unexplained part."""
     rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"{rms} rms remain, which change from sample to sample, as measurement noise does."
+        return f"The residual of {rms} rms is white, like measurement noise."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
-    return f"{rms} rms remain: {noise} change from sample to sample, as noise does; {rest} stay unexplained."
+    return f"The residual is {rms} rms: {noise} white, like noise; {rest} correlated and unexplained."
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
-    """Return what was found of the actuator, its number rounded to its error."""
+    """Return an actuator effect in words, its number rounded to its standard error."""
 
     def number(name: str) -> str:
         found = fit.parameters.get(label_of(own, name))
@@ -270,15 +268,16 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
 
     if own.slug == "quadratic-actuator":
         return (
-            f"The force at output x goes as (1 - q) x + q x² with q = {number('share')}: 0 is proportional, 1 a plain "
-            "propeller."
+            f"The force at output x is (1 - q) x + q x² with q = {number('share')}; 0 is proportional, 1 quadratic "
+            f"like a "
+            "plain propeller."
         )
     if own.slug == "dead-zone":
-        return f"The actuator acts as if it did nothing below {number('width')} of full output (dead zone)."
+        return f"The actuator has a dead zone: no force below {number('width')} of full output."
     if own.slug == "saturation":
-        return f"The actuator pushes no harder beyond {number('limit')} of full output (saturation)."
+        return f"The actuator saturates at {number('limit')} of full output."
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
-    return f"Found of the actuator: {_effect_title(own)}, {values}."
+    return f"Actuator: {_effect_title(own)}, {values}."
 
 
 def _effect_title(own: EffectInstance) -> str:
@@ -288,14 +287,14 @@ def _effect_title(own: EffectInstance) -> str:
 _STATUS: Mapping[str, str] = {
     "fitted": "",
     "absent": "not in this structure",
-    "fixed": "fixed, not fitted",
+    "fixed": "fixed",
     "at_bound": "AT ITS BOUND: do not trust it",
 }
 """Parameter status -> remark."""
 
 
 def model_table(fit: AxisFit) -> Table:
-    """Identified parameters, rounded to their standard error."""
+    """Return the identified parameters, rounded to their standard errors."""
     meaning = meanings(fit)
     rows = tuple(
         (
@@ -317,21 +316,21 @@ def _parameter_value(parameter: Parameter) -> str:
 
 
 def meanings(fit: AxisFit) -> dict[str, str]:
-    """Return what each parameter of one axis is in words."""
+    """Return the meaning of each parameter of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
-    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input to force"}
+    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
     for own in fit.effects:
         found |= {label_of(own, q.name): q.meaning for q in EFFECTS[own.slug].parameters}
     return found
 
 
 def short_name(name: str) -> str:
-    """Return what a table calls a parameter: ``dead-zone@N.width`` is ``width``; its meaning stands beside it."""
+    """Return the name of a parameter in a table: ``dead-zone@N.width`` is ``width``."""
     return name.rpartition(".")[2] if "@" in name else name
 
 
 def cycle_table(fit: AxisFit) -> Table:
-    """The limit cycles that IS-O read off the relay experiments."""
+    """Return the limit cycles that IS-O evaluated in the relay experiments."""
     unit = fit.model.axis.position_unit
     rows = tuple(_cycle_row(e, unit, fit.model.input_unit) for e in fit.iso)
     heads = ("output C", "x_a set", "x_a* real", "amplitude", "bias", "period", "periods", "scatter", "valid")
@@ -355,7 +354,7 @@ def _cycle_row(estimate: IsoEstimate, unit: str, input_unit: str) -> tuple[str, 
 
 
 def _cycle_verdict(cycle: LimitCycle) -> str:
-    """Return whether a limit cycle holds (7.12) and the 10 % rule of (6.7), Miskovic2010."""
+    """Return whether a limit cycle fulfils (7.12) and the 10 % rule of (6.7), Miskovic2010."""
     if not cycle.valid:
         return "NO (7.12)"
     return "uneven" if math.isfinite(cycle.scatter) and cycle.scatter > SCATTER else "yes"
@@ -366,7 +365,7 @@ def _output(value: float, input_unit: str) -> str:
 
 
 def estimate_table(fit: AxisFit) -> Table:
-    """IS-O's own answer per experiment, beside the refined one: the approximation and what became of it."""
+    """Return the estimates of IS-O per experiment, and the refined fit."""
     names = fit.model.axis.parameter_names()
     rows = [
         (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
@@ -377,7 +376,7 @@ def estimate_table(fit: AxisFit) -> Table:
 
 
 def candidate_table(fit: AxisFit) -> Table:
-    """Drag structures side by side; the smallest BIC explains the record with the fewest numbers."""
+    """Return the damping structures compared by BIC; the smallest is best."""
     best = min((c.bic for c in fit.candidates), default=math.nan)
     unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
     taken = min((c.bic for c in fit.candidates if c.structure == fit.structure), default=best)
@@ -386,7 +385,7 @@ def candidate_table(fit: AxisFit) -> Table:
 
 
 def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str, taken: float) -> tuple[str, ...]:
-    """Return a row; of what fits better than the one *chosen*, whose BIC is *taken*, with why it is not that."""
+    """Return a row; if it fits better than the one *chosen* (BIC *taken*), with the reason it was not chosen."""
     pushes = min(candidate.model.beta, candidate.model.beta_quadratic) * candidate.model.alpha < 0.0
     passed_over = "negative damping" if pushes and candidate.bic < taken else ""
     return (
@@ -400,14 +399,14 @@ def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str,
 
 
 def fit_summary(fit: AxisFit) -> Group:
-    """Return what ``identify`` shows: model, structure and how it was decided, doubts with cures."""
+    """Return the output of ``identify``: model, choice of structure, doubts with cures."""
     parts = contradictions_shown(contradictions_in(fit.doubts))
     parts.append(title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"))
     parts.append(grid(model_table(fit)))
     parts.extend(paragraph(s) for s in model_sentences(fit))
     parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
     if fit.decision is not None:
-        parts.extend((title("Which kind of damping"), paragraph(decision_sentence(fit))))
+        parts.extend((title("Choice of damping"), paragraph(decision_sentence(fit))))
     if fit.candidates:
         parts.append(grid(candidate_table(fit)))
     parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))

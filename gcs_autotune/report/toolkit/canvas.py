@@ -1,4 +1,4 @@
-"""Paper and pens: the look of every figure, and its way into the page as SVG with the same bytes each time."""
+"""Style of every figure, and its conversion to reproducible SVG for the page."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INK = "#222222"
 FAINT = "#8a8a8a"
 
 BAND = "#9ecae1"
-"""The colour-blind-safe set of Okabe2008."""
+"""Colour-blind-safe palette of Okabe2008."""
 
 GRID = "#e6e6e6"
 
@@ -59,7 +59,7 @@ PENS: Mapping[str, str] = {
     GRID: "grid",
     PAPER: "paper",
 }
-"""Colour -> the page's variable ``--plot-*`` (``style.css``) that stands for it, so that a dark page has dark plots."""
+"""Colour -> the page's variable ``--plot-*`` (``style.css``) that replaces it, so that a dark page has dark plots."""
 
 WIDTH = 5.6
 """Figure width [in]; the page scales it to its column."""
@@ -93,9 +93,9 @@ _STYLE: dict[Any, object] = {
 
 @contextmanager
 def pens(name: str) -> Iterator[None]:
-    """Hold the style, and the salt of the identifiers of figure *name*, while drawing and saving.
+    """Apply the style and the identifier salt of figure *name* while plotting and saving.
 
-    The user's own matplotlibrc is set aside meanwhile: the report looks the same everywhere.
+    The user's matplotlibrc is ignored, so that the report looks the same everywhere.
     """
     import matplotlib
 
@@ -106,7 +106,7 @@ def pens(name: str) -> Iterator[None]:
 
 
 def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """Return a figure with one axes per height [in], stacked, sharing time unless told otherwise."""
+    """Return a figure with one axes per height [in], stacked, with a shared time axis by default."""
     from matplotlib.figure import Figure
 
     top, bottom, gap = 0.28, 0.48, 0.14
@@ -181,8 +181,8 @@ def legend(axes: Axes, columns: int = 5) -> None:
 def to_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return the figure as an inline SVG element that scales with its column.
 
-    Identifiers begin with *name*, so that several figures live in one page; *description* is read out by
-    screen readers. The colours of :data:`PENS` follow the page's, dark or light.
+    Identifiers begin with *name*, so that one page can hold several figures; *description* is for screen
+    readers. The colours of :data:`PENS` follow the page's, dark or light.
     """
     stream = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}

@@ -1,4 +1,4 @@
-"""Pictures that several pages share: a fit, a craft's inputs, track and thrust curve, its parameters' intervals."""
+"""Figures that several pages share: fit, inputs, track, thrust curve, parameter intervals."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def finite(t: Array, y: Array) -> Curve:
 
 
 def thin(curve: Curve, most: int = 600) -> Curve:
-    """Return at most about *most* samples that keep every bucket's least and greatest value."""
+    """Return about *most* samples at most, with the minimum and maximum of every bucket."""
     n = len(curve)
     if n <= most:
         return curve
@@ -77,17 +77,17 @@ def thin(curve: Curve, most: int = 600) -> Curve:
 COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 LEAST_TRACK = 5.0
-"""Metres a craft must have gone for its track to show more than the noise of its receiver."""
+"""Shortest track worth plotting [m]; below, receiver noise dominates. Chosen."""
 
 MOST_INPUTS = 3
-"""Inputs drawn of one run."""
+"""Most inputs plotted of one run. Chosen."""
 
 WIDEST = 100.0
-"""Percent of a parameter's value that an interval is drawn to; a wider one is not told from zero."""
+"""Widest interval plotted [% of the value]; a wider one includes zero."""
 
 
 def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
-    """Return the channels of *trial* that drive *model*, none when it has none of them."""
+    """Return the channels of *trial* that drive *model*; empty if there are none."""
     wanted: Iterable[str] = ()
     if isinstance(model, SingleDof):
         wanted = (model.axis.force, "delta")
@@ -99,12 +99,12 @@ def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
 
 
 def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, end: float) -> None:
-    """Draw what drove a run from *start* to *end* [s of its stamps], held from stamp to stamp; time from *start*."""
+    """Plot the inputs of a run from *start* to *end* [s, its timestamps], held between samples; time from *start*."""
     units = []
     for name, colour in zip(names, (INK, *COLOURS), strict=False):
         channel = trial[name]
         t = np.concatenate([[start], channel.t[(channel.t > start) & (channel.t <= end)], [end]])
-        scale, unit = (100.0, "% of full") if channel.unit == "1" else (to_people(channel.unit)[1], "")
+        scale, unit = (100.0, "% of full output") if channel.unit == "1" else (to_people(channel.unit)[1], "")
         units.append(unit or pretty_unit(to_people(channel.unit)[0]))
         few = thin(finite(t - start, scale * np.array([channel.held_at(moment) for moment in t])))
         axes.step(few.t, few.y, where="post", color=colour, lw=1.0, label=name if len(names) > 1 else None)
@@ -114,7 +114,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
 
 
 def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
-    """Draw where the craft went over ground, north up, both axes to one scale; None when it hardly moved."""
+    """Plot the track over ground, north up, equal scales; None if the craft hardly moved."""
     tracks = []
     for label, trial in runs.items():
         if "x" in trial and "y" in trial and len(trial["x"]) > 1 and len(trial["y"]) > 1:
@@ -140,12 +140,12 @@ def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
 
 
 def is_bent(actuator: Actuator | None) -> bool:
-    """Whether force is anything but proportional to output, so that a curve has something to show."""
+    """Return whether force is not proportional to output."""
     return actuator is not None and not actuator.is_plain
 
 
 def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
-    """Draw force over output, both in percent of full; *flown*: outputs [fraction] of the experiments."""
+    """Plot force over output, both in percent of full; *flown*: normalised outputs of the experiments."""
     figure, (axes,) = new_axes((2.4,), share=False)
     u = np.linspace(-1.0, 1.0, 401)
     ahead_only = bool(flown) and min(flown) >= 0.0
@@ -159,14 +159,14 @@ def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
     if levels:
         axes.plot(100.0 * at, 100.0 * actuator.static(at) / full, "o", ms=5.0, mfc=PAPER, mec=INK, label="flown")
     axes.axhline(0.0, color=FAINT, lw=0.7)
-    axes.set_xlabel("output [% of full]")
-    axes.set_ylabel("force [% of full]")
+    axes.set_xlabel("output [% of full output]")
+    axes.set_ylabel("force [% of full force]")
     legend(axes)
     return figure
 
 
 def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
-    """Draw the 95 % interval of every fitted parameter as a share of its value; None when none is known."""
+    """Plot the 95 % interval of every fitted parameter in percent of its value; None if none is known."""
     known = [p for p in parameters.values() if p.status in ("fitted", "at_bound") and p.value and p.std > 0.0]
     known = [p for p in known if math.isfinite(p.std)]
     if not known:
@@ -178,7 +178,7 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
         told = half <= WIDEST
         axes.plot([-min(half, limit), min(half, limit)], [i, i], color=AFTER if told else BEFORE, lw=2.4)
         axes.plot(0.0, i, "o", ms=4.5, color=AFTER if told else BEFORE)
-        words = f"± {format_percent(half)}" + ("" if told else ", not told from zero")
+        words = f"± {format_percent(half)}" + ("" if told else ", not distinct from zero")
         axes.text(1.01, i, words, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         if math.isfinite(p.bound) and p.bound > 0.0:
             bound = min(196.0 * p.bound / abs(p.value), limit)
@@ -187,20 +187,20 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
     axes.set_ylim(len(known) - 0.4, -0.6)
     axes.set_xlim(-limit, limit)
     axes.grid(axis="y", visible=False)
-    axes.set_xlabel("95 % interval [% of the value]")
+    axes.set_xlabel("95 % interval [% of value]")
     box = axes.get_position()
     axes.set_position((box.x0 + 0.03, box.y0, box.width - 0.28, box.height))
     return figure
 
 
 INTERVALS_CAPTION = (
-    "How well each parameter is known: its 95 % interval as a share of its value. Pale, where known: the least "
-    "that any unbiased method could reach with these runs."
+    "Uncertainty of each parameter: its 95 % interval in percent of its value. Pale, if known: the smallest "
+    "interval that any unbiased method could reach with these runs."
 )
 
 
 def draw_fit(trace: Trace, run: Trial | None, model: object, noun: str = "") -> Figure | None:
-    """Draw fit against measurement, what is left over, and the inputs of *run* that drive *model*."""
+    """Plot model and measurement, the residual, and the inputs of *run* that drive *model*."""
     measured = finite(trace.t, trace.measured)
     if len(measured) < 2:
         return None

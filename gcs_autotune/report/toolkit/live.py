@@ -1,4 +1,4 @@
-"""The live lines: how a manoeuvre goes while the vehicle moves, and how far a long calculation is.
+"""The live lines: progress of a manoeuvre, and of a long calculation.
 
 In a terminal one line is rewritten in place; elsewhere a plain line comes every few seconds.
 """
@@ -35,24 +35,23 @@ _SIGNALS: Mapping[str, tuple[str, str]] = {
 """Progress.signal -> (name, SI unit of its value)."""
 
 REDRAW = 0.1
-"""Shortest time [s] between two redrawings of the line. Chosen: ten a second is as much as an eye follows."""
+"""Shortest time between two updates of the line [s]. Chosen: the eye follows about ten a second."""
 
 PLAIN_EVERY = 5.0
-"""Vehicle time [s] between two plain lines. Chosen: a log one can still read afterwards."""
+"""Vehicle time between two plain lines [s]. Chosen for a readable log."""
 
 BAR = 5
-"""Characters of the bar. Chosen: with it the line still has the signal at 80 columns."""
+"""Width of the bar [characters]. Chosen so that the signal still fits at 80 columns."""
 
 STALE = 1.0
-"""Age [s] of the last message above which the link is mentioned first. Chosen: ten control periods."""
+"""Age of the last message [s] from which the silent link is shown first. Chosen: ten control periods."""
 
 
 def describe_progress(progress: Progress, width: int = 0) -> str:
-    """Return one line about *progress*; with a *width*, the least important pieces make room.
+    """Return one line of *progress*; with a *width*, the least important parts are dropped.
 
-    ``t`` is shown where the time since the start is not known. Order of importance: what, since when and how long
-    yet, a silent link and which step, the signal against its target, periods, the nearest
-    limit, the swing, the output, the scatter.
+    ``t`` is shown if the time since the start is unknown. Order of importance: stage, elapsed and remaining time,
+    a silent link and the step, the signal and its target, periods, the nearest limit, amplitude, output, scatter.
     """
     pieces = _pieces(progress)
     while width and len(pieces) > 1 and len(_join(pieces)) > width:
@@ -66,7 +65,7 @@ def _join(pieces: list[tuple[int, str]]) -> str:
 
 
 def _pieces(p: Progress) -> list[tuple[int, str]]:
-    """Return (rank, text) in the order of the line; a lower rank stays longer."""
+    """Return (rank, text) in the order of the line; lower ranks are kept longer."""
     since = p.elapsed if math.isfinite(p.elapsed) else p.t
     pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(since)}{_left(p)}")]
     if p.steps:
@@ -76,7 +75,7 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
     if math.isfinite(p.output):
         pieces.append((6, f"output {format_share(p.output)}"))
     if math.isfinite(p.amplitude):
-        pieces.append((5, f"swing {format_quantity(p.amplitude, _unit_of_swing(p.signal))}"))
+        pieces.append((5, f"amplitude {format_quantity(p.amplitude, _unit_of_swing(p.signal))}"))
     if p.periods_needed:
         pieces.append((3, f"periods {p.periods}/{p.periods_needed}"))
     if math.isfinite(p.scatter):
@@ -84,12 +83,12 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
     if p.guard:
         pieces.append((4, f"{p.guard} limit {format_share(p.guard_share)} used"))
     if p.age > STALE:
-        pieces.insert(1, (1, f"NOTHING HEARD FOR {format_seconds(p.age)}"))
+        pieces.insert(1, (1, f"NO MESSAGES FOR {format_seconds(p.age)}"))
     return pieces
 
 
 def _bar(p: Progress) -> str:
-    """Return how much of all is done."""
+    """Return the completed fraction."""
     whole = p.elapsed + p.left
     if not (math.isfinite(whole) and whole > 0.0):
         return ""
@@ -106,7 +105,7 @@ def _left(p: Progress) -> str:
 def _signal(p: Progress) -> str:
     name, unit = _SIGNALS.get(p.signal, (p.signal, ""))
     text = f"{name} {_reading(p.value, p.signal, unit)}"
-    return text + (f" (wanted {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
+    return text + (f" (target {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
 
 
 def _reading(value: float, signal: str, unit: str) -> str:
@@ -126,7 +125,7 @@ def _unit_of_swing(signal: str) -> str:
 class TerminalWatcher:
     """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
-    quiet : no progress, sentences only. verbose : plain lines in a terminal, too, that stay, and the vehicle's words.
+    quiet : sentences only, no progress. verbose : plain lines in a terminal too, and the vehicle's messages.
     """
 
     def __init__(
@@ -150,7 +149,7 @@ class TerminalWatcher:
         self.close()
 
     def update(self, progress: Progress) -> None:
-        """Show one control tick, if it is time for it."""
+        """Show one control tick, if an update is due."""
         if self._quiet:
             return
         if not progress.t >= self._began:
@@ -168,12 +167,12 @@ class TerminalWatcher:
         self._console.print(Text(visible(text)))
 
     def note(self, fact: Fact) -> None:
-        """Show what the vehicle says in words, where that is wanted; a line has no room for the rest."""
+        """Show a text message of the vehicle if verbose; other facts are not shown."""
         if self._verbose and isinstance(fact, Words):
-            self.say(f"the vehicle says: {quoted([fact.text])}")
+            self.say(f"vehicle message: {quoted([fact.text])}")
 
     def close(self) -> None:
-        """End the live line, so that other output begins on a fresh one; harmless when there is none."""
+        """End the live line, so that other output starts on a new one; harmless without one."""
         if self._line_open:
             self._console.print()
             self._line_open = False
@@ -204,7 +203,7 @@ class TerminalWatcher:
 
 
 class _TimeLeft(ProgressColumn):
-    """How much of the time given is left."""
+    """The remaining part of the time limit."""
 
     def __init__(self, given: float) -> None:
         super().__init__()
@@ -217,10 +216,9 @@ class _TimeLeft(ProgressColumn):
 
 
 class StageBar:
-    """One line for the stage under way; gone when all is done. Silent where *console* is no terminal.
+    """One line for the current stage, removed at the end. Silent if *console* is not a terminal.
 
-    verbose : each stage has a line that stays, in a terminal or not. given : seconds after which all ends, told when
-    they are so many.
+    verbose : keep a line per stage, terminal or not. given : time limit [s], shown if it is long enough.
     """
 
     def __init__(self, console: Console, *, verbose: bool = False, given: float = math.inf) -> None:
@@ -245,7 +243,7 @@ class StageBar:
         self._bar.stop()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Take note that *done* of *total* pieces of *stage* are behind us."""
+        """Record that *done* of *total* parts of *stage* are complete."""
         if self._kept is not None and stage != self._stage:
             self._stage = stage
             self._kept.print(Text(visible(stage)))

@@ -1,4 +1,4 @@
-"""Templates filled in: every page this tool writes is made here, of tables and pictures."""
+"""Render the templates: every page of this tool, from tables and figures."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ __all__ = ["Picture", "Table", "render_page"]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number. ``note``: a sentence for
-    under it, of what holds for all rows."""
+    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number. ``note``: a
+    sentence below it that holds for all rows."""
 
     heads: tuple[str, ...]
     align: str
@@ -37,10 +37,10 @@ class Picture:
 
 
 PHONE = 42
-"""Characters of a table's row that a telephone 390 pixels wide shows."""
+"""Characters of a table's row that a phone 390 pixels wide shows."""
 
 LEGIBLE = 14
-"""Characters below which a column of sentences is a column of single words."""
+"""Width in characters below which a column of sentences becomes one of single words. Chosen."""
 
 
 def render_page(template: str, context: Mapping[str, Any]) -> str:
@@ -59,13 +59,13 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
 
 
 def _is_wide(table: Table) -> bool:
-    """Whether a table is wider than a phone: there its rows are shown one below the other."""
+    """Return whether a table is wider than a phone, which then shows each row as a block."""
     columns = [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.heads)]
     return sum(_least_width(cells, a) for cells, a in zip(columns, table.align, strict=True)) > PHONE
 
 
 def _least_width(cells: Sequence[str], align: str) -> int:
-    """Return the characters a column needs: numbers stand in one line, text breaks between words but is still read."""
+    """Return the width a column needs [characters]: numbers stay on one line, text wraps between words."""
     if align == "r":
         return 2 + max(map(len, cells))
     longest = max((len(word) for cell in cells for word in cell.split()), default=0)

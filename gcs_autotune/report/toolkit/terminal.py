@@ -1,6 +1,6 @@
-"""The pieces of what is printed: legible without colour, at 80 columns, and through a pipe.
+"""Parts of the terminal output: legible without colour, at 80 columns, and through a pipe.
 
-Each function returns something a ``rich`` console prints; nothing here prints by itself.
+Each function returns a renderable for a ``rich`` console; nothing here prints.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ __all__ = ["STYLES", "bullet", "contradictions_shown", "doubts_shown", "grid", "
 
 
 STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
-"""Tone of a verdict -> how a terminal shows it."""
+"""Tone of a verdict -> terminal style."""
 
 
 def render_text(thing: RenderableType, width: int = 80) -> str:
-    """Return *thing* as plain text, as it looks in a pipe: no colour, no trailing blanks."""
+    """Return *thing* as plain text, as in a pipe: no colour, no trailing blanks."""
     console = Console(file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False)
     with console.capture() as capture:
         console.print(thing)
@@ -34,16 +34,16 @@ def render_text(thing: RenderableType, width: int = 80) -> str:
 
 
 def doubts_shown(texts: Iterable[str], about: str = "fit") -> list[RenderableType]:
-    """Return the block of doubts *about* something, or the sentence that there are none."""
+    """Return the block of doubts *about* a result, or the sentence that there are none."""
     found = list(texts)
     if not found:
-        return [paragraph(f"The {about} raises no doubts.")]
-    heading = "What to doubt" if about == "fit" else f"What to doubt about the {about}"
+        return [paragraph(f"No doubts about the {about}.")]
+    heading = "Doubts" if about == "fit" else f"Doubts about the {about}"
     return [title(heading, "bold yellow"), *(bullet(text) for text in found)]
 
 
 def contradictions_shown(texts: Iterable[str]) -> list[RenderableType]:
-    """Return the block that heads an answer whose columns contradict each other; nothing where none do."""
+    """Return the block at the head of a result whose columns contradict each other; empty if none do."""
     found = list(texts)
     if not found:
         return []
@@ -68,7 +68,7 @@ def paragraph(text: str, style: str = "") -> Text:
 
 
 def grid(table: Table) -> Padding:
-    """Return a table, without the columns that hold nothing."""
+    """Return a table without its empty columns."""
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
     used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
     used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]

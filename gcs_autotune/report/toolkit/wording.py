@@ -1,4 +1,4 @@
-"""Numbers and sentences as people read them: rounded to their uncertainty, in degrees, with unit signs."""
+"""Format numbers and sentences for people: rounded to their uncertainty, in degrees, with unit signs."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ __all__ = [
 
 
 MOST_FACTOR = 100.0
-"""Chosen: a margin of gain beyond this is all the same to whoever relies on it."""
+"""Largest gain margin shown as a number; beyond, differences have no practical meaning. Chosen."""
 
-NOT_TOLD = "not told by these runs"
-"""Shown where a number is there but means nothing."""
+NOT_TOLD = "not identifiable from these runs"
+"""Shown for a number that the runs do not determine."""
 
 _HEADINGS = ("anchor", "direction")
-"""Parameters that are headings where their unit is rad."""
+"""Parameters that are headings if their unit is rad."""
 
 _PEOPLE: dict[str, tuple[str, float]] = {
     "rad": ("°", 180.0 / math.pi),
     "rad/s": ("°/s", 180.0 / math.pi),
 }
-"""SI unit -> (unit shown to people, factor); others are shown as they are."""
+"""SI unit -> (display unit, factor); others are shown unchanged."""
 
 
 def to_people(unit: str) -> tuple[str, float]:
@@ -64,7 +64,7 @@ def to_people(unit: str) -> tuple[str, float]:
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:
     """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
 
-    A heading known to no better than a quarter turn says nothing, and is not given.
+    A heading with a standard error above a quarter turn is shown as not identifiable.
     """
     if unit != "rad" or name.rpartition(".")[2] not in _HEADINGS or not math.isfinite(value):
         return format_value(value, std)
@@ -74,8 +74,8 @@ def format_parameter(name: str, value: float, std: float, unit: str) -> str:
 
 
 def beside_telemetry(telemetry: AxisFit, onboard: AxisFit) -> list[str]:
-    """Return, in words, a model identified from a log on board beside the one from telemetry."""
-    lines = [f"{telemetry.dof}, by telemetry and by the log on board:"]
+    """Return lines that compare a model identified from an onboard log with the one from telemetry."""
+    lines = [f"{telemetry.dof}, from telemetry and from the onboard log:"]
     for name, one in telemetry.parameters.items():
         other = onboard.parameters.get(name)
         if other is None or "absent" in (one.status, other.status):
@@ -90,7 +90,7 @@ def beside_telemetry(telemetry: AxisFit, onboard: AxisFit) -> list[str]:
 
 
 def format_factor(factor: float, digits: int = 3) -> str:
-    """Return a margin's factor; above 100, infinity included, it is ``more than 100``: nobody needs to know better."""
+    """Return a margin's factor; above 100, infinity included, ``more than 100``."""
     return "more than 100" if factor > MOST_FACTOR else format_number(factor, digits)
 
 
@@ -105,7 +105,7 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def format_error(value: float, unit: str, digits: int = 3) -> str:
-    """Return :func:`format_quantity` of an error; of a heading one beyond half a turn means nothing but that."""
+    """Return :func:`format_quantity` of an error; a heading error above half a turn is shown only as that."""
     if unit == "rad" and math.isfinite(value) and abs(value) > math.pi:
         return "over 180°"
     return format_quantity(value, unit, digits)
@@ -126,7 +126,7 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
 
 
 def format_percent(percent: float) -> str:
-    """Return a percentage that is one already, to a tenth below 10 and from 90 to 100, else whole.
+    """Return a number in percent, to a tenth below 10 and from 90 to 100, else whole.
 
     ``format_percent(34.2)`` is ``"34 %"``, ``format_percent(98.63)`` is ``"98.6 %"``.
     """
@@ -142,7 +142,7 @@ def format_share(share: float) -> str:
 
 
 def format_change(before: float, after: float) -> str:
-    """Return the relative change from *before* to *after*, e.g. ``"-63 %"``; ``""`` when it has none."""
+    """Return the relative change from *before* to *after*, e.g. ``"-63 %"``; ``""`` if undefined."""
     if not (math.isfinite(before) and math.isfinite(after)) or abs(before) < 1e-12:
         return ""
     change = round(100.0 * (after - before) / abs(before))
@@ -162,8 +162,8 @@ def format_moment(when: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``, and a share
-    of full output times something that something.
+    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``, and a
+    normalised output times a unit that unit.
     """
     return "" if unit == "1" else unit.removeprefix("1 ").replace("^2", "²").replace("^3", "³")
 
@@ -186,17 +186,17 @@ class Headline:
 
 
 def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
-    """Return which columns contradict each other, a sentence each: what an answer begins with."""
+    """Return a sentence per contradiction between columns, for the head of a result."""
     return tuple(sentence(d.cause) for d in doubts if d.slug == CONTRADICTION)
 
 
 def doubt_sentence(doubt: Doubt) -> str:
-    """Return a doubt with its cure."""
+    """Return the sentence of a doubt with its cure."""
     return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
 
 
 def sentence(text: str) -> str:
-    """Return *text* with a capital at its beginning and a stop at its end; a signal's name stays: P is not p."""
+    """Return *text* with a capital first letter and a full stop; signal names keep their case."""
     text = text.strip()
     if not text:
         return ""

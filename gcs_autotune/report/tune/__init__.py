@@ -1,1 +1,1 @@
-"""The report of a tune: what there is to tell, its page, its pictures, tables and sentences, its run directory."""
+"""The report of a tune: its record, page, figures, tables, sentences and run directory."""

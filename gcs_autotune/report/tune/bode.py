@@ -1,7 +1,7 @@
-"""Bode's picture of a loop with the old gains and with the new, and where its margins are.
+"""Bode plot of a loop with old and new gains, with its margins.
 
-They are read off a grid four times as fine as the design's; ``tests/report`` holds them against python-control, which
-takes longer to import than all the pictures to draw.
+The margins come from a grid four times as fine as the design's. ``tests/report`` compares them with python-control,
+which takes longer to import than all figures take to plot.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ __all__ = ["LoopMargins", "draw_bode", "loop_margins"]
 
 
 OMEGA = np.logspace(-3.0, 3.0, 3000)
-"""Frequencies [rad/s] looked at."""
+"""Range of the frequency grid [rad/s]."""
 
 DECADES = 1.3
-"""Shown on either side of the crossings."""
+"""Frequency factor plotted on either side of the crossings."""
 
 HIGHEST, LOWEST, LEAST_PHASE = 40.0, -50.0, -360.0
-"""Drawn at most [dB] and [deg]: beyond there is nothing to see of a margin."""
+"""Plot limits [dB] and [deg]; margins lie well inside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,9 @@ def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
 
 
 def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Sequence[LoopMargins]) -> Figure:
-    """Draw magnitude and phase of *loops* with old and new gains; strong: the one with the least phase margin.
+    """Plot magnitude and phase of *loops* with old and new gains; bold: the one with the least phase margin.
 
-    margins : what :func:`loop_margins` says of each.
+    margins : result of :func:`loop_margins` for each.
     """
     figure, (top, bottom) = new_axes((1.8, 1.5))
     read = tuple(zip(loops, (BEFORE, AFTER), ("present gains", "new gains"), margins, strict=True))
@@ -90,7 +90,7 @@ def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Seq
     bottom.set_ylim(max(bottom.get_ylim()[0], LEAST_PHASE), min(bottom.get_ylim()[1], 90.0))
     top.set_ylabel("magnitude [dB]")
     bottom.set_ylabel("phase [°]")
-    bottom.set_xlabel("frequency [rad/s]; thick: the margins")
+    bottom.set_xlabel("frequency [rad/s]; thick lines: margins")
     bottom.xaxis.set_major_formatter("{x:g}")
     bottom.xaxis.set_minor_formatter("")
     legend(top)

@@ -1,7 +1,7 @@
-"""The pictures of a tune: step before and after, self-oscillation, limit cycle, fit against measurement.
+"""The figures of a tune: step before and after, relay experiments, limit cycles, model and measurement.
 
-Each function returns a figure, or None when the story does not reach that far. Matplotlib is imported when
-the first one is drawn. Angles are in degrees here, and only here.
+Each function returns a figure, or None if the tune did not get that far. Matplotlib is imported with the first
+figure. Angles are in degrees here, and only here.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ __all__ = ["MOST_RELAYS", "RelaySeries", "StepLeg", "StepSeries", "draw_pictures
 
 
 MOST_PERIODS = 60
-"""Periods of a self-oscillation drawn at most. Chosen: twice what an experiment may last; more is solid block."""
+"""Most periods of a relay experiment plotted. Chosen: twice what an experiment may last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ class StepLeg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSeries:
-    """The legs of a step trial, as far as it was flown: the step of ``size`` [rad or m] and the step back."""
+    """The legs flown of a step trial: the step of ``size`` [rad or m] and the step back."""
 
     legs: tuple[StepLeg, ...]
     size: float
@@ -79,9 +79,9 @@ class StepSeries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelaySeries:
-    """A self-oscillation: times from its beginning [s], positions from the relay's reference [rad or m].
+    """A relay experiment: times from its start [s], positions from the relay's reference [rad or m].
 
-    ``switches`` are where the relay switched; ``last_from`` the time from which the last ``periods`` run.
+    ``switches``: where the relay switched; ``last_from``: start of the last ``periods``.
     """
 
     name: str
@@ -94,10 +94,10 @@ class RelaySeries:
 
 
 def step_series(trial: Trial | None, watched: Watched, windows: Sequence[float] = ()) -> StepSeries | None:
-    """Return the step in *trial*, or None when it has none (it was never flown, or ended before it).
+    """Return the step in *trial*, None if it has none (never flown, or ended before it).
 
-    The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) tell where it is.
-    windows : seconds of each leg to show; a leg without one is shown to its end.
+    The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) locate it.
+    windows : seconds of each leg to plot; without one, the whole leg.
     """
     if trial is None or watched.position not in trial:
         return None
@@ -122,7 +122,7 @@ def _leg(
 ) -> StepLeg | None:
     """Return *window* [s] of *trial* from *start* [s] on, with two seconds before it; None with fewer than two samples.
 
-    target : the wanted value before and from *start*, from the *base* [rad or m].
+    target : the reference before and from *start*, relative to the *base* [rad or m].
     """
     begin, end = max(start - LEAD, trial.start), start + window
     position = _from(trial[watched.position].between(begin, end), start, base)
@@ -134,7 +134,7 @@ def _leg(
 
 
 LEAD = 2.0
-"""Seconds shown before a command."""
+"""Seconds plotted before a command. Chosen."""
 
 
 def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
@@ -144,7 +144,7 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
 
 
 def relay_series(trial: Trial, watched: Watched, periods: int = 5) -> RelaySeries | None:
-    """Return the last :data:`MOST_PERIODS` periods in *trial*, or None when it holds no usable position."""
+    """Return the last :data:`MOST_PERIODS` periods in *trial*, None if it has no usable position."""
     if watched.position not in trial:
         return None
     start = trial.start
@@ -187,11 +187,11 @@ def _from(channel: Channel, start: float, base: float) -> Curve:
 
 
 MOST_RELAYS = 6
-"""Relay experiments and fit traces drawn one by one; chosen so that the page stays small."""
+"""Most relay experiments and fit traces plotted; chosen so that the page stays small."""
 
 
 def draw_pictures(story: TuneStory) -> tuple[Picture, ...]:
-    """Draw everything the story has data for, in the order of the report."""
+    """Plot everything the tune has data for, in the order of the report."""
     drawn = []
     for name, caption, draw in _wanted(story):
         with pens(name):
@@ -209,25 +209,25 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
     relays = [series for series in found if series is not None]
     flown = {run.name: run for run in story.relays}
     for i, relay in enumerate(relays, start=1):
-        caption = f"Self-oscillation '{relay.name}': {what} about its reference, with the switchings marked."
+        caption = f"Relay experiment '{relay.name}': {what} relative to its reference, with the switchings marked."
         if flown[relay.name].reason:
-            caption += f" It ended so: {flown[relay.name].reason}."
+            caption += f" End: {flown[relay.name].reason}."
         if not len(relay.switches):
-            caption = f"Throttle steps '{relay.name}': {what} against that before the first step."
+            caption = f"Throttle steps '{relay.name}': {what} relative to its value before the first step."
         yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
-    caption = f"Limit cycles: rate of change against {what}. Strong lines: up to five periods at the end."
+    caption = f"Limit cycles: rate of change against {what}. Bold: the last periods, at most five."
     yield "cycle", caption, partial(_draw_cycles, relays, swung)
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         model = story.fit.model if story.fit else None
-        below = " and the input that drove both" if inputs_of(model, flown.get(trace.run)) else ""
-        caption = f"Fit against measurement, '{trace.run}', with its 95 % band; below, the residual{below}."
+        below = " and the input" if inputs_of(model, flown.get(trace.run)) else ""
+        caption = f"Model and measurement of '{trace.run}', with the 95 % band. Below: the residual{below}."
         noun = WATCHED.get(trace.signal, swung).noun
         yield f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun)
     if story.fit is not None:
         yield "intervals", INTERVALS_CAPTION, partial(draw_intervals, story.fit.parameters)
     proposal = story.proposal
     if proposal is not None and proposal.actuator is not None and is_bent(proposal.actuator):
-        caption = "Thrust curve of the model the gains came from: force over output."
+        caption = "Thrust curve of the design model: force over output."
         yield "thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story))
     if proposal is not None and all(proposal.loops):
         margins = [loop_margins(loops) for loops in proposal.loops]
@@ -238,7 +238,7 @@ def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | 
 
 
 def _levels(story: TuneStory) -> list[float]:
-    """Return the outputs the experiments held, fractions of full."""
+    """Return the outputs held in the experiments, normalised."""
     held = [t.meta.get("levels", [t.meta.get("C", math.nan), -t.meta.get("C", math.nan)]) for t in story.relays]
     return [float(v) for levels in held for v in levels if math.isfinite(v)]
 
@@ -251,13 +251,13 @@ def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
             continue
         gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
         words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
-    thin_lines = " Thin: the same at other speeds and outputs." if several else ""
+    thin_lines = " Thin lines: the loop at other speeds and outputs." if several else ""
     told = "; ".join(words)
-    return f"The loop opened at the actuator (Bode), on the model the gains came from; margins: {told}.{thin_lines}"
+    return f"Bode plot of the design model, loop opened at the actuator. Margins: {told}.{thin_lines}"
 
 
 def _noun(watched: Watched) -> tuple[str, str, str]:
-    """Return what the signal is called, its unit for people, and the rate's unit."""
+    """Return the signal's name, its display unit, and the rate's unit."""
     unit, _ = to_people(watched.unit)
     return watched.noun, unit, f"{unit}/s"
 
@@ -265,12 +265,12 @@ def _noun(watched: Watched) -> tuple[str, str, str]:
 def _step_caption(story: TuneStory) -> str:
     what = _noun(story.stepped)[0]
     if story.step_before is None and story.step_after is None:
-        return f"Predicted {what} step with the old and the new gains; nothing of this was measured."
+        return f"Predicted {what} step with the old and the new gains; not measured."
     if story.step_before is None or story.step_after is None:
-        return f"Measured {what} step (left) and step back (right); below, the actuator."
+        return f"Measured {what} step (left) and step back (right). Below: the actuator."
     return (
-        f"The same {what} step (left) and step back (right), measured with the old and the new gains, each from its "
-        "command on and as far as the two are compared; below, the actuator."
+        f"The same {what} step (left) and step back (right), measured with the old and the new gains, over the time "
+        "used for the comparison. Below: the actuator."
     )
 
 
@@ -305,7 +305,7 @@ def _draw_step(story: TuneStory) -> Figure | None:
 
 
 def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneStory) -> None:
-    """Draw the target of each leg; targets that coincide once, in grey."""
+    """Plot the target of each leg; coinciding targets once, in grey."""
     targets = [(leg.target, colour) for leg, colour in legs]
     if not targets and story.proposal is not None:
         targets = [(_predicted(story.proposal.after, "target"), FAINT)]
@@ -317,7 +317,7 @@ def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneSt
 
 
 def _draw_predictions(top: Axes, bottom: Axes, size: float | None, story: TuneStory) -> None:
-    """Draw what the model promises: beside a measured step of the same *size*, or alone when there is none (None)."""
+    """Plot the predicted step, over a measured step of the same *size*, or alone (None)."""
     if story.proposal is None:
         return
     old, new = story.proposal.before, story.proposal.after
@@ -344,7 +344,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
     what, unit, _ = _noun(swung)
     if np.isfinite(relay.hysteresis):
         for sign in (-1.0, 1.0):
-            label = "set switching value" if sign > 0 else None
+            label = "switching value" if sign > 0 else None
             axes_level = sign * scale * relay.hysteresis
             top.axhline(axes_level, color=FAINT, lw=0.9, ls="--", label=label)
     _line(top, relay.position, swung, AFTER, what)
@@ -365,7 +365,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: up to five periods at the end" if len(relay.switches) else "time [s]")
+    bottom.set_xlabel("time [s]; shaded: the last periods, at most five" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 
@@ -409,7 +409,7 @@ def _draw_output(axes: Axes, curve: Curve | None, story: TuneStory, colour: str)
 
 
 def _label_output(axes: Axes, story: TuneStory) -> None:
-    unit = "% of full" if _output_scale(story) != 1.0 else pretty_unit(_output_unit(story))
+    unit = "% of full output" if _output_scale(story) != 1.0 else pretty_unit(_output_unit(story))
     axes.set_ylabel(f"{story.dof.force} [{unit}]")
 
 

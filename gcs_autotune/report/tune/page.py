@@ -1,4 +1,4 @@
-"""The page: one self-contained ``report.html`` that opens without a network, on a phone and on paper."""
+"""The page of a tune: one self-contained ``report.html`` that opens offline, on a phone and on paper."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _predicted(story: TuneStory) -> Table | None:
 
 
 def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
-    """Return the few numbers everybody looks for first: (number, label, remark)."""
+    """Return the key figures: (number, label, remark)."""
     before, after, source = story.metrics_before, story.metrics_after, "measured"
     if story.proposal is not None and (before is None or after is None):
         before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
@@ -128,7 +128,7 @@ def _tiles(story: TuneStory) -> tuple[tuple[str, str, str], ...]:
         margin = format_quantity(worst.phase, "rad", 2) if worst.stable else "unstable"
         tiles.append((margin, "phase margin", "worst case"))
     if story.fit is not None:
-        tiles.append((format_percent(story.fit.fit_percent), "fit of the model", "free run"))
+        tiles.append((format_percent(story.fit.fit_percent), "model fit", "free run"))
     return tuple(tiles)
 
 

@@ -1,4 +1,4 @@
-"""Writing a story down: JSON for programs, ``report.html`` for people; each file whole or not at all."""
+"""Write the run directory: JSON for programs, ``report.html`` for people; each file atomically."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ SCHEMA = 1
 
 
 def write_story(story: TuneStory, directory: Path) -> Path:
-    """Write what the story holds into *directory* and return the path of ``report.html``.
+    """Write the record of a tune into *directory* and return the path of ``report.html``.
 
     ``summary.json`` always; ``model.json``, ``fit.json``, ``gains.json``, ``parameters_before.json`` and
-    ``parameters_after.json`` when the story got that far. The page comes last, so that the numbers are on
-    disk whatever happens to the pictures.
+    ``parameters_after.json`` if the tune got that far. The page comes last, so that the numbers are on
+    disk even if plotting fails.
 
     Raises
     ------
     OSError
-        When the directory cannot be written.
+        The directory cannot be written.
     """
     directory.mkdir(parents=True, exist_ok=True)
     for name, data in _documents(story).items():
@@ -60,7 +60,7 @@ def _documents(story: TuneStory) -> Mapping[str, Any]:
 
 
 def summarise(story: TuneStory) -> dict[str, Any]:
-    """Return the story in a few plain numbers and words, for programs that read many runs."""
+    """Return a short summary for programs that read many runs."""
     proposal, fit = story.proposal, story.fit
     return {
         "schema": SCHEMA,
@@ -97,7 +97,7 @@ def _list_files(directory: Path) -> tuple[str, ...]:
 
 
 def _write(path: Path, text: str) -> Path:
-    """Write beside the target and rename: nobody ever sees half a file."""
+    """Write a temporary file and rename it, so that no reader sees a partial file."""
     draft = path.with_name(path.name + ".part")
     with draft.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write(text)

@@ -1,4 +1,4 @@
-"""What there is to tell about one tune, as far as it got."""
+"""The record of one tune, as far as it got."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["WATCHED", "TuneStory", "Watched"]
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """What is drawn of a manoeuvre: the signal, its rate where that is one, the actuator that drives it.
+    """The signals plotted of a manoeuvre: position or velocity, its rate if it has one, the actuator.
 
-    ``unit`` SI; ``noun`` what people call it.
+    ``unit`` SI; ``noun`` its common name.
     """
 
     position: str
@@ -37,30 +37,30 @@ WATCHED: Mapping[str, Watched] = {
     "u": Watched("u", "", "X", "m/s", "speed"),
     "r": Watched("r", "", "N", "rad/s", "turn rate"),
 }
-"""Signal -> how it is drawn."""
+"""Signal -> how it is plotted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TuneStory:
-    """One tune from its announcement to its ending; whatever was not reached is None or empty.
+    """One tune from its announcement to its ending; stages not reached are None or empty.
 
     Attributes
     ----------
-    when : ISO 8601 moment, given by the caller (this room never reads a clock).
-    vehicle : what is known of it: ``name, firmware, version, system_id, link, simulated`` and more.
-    announced : what the tune said it would do, before anything moved.
-    rates : message name -> (asked, measured) [Hz].
-    beside : the turn-rate step flown beside a heading step, with the old gains and with the new.
-    kept : whether the new gains stayed; None when that was never decided; ``verdict_reasons`` say why.
-    parameters_before, parameters_after : as read from the vehicle; empty when not read.
+    when : ISO 8601 moment, supplied by the caller (this module never reads a clock).
+    vehicle : its data: ``name, firmware, version, system_id, link, simulated`` and more.
+    announced : the announcement, one line per entry.
+    rates : message name -> (requested, measured) [Hz].
+    beside : the turn-rate step flown with a heading step, with old and new gains.
+    kept : whether the new gains stayed; None if undecided; ``verdict_reasons`` has the reasons.
+    parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
     ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
-    given : data of the model the gains were designed from, when it came from a file and not from a fit.
-    given_changes : what gains given by file change, when none were designed.
-    proving : the command that proves the gains of a file by the same step, less the file.
+    given : data of the model the gains were designed from, if it came from a file instead of a fit.
+    given_changes : changes by gains from a file, if none were designed.
+    proving : the command that proves the gains of a file by the same step, without the file.
     doubts : sentences about the tune as a whole (the fit carries its own).
-    directory : the run directory as the user named it; ``files`` in it (found by looking when empty).
-    restore_file : the file in it that puts the old parameters back.
+    directory : the run directory as the user typed it; ``files`` in it (listed from disk if empty).
+    restore_file : the file in it that restores the old parameters.
     """
 
     title: str
@@ -101,7 +101,7 @@ class TuneStory:
 
     @property
     def stepped(self) -> Watched:
-        """What the step before and after moves."""
+        """The signals of the step before and after."""
         # A story may come from anywhere, with an axis that is none of ours.
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         signal = self.dof.position if kind is None else kind.stepped
@@ -109,25 +109,25 @@ class TuneStory:
 
     @property
     def swung(self) -> Watched:
-        """What the experiments move: a boat's speed under throttle steps, else the position."""
+        """The signals of the experiments: a boat's speed for throttle steps, else the position."""
         told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
         signal = told if told == "u" else self.dof.position
         return WATCHED.get(signal, _plain(self.dof))
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """The gains proposed, or given: old and new."""
+        """The gains proposed or supplied: old and new."""
         return self.given_changes if self.proposal is None else self.proposal.changes
 
     @property
     def awaits_proof(self) -> bool:
-        """Whether gains were designed aboard, and neither proved nor refuted on the water."""
+        """Whether gains were designed but neither proved nor disproved on the water."""
         designed = self.proposal is not None and bool(self.proposal.changes)
         return designed and self.kept is None and self.metrics_after is None and self.ending != "unchanged"
 
     @property
     def differences(self) -> Mapping[str, tuple[float, float]]:
-        """Parameter -> (before, after) where they differ; empty unless both were read."""
+        """Parameter -> (before, after) if they differ; empty unless both were read."""
         after = self.parameters_after
         return {
             name: (old, after[name])

@@ -1,4 +1,4 @@
-"""The tables of a tune, and what it prints."""
+"""The tables of a tune and its terminal output."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("rise", "rise time, 10 to 90 %", lambda m: format_seconds(m.rise, "not reached")),
     ("settling", "settling time, to 5 %", settling_cell),
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
-    ("travel", "actuator travel, of full per second", lambda m: format_share(m.travel)),
+    ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
 )
-"""Field of StepMetrics, what people call it, how it is shown."""
+"""Field of StepMetrics, its label, its format."""
 
 _VEHICLE: Mapping[str, str] = {
     "name": "vehicle",
@@ -64,31 +64,31 @@ _VEHICLE: Mapping[str, str] = {
     "link": "link",
     "simulated": "simulated",
 }
-"""Keys of ``TuneStory.vehicle`` -> label; other keys are shown as they are."""
+"""Keys of ``TuneStory.vehicle`` -> label; other keys are shown unchanged."""
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
-    """Old and new gains, the documented range, and why; what several were chosen by is said once, under the table."""
+    """Return old and new gains, the documented range and the reason; a shared reason stands once, as the note."""
     common = _common_reason(changes)
     rows = tuple(_gain_row(change, common) for change in changes)
     if not common:
         return Table(("parameter", "old", "new", "range", "why"), "lrrll", rows)
     every = all(_split(change.reason)[1] == common for change in changes)
     note = f"{'All are' if every else 'The others are'} {common}."
-    return Table(("parameter", "old", "new", "range", "what it does"), "lrrll", rows, note)
+    return Table(("parameter", "old", "new", "range", "purpose"), "lrrll", rows, note)
 
 
 def _common_reason(changes: Sequence[Change]) -> str:
-    """Return how most of the gains were chosen, where that is the same for two or more."""
+    """Return the reason that two or more gains share, else empty."""
     told = Counter(_split(change.reason)[1] for change in changes)
     reason, count = max(told.items(), key=lambda pair: pair[1], default=("", 0))
     return reason if count > 1 and reason.startswith(("chosen", "matched", "measured")) else ""
 
 
 def _split(reason: str) -> tuple[str, str]:
-    """Return what a gain does and how it was chosen, without the remark that it is at its limit."""
+    """Return the purpose of a gain and how it was chosen, without the remark that it is at its limit."""
     meaning, _, how = reason.partition(": ")
-    return meaning, how.partition(", stopped at ")[0]
+    return meaning, how.partition(", limited to ")[0]
 
 
 def _gain_row(change: Change, common: str) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ def _gain_row(change: Change, common: str) -> tuple[str, ...]:
 
 
 def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
-    """Step measures before and after, or of the only step there was; lower is better throughout."""
+    """Return the step metrics before and after, or of a single step; lower is better throughout."""
     if after is None or before is None:
         return _metrics_of_one(before or after)
     rows = []
@@ -123,7 +123,7 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
 
 
 def beside_table(story: TuneStory) -> Table:
-    """The turn-rate step flown beside the heading step; no rows where none was flown."""
+    """Return the metrics of the turn-rate step of a heading tune; without one, no rows."""
     before, after = story.beside or (None, None)
     table = metrics_table(before, after)
     return replace(table, heads=("turn rates, lower is better", *table.heads[1:]))
@@ -136,11 +136,11 @@ def _metrics_of_one(metrics: StepMetrics | None) -> Table:
 
 
 def margins_table(proposal: Proposal) -> Table:
-    """Stability margins at the model and at the worst point of its 95 % region."""
+    """Return the stability margins at the identified model and at the worst point of its 95 % region."""
     shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
     labels = ("stable", "gain margin", "phase margin", "delay margin")
     rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
-    return Table(("", "at the model", "worst in 95 %"), "lrr", rows)
+    return Table(("", "identified model", "worst in 95 % region"), "lrr", rows)
 
 
 def _margin_cells(margins: Margins) -> tuple[str, ...]:
@@ -152,13 +152,13 @@ def _margin_cells(margins: Margins) -> tuple[str, ...]:
 
 
 def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
-    """Message rates asked for and measured."""
+    """Return the requested and measured message rates."""
     rows = tuple(
         (
             name,
             _with_unit(asked, "Hz"),
             _with_unit(measured, "Hz"),
-            "slower than asked" if measured < 0.8 * asked else "",
+            "slower than requested" if measured < 0.8 * asked else "",
         )
         for name, (asked, measured) in rates.items()
     )
@@ -166,7 +166,7 @@ def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
 
 
 def changed_parameters(story: TuneStory) -> Table:
-    """Every parameter that was read, the changed ones first."""
+    """Return every parameter read, changed ones first."""
     changed = story.differences
     names = [*changed, *(n for n in story.parameters_before if n not in changed)]
     rows = tuple(
@@ -182,7 +182,7 @@ def changed_parameters(story: TuneStory) -> Table:
 
 
 def vehicle_rows(vehicle: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    """Label and text of what is known about the vehicle, the known keys first; tables of numbers are left out."""
+    """Return label and text of the vehicle's data, known keys first, without tables of numbers."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
     return tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
@@ -199,7 +199,7 @@ def _with_unit(value: float, unit: str) -> str:
 
 
 def tune_summary(story: TuneStory) -> Group:
-    """Return how a tune ended: the gains, the measured step, the doubts, and last, where the eye is, the verdict."""
+    """Return the terminal summary of a tune: gains, measured step, doubts, and the verdict last."""
     return Group(*_details(story), *_verdict(story))
 
 
@@ -224,7 +224,7 @@ def _details(story: TuneStory) -> list[RenderableType]:
 
 
 def show_tune(console: Console, story: TuneStory) -> None:
-    """Print :func:`tune_summary`, and before the verdict how to undo and where the report is, whole on their lines."""
+    """Print :func:`tune_summary`, the undo command and the path of the report, each on an unwrapped line."""
     console.print(Group(*_details(story)))
     if story.ending == "kept":
         console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)

@@ -36,24 +36,24 @@ __all__ = [
 
 
 PROOF_SENTENCE = (
-    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). This writes "
-    "them, flies the same step again and keeps them only if they are better:"
+    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). This "
+    "command writes them, flies the same step again and keeps them only if they are better:"
 )
-"""What introduces :func:`proof_command`."""
+"""Sentence that introduces :func:`proof_command`."""
 
 _ENDINGS: Mapping[str, tuple[str, Tone]] = {
-    "kept": ("The new {axis} gains are on the vehicle, and proved better.", "good"),
-    "restored": ("The new {axis} gains did not prove better; the old ones were put back.", "neutral"),
-    "dry-run": ("Dry run: new {axis} gains are proposed, nothing was written.", "neutral"),
+    "kept": ("The new {axis} gains proved better and are on the vehicle.", "good"),
+    "restored": ("The new {axis} gains did not prove better; the old ones were restored.", "neutral"),
+    "dry-run": ("Dry run: new {axis} gains are proposed; nothing was written.", "neutral"),
     "declined": ("New {axis} gains were proposed and declined; nothing was written.", "neutral"),
-    "unchanged": ("The present {axis} gains stay: nothing better was found for them.", "neutral"),
+    "unchanged": ("The present {axis} gains stay: no better ones were found.", "neutral"),
     "aborted": ("The {axis} tune was aborted.", "bad"),
 }
 """Ending -> headline, tone."""
 
 
 def headline(story: TuneStory) -> Headline:
-    """Return the verdict of a whole tune in words: what changed, how much better, is it safe."""
+    """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
     says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
     sentences = [] if says_enough else [sentence(story.reason)]
@@ -75,10 +75,10 @@ def headline(story: TuneStory) -> Headline:
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
-    """Return one sentence that compares two steps; *how* says where the numbers come from."""
+    """Return one sentence that compares two steps; *how*: the origin of the numbers."""
     return (
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
-        f"{format_share(after.overshoot)}, before {format_share(before.overshoot)}; "
+        f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
         f"{_settling_words(after)} (before: {settling_cell(before)})."
     )
 
@@ -87,8 +87,8 @@ def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
     """Return one sentence on the turn-rate step that was flown with the same gains."""
     old, new = (format_share(max(1.0 - m.steady_error, 0.0)) for m in (before, after))
     return (
-        f"Turn rates with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; {new} of "
-        f"the step is reached, before {old}."
+        f"Turn-rate step with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; "
+        f"reached {new} of the step (before: {old})."
     )
 
 
@@ -101,12 +101,12 @@ def _settling_words(metrics: StepMetrics) -> str:
     if math.isfinite(metrics.settling):
         return f"settled after {format_seconds(metrics.settling)}"
     if metrics.hidden_by_noise:
-        return "settling not readable, the noise is wider than the 5 % band"
-    return "still outside the 5 % band when the record ended"
+        return "settling time not readable: the noise exceeds the 5 % band"
+    return "not settled within the 5 % band at the end of the record"
 
 
 def settling_cell(metrics: StepMetrics) -> str:
-    """Return when a step settled, or why there is no such time, in a table cell."""
+    """Return the settling time, or why there is none, for a table cell."""
     return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
 
 
@@ -123,15 +123,15 @@ def safety(proposal: Proposal) -> str:
     """Return whether the loop with the new gains is stable, at the model and over its uncertainty."""
     margins, worst = proposal.margins, proposal.worst_margins
     if not margins.stable:
-        return "NOT SAFE: with the new gains the identified loop is unstable; do not use them."
+        return "NOT SAFE: the identified loop is unstable with the new gains. Do not use them."
     if not worst.stable:
         return (
-            "CAREFUL: the loop is stable at the identified model, but not everywhere in its 95 % region; "
-            "identify again with a longer or calmer run before relying on these gains."
+            "CAREFUL: the loop is stable at the identified model, but not everywhere in its 95 % region. "
+            "Identify again with a longer or calmer run before you rely on these gains."
         )
     return (
-        "With the new gains the loop is stable over the whole 95 % region of the identified model; "
-        f"at its worst point {_margin_words(worst)} remain."
+        "With the new gains the loop is stable over the whole 95 % region of the identified model. "
+        f"Margins at its worst point: {_margin_words(worst)}."
     )
 
 
@@ -143,45 +143,45 @@ def _margin_words(margins: Margins) -> str:
 
 
 def parameters_sentence(story: TuneStory) -> str:
-    """Return what is known of the vehicle's parameters at the end, and nothing more than that."""
+    """Return the known state of the vehicle's parameters at the end."""
     if not story.parameters_before:
         return "No parameter was read, and none was written."
     if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
         return "No parameter was written."
     if not story.parameters_after:
         return (
-            "The parameters were not read back at the end: the events below say how far it came; to be sure, run "
+            "The parameters were not read back at the end. The events show how far the run got. To restore them, run "
             f"`{undo_command(story)}`."
         )
     changed = story.differences
     if not changed:
-        return "All parameters were read back at the end and are as they were found."
+        return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
     names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself changed {own}, which this tool does not write." if own else ""
+    also = f" The vehicle itself changed {own}, which this tool never writes." if own else ""
     if not written:
-        return f"All parameters that were written were read back at the end and are as they were found.{also}"
+        return f"All parameters that were written have their original values, verified by reading back.{also}"
     if story.ending == "kept" or story.kept:
-        return f"Changed on the vehicle and read back: {names}.{also}"
-    return f"NOT as found, although they should be: {names}; run `{undo_command(story)}`.{also}"
+        return f"Changed on the vehicle, verified by reading back: {names}.{also}"
+    return f"NOT RESTORED: {names}. Run `{undo_command(story)}`.{also}"
 
 
 def undo_sentence(story: TuneStory) -> str:
-    """Return what introduces :func:`undo_command`."""
+    """Return the sentence that introduces :func:`undo_command`."""
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
     if written:
-        return "The parameters as they were found are saved. Connect to the vehicle and run:"
-    return "Nothing was written, so there is nothing to undo. The parameters as they were found are saved:"
+        return "The original parameters are saved. To restore them, connect to the vehicle and run:"
+    return "Nothing was written, so there is nothing to undo. The original parameters are saved:"
 
 
 def undo_command(story: TuneStory) -> str:
-    """Return the command that puts the old parameters back."""
+    """Return the command that restores the old parameters."""
     path = PurePath(story.directory) / story.restore_file
     return f"gcs-autotune params restore {shlex.quote(str(path))}"
 
 
 def proof_command(story: TuneStory) -> str:
-    """Return the command that writes the gains proposed and proves them by the step that was flown."""
+    """Return the command that writes the proposed gains and proves them by the step that was flown."""
     return f"{story.proving} {shlex.quote(str(PurePath(story.directory) / 'proposed.param'))}"
 
 
@@ -190,7 +190,8 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     left, right = bound
     if math.isnan(left) or math.isnan(right):
         return (
-            "The closed-form stability bound (Miskovic2010, 8.22-8.27) is about loops on a position, not on a velocity."
+            "The closed-form stability bound (Miskovic2010, 8.22-8.27) applies to position loops, not to velocity "
+            "loops."
         )
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="

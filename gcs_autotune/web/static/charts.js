@@ -44,7 +44,7 @@ function made() {
   const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false } });
   plots = {
     signal: makePlot(document.getElementById("chart-signal"),
-      [line("measured", "measured"), line("wanted", "wanted", [8, 5])], () => least, true,
+      [line("measured", "measured"), line("target", "wanted", [8, 5])], () => least, true,
       (v) => String(isHeading ? onCompass(v) : v)),
     output: makePlot(document.getElementById("chart-output"), [line("% of full", "measured")], () => 10, false, String),
   };
@@ -77,7 +77,7 @@ export function draw(state) {
   const { signal: one, output: two } = made();
   one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]);
   two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]);
-  say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, wanted`);
+  say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, target`);
   drawTrack(rows, legs, state);
   drawPhase(shown.filter((r) => r[0] === legs.length - 1), kind);
 }
@@ -118,7 +118,7 @@ function drawTrack(rows, legs, { room, track }) {
   const points = rows.filter((r) => r[6] !== null && r[7] !== null);
   const predicted = foretold(track, rows, legs);
   if (!points.length && !predicted.length) {
-    say("caption-track", "Track: the vehicle tells no position");
+    say("caption-track", "Track: the vehicle reports no position");
     return;
   }
   let [north, south, east, west] = [-Infinity, Infinity, -Infinity, Infinity];
@@ -193,7 +193,7 @@ function drawPhase(rows, kind) {
   const { pen, width, height } = canvas("phase");
   const points = rows.filter((r) => r[2] !== null && r[5] !== null).map((r) => [(r[2] - (r[3] ?? r[2])) * kind.factor, r[5] * kind.factor]);
   if (!points.length || rows.every((r) => r[3] === null)) {
-    say("caption-phase", "Phase portrait: drawn while something is wanted");
+    say("caption-phase", "Phase portrait: shown while there is a target");
     return;
   }
   const most = (k, floor) => Math.max(floor, ...points.map((p) => Math.abs(p[k]))) * 1.15;
@@ -209,5 +209,5 @@ function drawPhase(rows, kind) {
   const end = `${a.toPrecision(2)} ${kind.unit}`;
   note(pen, end, width - pen.measureText(end).width - 2, height / 2 - 5);
   note(pen, `${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
-  say("caption-phase", `Phase portrait: measured less wanted ${kind.name} across, its rate upwards`);
+  say("caption-phase", `Phase portrait: error of the ${kind.name} (horizontal) and its rate (vertical)`);
 }

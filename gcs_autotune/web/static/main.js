@@ -63,7 +63,7 @@ function showQuestion() {
   say("question-text", question.text);
   $("intentions").hidden = !state.intentions || Boolean(state.now);
   $("offer").hidden = !state.proposal;
-  say("question-track", state.track && !state.now ? `Predicted: ${state.track.told}.${state.track.trouble ? ` It had better not be flown so: ${state.track.trouble}.` : ""}` : "");
+  say("question-track", state.track && !state.now ? `Predicted: ${state.track.told}.${state.track.trouble ? ` Do not fly this: ${state.track.trouble}.` : ""}` : "");
   if (asked === question.id) return;
   asked = question.id;
   $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
@@ -95,12 +95,12 @@ function gains(offer) {
   const parts = (v) => { const k = v.reason.indexOf(": "); return k < 0 ? [v.reason, ""] : [v.reason.slice(0, k), v.reason.slice(k + 2)]; };
   const shared = offer.values.map((v) => parts(v)[1]).find((how, k, all) => how && all.indexOf(how) !== k);
   const why = (v) => (parts(v)[1] === shared ? parts(v)[0] : v.reason);
-  table.append(row("th", ["Parameter", "Old", "New", shared ? "What it does" : "Why"]));
+  table.append(row("th", ["Parameter", "Old", "New", shared ? "Purpose" : "Reason"]));
   for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), why(v)]));
   const told = document.createElement("p");
   if (shared) told.textContent = `${offer.values.every((v) => parts(v)[1] === shared) ? "All are" : "The others are"} ${shared}. `;
   if (offer.cost_after !== null) {
-    told.textContent += `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better, at worst is over what is not known of the craft.`;
+    told.textContent += `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better; "at worst" covers the model's uncertainty.`;
   }
   return [table, told];
 }
@@ -119,10 +119,10 @@ function duration(seconds) {
 
 function showBar() {
   const now = state.now;
-  let stage = "No run is under way", times = "", done = 0;
+  let stage = "No run in progress", times = "", done = 0;
   if (!link.connected && !state.run) stage = "Connecting to the server …";
   else if (running()) {
-    stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: setting out`;
+    stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: starting`;
     if (now && performance.now() - link.flown > 2000) stage += ", flown";  // what comes next is told beside it
     if (now && now.elapsed !== null) times = `${duration(now.elapsed)} flown`;
     if (now && now.left !== null) {
@@ -140,7 +140,7 @@ function showBar() {
   const button = $("stop"), stopping = running() && (state.stopping || wantStop);
   button.disabled = !running() || !mayTouch;
   button.classList.toggle("stopping", Boolean(stopping));
-  say("stop", stopping ? "STOPPING: putting back" : "STOP");
+  say("stop", stopping ? "STOPPING: restoring" : "STOP");
   document.title = `${stopping ? "STOPPING – " : running() ? "▶ " : ""}gcs-autotune`;
 }
 
@@ -149,12 +149,12 @@ function showAlarm() {
   const alarms = [];
   if (refused) alarms.push(refused);
   if (running() && wantStop && !state.stopping && performance.now() - wantStop > 700 && !refused) {
-    alarms.push("STOP is not confirmed yet: trying again. Use your transmitter or the vehicle's own switch.");
+    alarms.push("STOP is not confirmed yet; trying again. Use your transmitter or the vehicle's own switch.");
   }
   if (!link.connected && away > 2) {
-    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " A run under way goes on without this page." : ""}`);
+    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " A current run continues without this page." : ""}`);
   } else if (running() && state.vitals && !state.run.simulated && quiet > 3) {
-    alarms.push(`Nothing heard from the vehicle for ${duration(quiet)}.`);
+    alarms.push(`No messages from the vehicle for ${duration(quiet)}.`);
   }
   $("alarm").hidden = !alarms.length;
   if (alarms.length) say("alarm", alarms.join(" "));
@@ -169,17 +169,17 @@ function showTiles() {
   };
   const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
   $("charts").hidden = !state.rows.length && !state.track;
-  say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, wanted ${reading(now.target)}` : ""}` : "–");
+  say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, target ${reading(now.target)}` : ""}` : "–");
   say("tile-output", percent(now.output));
-  say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} alike` : "–");
+  say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} agree` : "–");
   say("tile-guard", now.guard ? `${now.guard}, ${percent(now.guard_share)} used` : "–");
   say("tile-mode", state.vitals ? `${vitals.mode}, ${vitals.armed ? "armed" : "disarmed"}` : "–");
   const battery = [];
   if (vitals.battery_voltage != null) battery.push(`${vitals.battery_voltage.toFixed(1)} V`);
   if (vitals.battery_remaining != null) battery.push(percent(vitals.battery_remaining));
-  say("tile-battery", state.vitals ? battery.join(", ") || "not told" : "–");
+  say("tile-battery", state.vitals ? battery.join(", ") || "not reported" : "–");
   const radio = [];
-  if (vitals.round_trip != null) radio.push(`${Math.round(vitals.round_trip * 1000)} ms there and back`);
+  if (vitals.round_trip != null) radio.push(`${Math.round(vitals.round_trip * 1000)} ms round trip`);
   if (vitals.attitude_rate != null) radio.push(`attitude ${Math.round(vitals.attitude_rate)} Hz`);
   say("tile-link", radio.join(", ") || "–");
   const cost = state.proposal && state.proposal.cost_after !== null
@@ -230,7 +230,7 @@ function show() {
   if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
   showTiles(); showWords();
-  say("command", `The same on a terminal: ${state.run.command}`);
+  say("command", `The same in a terminal: ${state.run.command}`);
   $("gains").hidden = !state.proposal;
   if (state.proposal && $("gains").dataset.of !== JSON.stringify(state.proposal)) {
     $("gains").dataset.of = JSON.stringify(state.proposal);

@@ -44,7 +44,7 @@ export function make(dofs, mayTouch) {
 export async function list() {
   try {
     const { entries } = await (await fetch("runs")).json();
-    $("runs").replaceChildren(...(entries.length ? entries.map(row) : [item("Nothing has been recorded yet.")]));
+    $("runs").replaceChildren(...(entries.length ? entries.map(row) : [item("No recorded runs yet.")]));
   } catch {
     say("runs-error", "The list of runs did not arrive.");
   }
@@ -68,28 +68,28 @@ function report(name, file, text) {
 async function open(name) {
   say("runs-error", "");
   const answer = await fetch(`runs/${encodeURIComponent(name)}`);
-  if (!answer.ok) { say("runs-error", "There is no such run any more."); return; }
+  if (!answer.ok) { say("runs-error", "This run no longer exists."); return; }
   entry = await answer.json();
   $("entry").hidden = false;
   say("entry-title", entry.log || `${entry.title} (${entry.name})`);
   say("entry-reason", entry.reason);
   $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${trial.ending}`)));
-  if (!entry.trials.length) $("trials").replaceChildren(item("No trial of ours in it to replay."));
+  if (!entry.trials.length) $("trials").replaceChildren(item("No recorded trial to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
   $("entry").scrollIntoView({ block: "nearest" });
 }
 
 async function takeIn(file) {
-  say("runs-error", `Taking in ${file.name} …`);
+  say("runs-error", `Uploading ${file.name} …`);
   try {
     const answer = await fetch(`drop?name=${encodeURIComponent(file.name)}`, {
       method: "POST", body: file, headers: { "X-Autotune-Token": token() },
     });
     const told = await answer.json();
-    say("runs-error", answer.ok ? "" : `Not taken: ${told.error}`);
+    say("runs-error", answer.ok ? "" : `Not uploaded: ${told.error}`);
     if (answer.ok) { await list(); await open(told.name); }
   } catch {
-    say("runs-error", "Not taken: the connection broke. Is the file too large?");
+    say("runs-error", "Not uploaded: the connection was lost. Check the size of the file.");
   }
   $("drop").value = "";
 }
@@ -110,7 +110,7 @@ export function show(state, mayTouch) {
   if (what === shownDesk) return;
   const ended = mine && !desk.running && shownDesk !== null;
   shownDesk = what;
-  say("desk-told", !mine ? "" : desk.running ? `${desk.verb}: under way …` : `${desk.verb}: ${desk.code === 0 ? "done" : `ended with code ${desk.code}`}`);
+  say("desk-told", !mine ? "" : desk.running ? `${desk.verb}: running …` : `${desk.verb}: ${desk.code === 0 ? "done" : `ended with code ${desk.code}`}`);
   $("desk-text").hidden = !mine || !desk.text;
   say("desk-text", mine ? desk.text : "");
   if (ended) open(entry.name);  // what it wrote is among the files now
@@ -141,7 +141,7 @@ async function play(name, trial) {
   const answer = await fetch(address(name, trial.file));
   if (!answer.ok) { say("runs-error", "The record did not arrive."); return; }
   const rows = parse(await answer.text(), trial);
-  if (!rows.length) { say("runs-error", "There is nothing in this record to draw."); return; }
+  if (!rows.length) { say("runs-error", "This record has nothing to plot."); return; }
   replay = { rows, trial, at: 0, playing: true };
   say("replay-title", `${trial.name} of ${name}`);
   $("replay").hidden = false;

@@ -30,7 +30,7 @@ export function make(fields, started) {
     const answer = await post("start", chosen());
     $("start").disabled = false;
     if (answer.ok) started();
-    else $("form-error").textContent = `Not started: ${answer.error || "the server did not say why"}`;
+    else $("form-error").textContent = `Not started: ${answer.error || "no reason given by the server"}`;
   };
 }
 
@@ -68,11 +68,11 @@ function offer() {
   $("example").textContent = axis.example;
   $("axis-row").hidden = flies;
   $("fly-rows").hidden = !flies;
-  $("manoeuvre-help").textContent = `${kind.help}. Room: ${kind.room}.`;
+  $("manoeuvre-help").textContent = `${kind.help}. Space: ${kind.room}.`;
   $("dry-row").hidden = $("model-row").hidden = job === "experiment";
-  $("model-help").textContent = flies ? "to preview with; none: the vehicle's own figures"
+  $("model-help").textContent = flies ? "for the preview; none: the vehicle's own parameters"
     : "to design from, without swings; none: what this run identifies";
-  $("dry-label").textContent = flies ? "Preview only: time, room and track; nothing moves"
+  $("dry-label").textContent = flies ? "Preview only: time, space and track; nothing moves"
     : "Dry run: fly, identify and design, but write nothing";
   const kept = chosen().numbers;
   const groups = [];

@@ -42,7 +42,7 @@ def test_a_ship_under_its_rudder_knows_no_newtons_at_all() -> None:
 
 @pytest.mark.parametrize("form", ["rudder", "twin-thruster"])
 def test_a_mass_is_refused_where_no_force_is_known(form: str) -> None:
-    with pytest.raises(UsageError, match=r"m = 3272 cannot enter form .* per unit of inertia"):
+    with pytest.raises(UsageError, match=r"m = 3272 cannot be used in form .* per unit of inertia"):
         FORMS[form].knowing({"m": 3272.0})
     assert FORMS[form].knowing({"delay": 0.2}).known["delay"] == 0.2
 
@@ -55,5 +55,5 @@ def test_per_inertia_survives_a_model_file_and_is_checked() -> None:
     form = FORMS["twin-thruster"]
     model = CoupledModel(form, dict.fromkeys(form.free, -1.0) | dict(form.known))
     assert CoupledModel.from_dict(model.to_dict()).form.per_inertia == ("Y", "N")
-    with pytest.raises(BadFile, match="per_inertia names Z"):
+    with pytest.raises(BadFile, match="per_inertia contains Z"):
         form_from({"name": "odd", "dofs": ["yaw"], "free": ["N_r"], "per_inertia": ["Z"]}, "odd.toml")

@@ -1,0 +1,322 @@
+"""What ``diagnose`` reports of our own runs: tunes, experiments and flown manoeuvres of the simulated vehicles.
+
+Run: ``python3 -m benchmarks.own_runs [VEHICLE ...] [--only WORD,..] [--seeds 5] [--whole] [--numbers] [--keep DIR]``.
+
+The truth is the vehicle file, read here as TOML; what may be named of it is the table :func:`truth_of`. Quick (usual):
+one seed, the manoeuvres of :data:`QUICK_KINDS`. ``--whole``: every manoeuvre by every force. ``--numbers``: the model
+file of each tune with one number changed by 20 and by 50 %; that number alone is to be called wrong. ``--keep``: run
+directories are kept there and used again.
+
+Printed: a line per miss (``--verbose``: per case), the rate with its 95 % bound, claims about motions that the hull
+cannot make, and seconds of processor. Exit status 1 below 95 % or with one such claim.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta as beta_law
+
+from benchmarks.every_manoeuvre import QUICK, cases, tunes
+from benchmarks.results import Figure, count, headline
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.errors import AutotuneError
+from gcs_autotune.identify import load_model
+from gcs_autotune.link import MemoryLink
+from gcs_autotune.logs import load_runs
+from gcs_autotune.trial import Trial
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, FlySettings, TuneSettings, Unattended, experiment, fly, tune
+from sitl import VEHICLES, open_vehicle
+
+GOAL = 0.95
+FOLDER = Path(__file__).parents[1] / "sitl" / "vehicles"
+QUICK_VEHICLES = ("charlie", "blueboat", "videoray", "bluerov2", "automarine", "falcon", "cybership2")
+QUICK_KINDS = ("tune heading", "tune speed", "tune depth", "experiment heading", "experiment surge", "zig-zag")
+NOT_DIAGNOSED = ("bollard-staircase", "wall-relay")
+"""Pulls against a rope and distances to a wall: neither record holds a free motion."""
+
+SLIDING = frozenset({"sway-moment", "munk-moment", "sway-yaw-coupling", "coriolis-coupling"})
+"""Causes that take a motion sideways."""
+
+SEEN = 0.02
+"""Least share of the largest force in the run that a constant force, or a drag's curvature, must be to be demanded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What a vehicle file has of one run: ``allowed`` slugs, and ``demanded`` ones, any of each set."""
+
+    allowed: frozenset[str]
+    demanded: tuple[frozenset[str], ...]
+    sways: bool
+
+
+def file_of(vehicle: str) -> dict[str, Any]:
+    """Return the tables of a vehicle file, numbers without units and sources."""
+    with (FOLDER / VEHICLES[vehicle]).open("rb") as file:
+        own = tomllib.load(file)
+    tables = file_of(own["like"]) if "like" in own else {}
+    for heading, table in own.items():
+        if not isinstance(table, dict):
+            tables[heading] = table
+            continue
+        plain = {n: e["value"] if isinstance(e, dict) else e for n, e in table.items()}
+        tables[heading] = {**tables.get(heading, {}), **plain}
+    return tables
+
+
+LETTERS = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
+SPEEDS = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
+
+
+def truth_of(vehicle: str, dofs: Sequence[str], runs: Sequence[Trial]) -> Truth:
+    """Return what may, and what must, be named of *dofs*; why stands beside each row."""
+    file = file_of(vehicle)
+    boat, allowed, demanded = file["actuators"] in ("rudder", "twin-thruster"), set(), []
+    sways = "sway" in file
+
+    def most(name: str) -> float:
+        sizes = [np.nanmax(np.abs(r[name].values)) for r in runs if name in r and len(r[name])]
+        return float(max(sizes, default=0.0))
+
+    for dof in dofs:
+        table, command = file.get(dof, {}), most(LETTERS[dof])
+        full = _authority(file, dof)
+        constant = "net-buoyancy" if dof == "heave" else "input-bias"
+        if table.get("bias"):  # trim, or weight less buoyancy
+            allowed.add(constant)
+            if abs(table["bias"]) > SEEN * full * max(command, 1e-9):
+                demanded.append(frozenset({constant}))
+        if np.max(table.get("beta2", 0.0)) > 0.0:
+            allowed.add("quadratic-drag")
+            if table["beta2"] * most(SPEEDS[dof]) > 0.5 * table["beta"] and most(SPEEDS[dof]) > 0.0:
+                demanded.append(frozenset({"quadratic-drag"}))
+    if file["actuators"] == "rudder":
+        if "yaw" in dofs:  # inertia and drag per rudder angle go with the propeller's speed (table 7.12)
+            allowed.add("propeller-wash")
+        if "surge" in dofs:  # thrust goes with n|n|
+            allowed.add("quadratic-actuator")
+            demanded.append(frozenset({"quadratic-actuator"}))
+    if file["actuators"] == "twin-thruster" and file["thruster"]["astern"] != 1.0:
+        # Astern each is weaker: surge has a lighter side; a turn harder than the way ahead takes one astern.
+        allowed |= {"asymmetric-thrust", "saturation"}
+    if "odd" in file.get("thruster", {}):  # a curve with a dead band in its middle
+        allowed |= {"dead-zone", "quadratic-actuator", "saturation"}
+        demanded.append(frozenset({"dead-zone", "quadratic-actuator"}))
+    if file["link"]["up_delay"] or file["link"]["down_delay"]:
+        allowed |= {"input-delay", "measurement-delay"}
+    if file["sensors"].get("heading_quantum") or not boat:  # a depth sensor's rates come in whole centimetres
+        allowed.add("quantisation")
+    if sways:
+        terms = file.get("coupling", {})
+        if terms.get("coriolis") or any(n.startswith(("N_v", "N_u")) for n in terms):
+            allowed |= SLIDING
+        if "surge" in dofs or "sway" in dofs:
+            allowed |= {"coriolis-coupling", "sway-yaw-coupling"}
+    return Truth(frozenset(allowed), tuple(demanded), sways)
+
+
+def _authority(file: Mapping[str, Any], dof: str) -> float:
+    """Return the force, or rudder angle, at full command."""
+    if file["actuators"] == "rudder" and dof == "yaw":
+        return float(file["yaw"]["full_rudder"])
+    if file["actuators"] == "twin-thruster":
+        each = file["thruster"]
+        return float(each["full_thrust"] * (each["arm"] * (1.0 + each["astern"]) if dof == "yaw" else 2.0))
+    return float(file.get(dof, {}).get("authority", 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A flight: ``kind`` as ``every_manoeuvre`` names it. ``change``: a number of its model file, and a factor."""
+
+    vehicle: str
+    kind: str
+    force: str
+    seed: int
+    change: str = ""
+    factor: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """In one word, as a folder."""
+        return "-".join([self.vehicle, *self.kind.split(), *[self.force][: bool(self.force)], str(self.seed)])
+
+    def __str__(self) -> str:
+        changed = f" {self.change} x {self.factor:g}" if self.change else ""
+        return f"{self.vehicle} {self.kind}{f' {self.force}' if self.force else ''} seed {self.seed}{changed}"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """``miss``: why it is not right, empty where it is. ``refused``: no diagnosis. ``claims``: impossible motions."""
+
+    case: Case
+    said: str
+    miss: str = ""
+    claims: str = ""
+    refused: bool = False
+    seconds: float = 0.0
+
+
+def flown(case: Case, folder: Path) -> Path:
+    """Fly *case* into a run directory of *folder*, and return it; one there already is used again.
+
+    Raises
+    ------
+    AutotuneError
+        The vehicle cannot fly it.
+    """
+    place = folder / case.name
+    if (place / "flown").exists():
+        return place
+    boat = open_vehicle(case.vehicle, seed=1).vehicle.data.is_boat
+    link = MemoryLink(open_vehicle(case.vehicle, seed=case.seed, parameters={} if boat else QUICK))
+    link.is_simulated = True
+    verb, _, axis = case.kind.rpartition(" ")
+    common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), place)
+    if verb == "tune":
+        tune(common, Unattended(), SilentWatcher(), "")
+    elif verb:
+        experiment(common, Unattended(), SilentWatcher(), "")
+    else:
+        fly(FlySettings(case.kind, common, force=case.force), Unattended(), SilentWatcher(), "")
+    (place / "flown").touch()
+    return place
+
+
+def played(case: Case, folder: Path) -> Outcome:
+    """Fly and diagnose one."""
+    began = time.process_time()
+    try:
+        place = flown(case, folder)
+        runs = load_runs(place)
+        began = time.process_time()
+        if case.change:
+            return _numbers(case, place, runs, began)
+        diagnosis = diagnose(runs)
+    except (AutotuneError, FileNotFoundError) as error:
+        return Outcome(case, f"{type(error).__name__}: {error}".splitlines()[0], refused=True)
+    seconds = time.process_time() - began
+    told = json.loads(diagnosis.to_json())
+    truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
+    found = [(f["cause"], f["place"]) for f in told["found"]]
+    groups = {s: set(g) for g in told["indistinguishable"] for s in g}
+    wrong = [f"{s} of {p}" for s, p in found if not ({s} | groups.get(s, set())) & truth.allowed]
+    named = {s for s, _ in found} | {r for s, _ in found for r in groups.get(s, ())}
+    lacking = [" or ".join(sorted(some)) for some in truth.demanded if not some & named]
+    claims = [] if truth.sways else [s for s, _ in found if s in SLIDING]
+    if not truth.sways:
+        told_of = " ".join(told["gave_away"]["findings"])
+        claims += [w for w in ("speed sideways", "drift angle") if w in told_of]
+    sizes = [" ".join(f"{v['value']:.3g}" for v in f["parameters"].values()) for f in told["found"]]
+    numbers = ", ".join(f"{s}@{p}({own})" for (s, p), own in zip(found, sizes, strict=True))
+    said = f"{told['verdict']}: {numbers or 'nothing'} {[d['slug'] for d in told['doubts']]}"
+    miss = "; ".join([*(f"names {w}" for w in wrong), *(f"lacks {w}" for w in lacking)])
+    return Outcome(case, said, miss, ", ".join(claims), seconds=seconds)
+
+
+NUMBERS = {"inertia": ("alpha",), "damping": ("beta", "beta_quadratic"), "gain": (), "delay": ("delay",)}
+
+
+def _numbers(case: Case, place: Path, runs: Sequence[Trial], began: float) -> Outcome:
+    """Diagnose with one number of the run's own model file changed; a gain changes what is per gain."""
+    file = json.loads((place / "model.json").read_text())
+    keys = NUMBERS[case.change] or ("alpha", "beta", "beta_quadratic")
+    changed = [k for k in keys if file.get(k)]
+    if file.get("model") != "single-dof" or not changed:
+        return Outcome(case, "no such number in the file", refused=True)
+    factor = 1.0 / case.factor if case.change == "gain" else case.factor
+    other = place / f"model-{case.change}-{case.factor:g}.json"
+    own = {**file, **{k: factor * file[k] for k in changed}}
+    own.pop("known_from", None)
+    other.write_text(json.dumps(own))
+    diagnosis = diagnose(runs, model=load_model(other))
+    told = json.loads(diagnosis.to_json())
+    rows = [r["name"] for r in (told["numbers"] or {}).get("rows", ()) if r["wrong"]]
+    causes = [f"{f['cause']}@{f['place']}" for f in told["found"]]
+    vehicle, dof = file_of(case.vehicle), diagnosis.base_model.base.form.dofs[0]
+    true = vehicle.get(dof, {}).get("bias", 0.0) / _authority(vehicle, dof)
+    # A tune may be wrong about the trim itself: then that number is wrong, too, and may be called so.
+    own_fault = {"delta"} if abs(file["delta"] - true) > SEEN * abs(true) else set()
+    right = set(rows) - own_fault == set(changed)
+    said = f"{told['verdict']}: wrong {rows}, causes {causes}"
+    truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
+    false = [f["cause"] for f in told["found"] if f["cause"] not in truth.allowed]
+    miss = "" if right and not false else f"wrong should be {changed}"
+    return Outcome(case, said, miss, seconds=time.process_time() - began)
+
+
+def chosen(args: argparse.Namespace) -> Iterator[Case]:
+    """Yield the cases asked for."""
+    words = [w for w in args.only.split(",") if w]
+    for seed in range(1, args.seeds + 1):
+        for vehicle in args.vehicles or (sorted(VEHICLES) if args.whole else QUICK_VEHICLES):
+            for kind, force in (*tunes(vehicle), *cases(vehicle, set(), set())):
+                case = Case(vehicle, kind, force, seed)
+                if kind in NOT_DIAGNOSED or (not args.whole and not words and kind not in QUICK_KINDS):
+                    continue
+                if words and not any(w in str(case) for w in words):
+                    continue
+                if not args.numbers:
+                    yield case
+                elif kind.startswith("tune"):
+                    yield from (replace(case, change=c, factor=f) for c in NUMBERS for f in (1.2, 1.5))
+
+
+def lower_bound(right: int, of: int) -> float:
+    """Return the lower 95 % bound of a rate (Clopper and Pearson)."""
+    return float(beta_law.ppf(0.05, right, of - right + 1)) if right else 0.0
+
+
+def main() -> int:
+    """Play the cases and print the misses and the rates."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("vehicles", nargs="*", metavar="VEHICLE")
+    parser.add_argument("--only", default="", metavar="WORD,..", help="cases with one of these in their name")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--whole", action="store_true", help="every vehicle, every manoeuvre by every force")
+    parser.add_argument("--numbers", action="store_true", help="the model file of each tune with one number changed")
+    parser.add_argument("--keep", type=Path, help="where run directories are kept, and used again")
+    parser.add_argument("--verbose", action="store_true", help="a line per case, not per miss only")
+    args = parser.parse_args()
+    todo = list(chosen(args))
+    outcomes: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(args.jobs) as pool:
+        for done in pool.map(played, todo, [args.keep or Path(scratch)] * len(todo)):
+            outcomes.append(done)
+            if done.miss or done.claims or args.verbose:
+                mark = "refused" if done.refused else "MISS" if done.miss else "CLAIM" if done.claims else "right"
+                why = "; ".join(w for w in (done.miss, done.claims) if w)
+                print(f"{mark:8}{done.case}: {why}{' | ' * bool(why)}{done.said} ({done.seconds:.0f} s)", flush=True)
+    judged = [o for o in outcomes if not o.refused]
+    right, claims = sum(not o.miss for o in judged), sum(bool(o.claims) for o in judged)
+    seconds = [o.seconds for o in judged] or [0.0]
+    what = "model files with exactly the changed number wrong" if args.numbers else "own runs diagnosed right"
+    figures = [
+        count(what, right, len(judged), least=GOAL),
+        Figure("lower 95 % bound of that rate", lower_bound(right, len(judged))),
+        Figure("claims about motions that the hull cannot make", claims, most=0),
+        Figure("processor time of a diagnosis, median", float(np.median(seconds)), "s"),
+        Figure("processor time of a diagnosis, most", max(seconds), "s"),
+        count("refused: by the vehicle, or by the diagnosis", len(outcomes) - len(judged), len(outcomes)),
+    ]
+    headline(f"own_runs{'-numbers' * args.numbers}", "our own runs diagnosed, against the vehicle file", figures)
+    return 0 if judged and right >= GOAL * len(judged) and not claims else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,198 @@
+"""What a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Hint, Lack
+from gcs_autotune.effects import EFFECTS, columns_of
+from gcs_autotune.report.diagnosis.wording import base_error, effect_words, signal_words, value_words
+from gcs_autotune.report.toolkit.wording import format_number, format_seconds, listed, sentence
+from gcs_autotune.sname import DOFS
+
+__all__ = ["FILLED", "HintStory", "hint_stories", "lead_sentence", "plain_sentence"]
+
+FILLED = frozenset({"craft", "simulation", "motion", "command", "signal"})
+"""Words in braces that the sentence of an effect may have."""
+
+MOTIONS: Mapping[str, str] = {
+    "surge": "moving ahead",
+    "sway": "moving sideways",
+    "heave": "diving",
+    "roll": "rolling",
+    "pitch": "pitching",
+    "yaw": "turning",
+}
+COMMANDS: Mapping[str, str] = {
+    "X": "throttle",
+    "Y": "sideways thrust",
+    "Z": "vertical thrust",
+    "K": "roll command",
+    "M": "pitch command",
+    "N": "steering",
+    "delta": "rudder",
+    "n": "throttle",
+    "force_left": "left thrust",
+    "force_right": "right thrust",
+}
+OWNERS: Mapping[str, str] = {"u": "speed ahead", "v": "sideways speed", "w": "diving speed", "r": "turn rate"}
+"""Signals that whoever owns a boat calls otherwise than :data:`.SIGNALS`."""
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "rad": ("degrees", 180.0 / math.pi),
+    "rad/s": ("degrees per second", 180.0 / math.pi),
+    "m": ("metres", 1.0),
+    "m/s": ("metres per second", 1.0),
+}
+"""SI unit -> (unit in words, factor)."""
+
+MORE = ("", "one more cause", "two more causes", "three more causes", "four more causes", "five more causes")
+
+
+def lead_sentence(diagnosis: Diagnosis) -> str:
+    """Return what the simulation gets wrong and by how much, in one or two sentences without a technical word."""
+    craft, simulation = _craft(diagnosis), _simulation(diagnosis)
+    if diagnosis.verdict == "unfinished":
+        return f"The search was stopped before it could show what {simulation} gets wrong."
+    if diagnosis.verdict == "no-effect":
+        return f"{_begun(simulation)} follows your {craft} as closely as these runs can show.{_error(diagnosis)}"
+    if diagnosis.wrong_numbers and diagnosis.numbers is not None:
+        gain = diagnosis.numbers.gain
+        return f"{_wrong_numbers(diagnosis)} {_difference(gain, 'With that set right')}"
+    if diagnosis.causes:
+        more = MORE[min(len(diagnosis.causes) - 1, len(MORE) - 1)]
+        begin = f"With this and {more}" if more else "With it"
+        return f"{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
+    said = f"{_begun(simulation)} misses something that moves your {craft}, and these runs do not show what."
+    hint = f" What they point to: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
+    return said + _error(diagnosis) + hint
+
+
+def plain_sentence(diagnosis: Diagnosis, cause: Cause | Hint) -> str:
+    """Return what a cause means for whoever owns the boat."""
+    slug, place = (cause.cause, cause.place) if isinstance(cause, Hint) else (cause.effect.slug, cause.effect.place)
+    entry = EFFECTS.get(slug)
+    if entry is None or not entry.plain:
+        return sentence(cause.meaning)
+    parts = columns_of(place)
+    dof = next((d.name for d in DOFS.values() if parts[0] in (d.name, d.force, d.velocity, d.position)), "")
+    filled = {
+        "craft": _craft(diagnosis),
+        "simulation": _simulation(diagnosis),
+        "motion": MOTIONS.get(dof or diagnosis.base_model.base.form.dofs[0], "moving"),
+        "command": listed([COMMANDS.get(part, "the command") for part in parts]),
+        "signal": listed([_signal(part) for part in parts]),
+    }
+    return _begun(entry.plain.format(**filled))
+
+
+def _craft(diagnosis: Diagnosis) -> str:
+    return "vehicle" if {"heave", "roll", "pitch"} & set(diagnosis.base_model.base.form.dofs) else "boat"
+
+
+def _simulation(diagnosis: Diagnosis) -> str:
+    return "a plain simulation" if diagnosis.numbers is None else "your simulation"
+
+
+def _begun(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _signal(name: str) -> str:
+    return "clock" if name == "t" else COMMANDS.get(name) or OWNERS.get(name) or signal_words(name)
+
+
+def _wrong_numbers(diagnosis: Diagnosis) -> str:
+    assert diagnosis.numbers is not None
+    names = [f"{n.meaning or n.name}" for n in diagnosis.wrong_numbers]
+    if len(names) == 1:
+        return f"One number of your simulation is wrong: {names[0]}."
+    return f"{len(names)} numbers of your simulation are wrong: {listed(names[:3])}{' and others' * (len(names) > 3)}."
+
+
+def _error(diagnosis: Diagnosis) -> str:
+    error, unit, signal = base_error(diagnosis)
+    if not math.isfinite(error) or unit not in UNITS:
+        return ""
+    return f" Its {_signal(signal)} is wrong by {_both(error, error, unit)[0]}."
+
+
+def _difference(gain: ErrorReduction | None, begin: str) -> str:
+    """Return the errors on data left out before and after, as a sentence; or that there is no such gain."""
+    if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
+        return "What this changes on runs it was not fitted to was not measured."
+    ahead = f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
+    what = f"the predicted {_signal(gain.signal)}{ahead}"
+    after, before = _both(gain.after, gain.before, gain.unit)
+    if gain.ratio >= 1.0:
+        return f"{begin}, {what} is no better on runs it was not fitted to."
+    said = f"{begin}, {what} is wrong by {after} instead of {before}"
+    return f"{said}." if gain.is_felt else f"{said}: a slight difference."
+
+
+def _both(one: float, other: float, unit: str) -> tuple[str, str]:
+    """Return two errors with the unit after the first, in digits enough to see the difference."""
+    words, factor = UNITS.get(unit, (unit, 1.0))
+    texts = [format_number(factor * one, 2), format_number(factor * other, 2)]
+    if texts[0] == texts[1] and one != other:
+        texts = [format_number(factor * one, 3), format_number(factor * other, 3)]
+    return f"{texts[0]} {words}".rstrip(), texts[1]
+
+
+# -- hints
+
+
+LACKS: Mapping[Lack, str] = {
+    "weak": "This is too weak for a cause to be identified; 10 would be enough.",
+    "not-on-each": "It does not gain on each part left out.",
+    "not-sure": "Its gain on data left out may be luck.",
+    "no-gain": "It does not lower the error of a prediction on data left out.",
+    "brief": "Its time is shorter than the samples of these runs, where a sensor's filter looks the same.",
+    "above-command": "The disturbance is larger than the commands, so no cause is identified beside it.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class HintStory:
+    """A hint in words: a heading and (label, sentences)."""
+
+    title: str
+    remarks: tuple[tuple[str, str], ...]
+
+
+def hint_stories(diagnosis: Diagnosis) -> Iterator[HintStory]:
+    """Yield the hints, the likeliest first: what each means, its evidence, and what settles it."""
+    for hint in diagnosis.hints:
+        numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
+        told = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
+        yield HintStory(
+            _begun(f"{effect_words(hint.cause)} ({hint.place})"),
+            (("What it would mean", told), ("Evidence", _evidence(hint)), ("What settles it", _settles(hint))),
+        )
+
+
+def _evidence(hint: Hint) -> str:
+    said = f"It improves the log-likelihood of these runs by {format_number(hint.gained, 2)}"
+    if hint.unseen:
+        parts = ", ".join(f"{v:+.1f}" for v in hint.unseen)
+        said += f", and by {sum(hint.unseen):+.1f} on data left out ({hint.held_out}: {parts})"
+    return f"{said}. Noise alone gives some candidate as much in {_odds(hint.chance)}. {LACKS[hint.lacks]}"
+
+
+def _odds(chance: float) -> str:
+    if chance > 0.5:
+        return "more than half of such searches"
+    return f"1 of {round(1.0 / chance)} such searches" if chance > 1e-4 else "less than 1 of 10 000 such searches"
+
+
+def _settles(hint: Hint) -> str:
+    more = (
+        f"{format_seconds(hint.needed)} of the same manoeuvres instead of {format_seconds(hint.seconds)}, for evidence "
+        "grows with their length"
+    )
+    said = sentence(f"{more}; or {hint.separated_by}")
+    if hint.alike:
+        said += f" These runs do not distinguish it from {' or '.join(effect_words(s) for s in hint.alike)}."
+    return said

@@ -1,0 +1,127 @@
+"""The sentence a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from string import Formatter
+
+import pytest
+from diagnosis_stories import STORIES, WHEN, cause, dead_zone, unexplained
+from page_reader import Page
+
+from gcs_autotune.diagnose import ErrorReduction, Hint, Number, Numbers, Value
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.report import diagnosis_summary, render_diagnosis
+from gcs_autotune.report.diagnosis.cause_wording import cause_title, evidence_remarks
+from gcs_autotune.report.diagnosis.lead import FILLED, hint_stories, lead_sentence, plain_sentence
+from gcs_autotune.report.toolkit.terminal import render_text
+
+HINT = Hint(
+    cause="input-bias",
+    place="yaw",
+    meaning=EFFECTS["input-bias"].meaning,
+    parameters={"bias": Value(1.1, "N m", 0.3)},
+    gained=5.96,
+    unseen=(0.6, 2.6, 2.5),
+    held_out="each of 3 runs left out in turn",
+    chance=0.04,
+    lacks="weak",
+    alike=(),
+    seconds=480.0,
+    needed=800.0,
+    separated_by=EFFECTS["input-bias"].separated_by,
+)
+
+
+def ahead(before: float, after: float, low: float, high: float) -> ErrorReduction:
+    return ErrorReduction(
+        "error 5 s ahead", "psi", "rad", before, after, after / before, (low, high), "each run in turn"
+    )
+
+
+def with_gain(gain):
+    """The issue's boat: turning gets harder with speed."""
+    told = cause("speed-damping", "yaw", 0.8, N_ur=(-3.7, "N m s^2/(m rad)", 0.3))
+    return replace(dead_zone(), causes=(replace(told, gain=gain),), gain=gain, gains=() if gain is None else (gain,))
+
+
+def shown(told) -> str:
+    return " ".join(render_text(diagnosis_summary(told)).split())
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> None:
+    entry = EFFECTS[slug]
+    assert entry.plain.endswith(".") and "  " not in entry.plain
+    assert {name for _, name, _, _ in Formatter().parse(entry.plain) if name} <= FILLED
+    places = {"actuator": "N", "hydrodynamics": "yaw", "environment": "yaw", "sensor": "psi", "data errors": "psi"}
+    said = plain_sentence(dead_zone(), replace(HINT, cause=slug, place=places[entry.family]))
+    assert said[0].isupper() and "{" not in said and len(said.split()) <= 25
+
+
+def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
+    told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
+    assert lead_sentence(told) == (
+        "The resistance of your boat to turning changes with its speed; that of a plain simulation does not. "
+        "With it, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
+    )
+
+
+def test_a_difference_nobody_notices_is_called_slight() -> None:
+    told = with_gain(ahead(0.1421, 0.1419, 0.98, 1.01))
+    assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14: a slight difference.")
+    assert told.causes[0].is_slight and told.to_dict()["found"][0]["slight"]
+    assert "light: " in cause_title(told, told.causes[0])
+    assert any("hardly changes the prediction" in said for _, said in evidence_remarks(told, told.causes[0]))
+
+
+@pytest.mark.parametrize(("high", "felt"), [(0.94, True), (0.96, False)])
+def test_a_gain_is_felt_where_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
+    assert ahead(1.0, 0.8, 0.7, high).is_felt is felt
+    assert ahead(1.0, 0.8, math.nan, math.nan).is_felt
+
+
+def test_without_a_gain_the_lead_says_so() -> None:
+    assert lead_sentence(with_gain(None)).endswith("What this changes on runs it was not fitted to was not measured.")
+    worse = with_gain(ahead(0.1, 0.11, 0.9, 1.2))
+    assert lead_sentence(worse).endswith("the predicted heading 5 s ahead is no better on runs it was not fitted to.")
+
+
+def test_a_wrong_number_of_a_given_model_comes_first() -> None:
+    row = Number("alpha", "1", "inertia", 18.0, 0.0, 16.4, 0.1, (16.2, 16.6), True)
+    numbers = Numbers("model", (row,), (ahead(0.2, 0.1, 0.4, 0.6),))
+    told = replace(dead_zone(), verdict="wrong-numbers", numbers=numbers)
+    assert lead_sentence(told).startswith("One number of your simulation is wrong: inertia. With that set right, ")
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
+    told = STORIES[name]()
+    lead = lead_sentence(told)
+    assert len(lead) > 20
+    assert shown(told).split("Columns that contradict")[-1].find(" ".join(lead.split())) < 400
+    page = Page(render_diagnosis(told, "boat", WHEN)).text
+    assert lead[:40] in page
+    assert page.index(lead[:40]) < page.index("Basis of this result")
+
+
+def test_the_first_picture_stands_before_the_verdict() -> None:
+    page = render_diagnosis(dead_zone(), "boat", WHEN)
+    assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')
+
+
+def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_and_in_json() -> None:
+    told = replace(unexplained(), hints=(HINT,))
+    (story,) = hint_stories(told)
+    words = dict(story.remarks)
+    assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
+    assert "by 6, and by +5.7 on data left out (each of 3 runs left out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
+    assert "1 of 25 such searches" in words["Evidence"] and "10 would be enough" in words["Evidence"]
+    assert words["What settles it"].startswith("13 min 20 s of the same manoeuvres instead of 8 min 00 s")
+    page = Page(render_diagnosis(told, "boat", WHEN)).text
+    for said in words.values():
+        assert said in shown(told)
+        assert said[:60] in page.replace("\u00a0", " ")
+    assert told.to_dict()["hints"][0]["needed"] == 800.0
+    assert "A constant push acts on your boat in turning" in lead_sentence(told)
