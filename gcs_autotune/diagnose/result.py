@@ -75,7 +75,8 @@ class Value:
 class ErrorReduction:
     """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
 
-    ``held_out`` says in words which runs or blocks were held out.
+    ``held_out`` says in words which runs or blocks were held out; ``each``: run -> error before and after on it, where
+    whole runs were held out.
     """
 
     metric: str
@@ -86,6 +87,7 @@ class ErrorReduction:
     ratio: float
     ci95: tuple[float, float]
     held_out: str = ""
+    each: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def is_felt(self) -> bool:

@@ -21,6 +21,7 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
+from gcs_autotune.diagnose.sampling_interval import foresight
 from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
@@ -380,10 +381,10 @@ def gain_over(search: WeatherSearch, other: WanderingFit) -> ErrorReduction | No
     for seconds in _horizons(search):
         errors = seconds_ahead(search, other, seconds)
         if errors is not None:
-            before, after, low, high = errors
+            before, after, low, high, each = errors
             ratio = after / before if before > 0.0 else 1.0
             metric = f"error {seconds:g} s ahead"
-            found.append(ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts))
+            found.append(ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts, each))
     return min(found, key=lambda g: g.ratio, default=None)
 
 
@@ -400,23 +401,30 @@ NICE = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0])
 
 
 def _horizons(search: WeatherSearch) -> list[float]:
-    """Return the seconds ahead nearest to three time constants of the craft, and to one."""
+    """Return the seconds ahead nearest to three time constants of the craft, and to one, and over its commands' legs.
+
+    The last is what counts of a fit that takes a craft for quicker than it is.
+    """
     pace = 1.0 / max(abs(float(search.plain.theta[1])), 1e-3)
     longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
     usable = NICE[(longest / 4.0 > NICE) & (NICE > 3.0 * search.problem.interval)]
     if not len(usable):
         return []
     nearest = (float(usable[np.argmin(np.abs(np.log(usable / (k * pace))))]) for k in (3.0, 1.0))
-    return list(dict.fromkeys(nearest))
+    legs = foresight(search.problem, search.plain)
+    return list(dict.fromkeys([*nearest, *([] if legs is None else [legs])]))
 
 
-def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> tuple[float, float, float, float] | None:
+def seconds_ahead(
+    search: WeatherSearch, other: WanderingFit, ahead: float
+) -> tuple[float, float, float, float, dict[str, tuple[float, float]]] | None:
     """Return rms errors *ahead* [s] on data left out of *other* and of the model with all causes.
 
-    Last come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
-    errors).
+    Then come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
+    errors), and run -> both errors on it, where whole runs are left out.
     """
     squares = []
+    each: dict[str, tuple[float, float]] = {}
     for train, test in search.folds:
         rest, seen = search.problem.on(train), search.problem.on(test)
         errors = []
@@ -425,6 +433,9 @@ def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> t
             errors.append(seen.ahead(again or one, ahead))
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
+        left_out = {s.run for s in test}
+        if len(left_out) == 1 and good and not left_out & {s.run for s in train}:
+            each[left_out.pop()] = (float(np.sqrt(squares[-1][0].mean())), float(np.sqrt(squares[-1][1].mean())))
     joined = np.hstack(squares)
     if joined.shape[1] < 2 or not np.all(np.isfinite(joined)):
         return None
@@ -437,4 +448,4 @@ def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> t
         ratios.append(float(np.sqrt(again_all[1].mean() / max(again_all[0].mean(), 1e-300))))
     low, high = np.quantile(ratios, [0.025, 0.975])
     before, after = np.sqrt(joined.mean(axis=1)).tolist()
-    return before, after, float(low), float(high)
+    return before, after, float(low), float(high), each
