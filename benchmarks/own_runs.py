@@ -108,7 +108,8 @@ def truth_of(vehicle: str, dofs: Sequence[str], runs: Sequence[Trial]) -> Truth:
             allowed.add("propeller-wash")
         if "surge" in dofs:  # thrust goes with n|n|
             allowed.add("quadratic-actuator")
-            demanded.append(frozenset({"quadratic-actuator"}))
+            if _levels("X", runs) > 1:  # one size of command shows no curve
+                demanded.append(frozenset({"quadratic-actuator"}))
     if file["actuators"] == "twin-thruster" and file["thruster"]["astern"] != 1.0:
         # Astern each is weaker: surge has a lighter side; a turn harder than the way ahead takes one astern.
         allowed |= {"asymmetric-thrust", "saturation"}
@@ -126,6 +127,13 @@ def truth_of(vehicle: str, dofs: Sequence[str], runs: Sequence[Trial]) -> Truth:
         if "surge" in dofs or "sway" in dofs:
             allowed |= {"coriolis-coupling", "sway-yaw-coupling"}
     return Truth(frozenset(allowed), tuple(demanded), sways)
+
+
+def _levels(name: str, runs: Sequence[Trial]) -> int:
+    """Return how many sizes of a command, to a tenth and other than none, last a twentieth of the runs at least."""
+    sizes = np.concatenate([np.round(np.abs(run[name].values), 1) for run in runs if name in run])
+    values, counts = np.unique(sizes, return_counts=True)
+    return int(np.sum((values > 0.0) & (counts > len(sizes) / 20)))
 
 
 def _authority(file: Mapping[str, Any], dof: str) -> float:

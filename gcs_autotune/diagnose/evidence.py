@@ -83,7 +83,8 @@ def hints_of(
 def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
     """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
 
-    Left out are those of which the 95 % interval contains no effect.
+    Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
+    left out.
     """
     last_step = max((a.step for a in search.judged), default=0)
     told = {slug for group in search.alike for slug in group} | {a.effect.slug for a in search.named}
@@ -97,7 +98,8 @@ def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] =
             chance = chance_of(one.gain, numbers, search.tried)
             unseen = tuple(one.unseen.tolist())
             found.append(WeakCandidate(one, worth(one.gain, numbers), one.gain, unseen, chance, lacks))
-    return _ranked(found)
+    held = [w for w in _ranked(found) if any(w.one is a for a, _ in refused)]
+    return [*held, *(w for w in _ranked(found) if w not in held)]
 
 
 def _weak(state: SearchState) -> list[WeakCandidate]:

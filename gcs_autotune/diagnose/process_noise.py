@@ -82,7 +82,7 @@ seed 463: one of 0.39 s, nearly three, which is worth 338)."""
 LATE = ("input-delay", "actuator-lag")
 """What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
-FAR_AHEAD = 0.85
+FAR_AHEAD = 0.9
 """Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
 
 CONSTANT = ("input-bias", "net-buoyancy")

@@ -342,6 +342,7 @@ class SwayMoment(NamedProduct):
     slug = "sway-moment"
     derivative = "N_v"
     meaning = "sliding sideways turns the craft: its lateral resistance lies away from midships"
+    plain = "Sliding sideways turns your {craft}; it does not turn {simulation}."
     parameters = (Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),)
     shown_by = "yaw residual against the measured sway, longest after a turn has ended"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "actuator-lag")
@@ -354,6 +355,7 @@ class SpeedDamping(NamedProduct):
     slug = "speed-damping"
     derivative = "N_|u|r"
     meaning = "turning gets harder with speed, ahead or astern: yaw damping grows with the flow"
+    plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
     parameters = (Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per speed ahead or astern and turn rate"),)
     shown_by = "yaw residual against |u| times r: turns fade sooner with way on than at rest"
     mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment", "velocity-product")
@@ -367,6 +369,7 @@ class MunkMoment(NamedProduct):
     derivative = "N_uv"
     form_of = ("sway-moment",)
     meaning = "at an angle to its way the craft turns further by itself, the more the faster"
+    plain = "Moving at an angle to its bow turns your {craft} further; it does not turn {simulation}."
     parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway velocity"),)
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
@@ -402,9 +405,11 @@ class VelocityProduct(ProductEffect):
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
     meaning = "a force or a moment that goes with a product of velocities which the simulation leaves out"
+    plain = "The motions of your {craft} act on each other in a way that {simulation} leaves out."
     parameters = (Quantity("coefficient", "force per product", "the SNAME derivative that the place names"),)
     shown_by = "residual against that product: nothing at rest, most where its velocities come together"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "sway-yaw-coupling", "coriolis-coupling")
+    yields_to = ("input-bias",)  # a product that hardly changes in the runs is a constant to them
     separated_by = (
         "turning circles both ways at two speeds, pull-outs, the same turns astern: each velocity of the product "
         "alone, then together"

@@ -40,13 +40,13 @@ def in_mild_weather(seed: int, slug: str, effects: list[str] | None = None) -> D
     [(1.75, True), (0.2, False), (math.nan, True), (math.inf, True)],
 )
 def test_a_number_whose_own_interval_contains_zero_is_no_cause(std: float, none: bool) -> None:
-    damping = EffectInstance("speed-damping", "yaw", {"N_ur": -0.71})
-    assert may_be_none(damping, {"N_ur": std}) is none
+    damping = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
+    assert may_be_none(damping, {"N_|u|r": std}) is none
     assert not may_be_none(damping, {})  # it was not fitted
 
 
 def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
-    effect = EffectInstance("speed-damping", "yaw", {"N_ur": -0.71})
+    effect = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
     sure = Attested(effect, cast(WanderingFit, None), 30.0, np.array([9.0, 8.0, 9.0]), 7.0, 1, (10.0, 40.0))
     assert sure.paid and not replace(sure, uncertain=True).paid
 
@@ -133,7 +133,7 @@ def test_no_hint_on_a_clean_craft() -> None:
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.3)
-    told = in_mild_weather(2, "backlash", ["backlash", "dead-zone"])
+    told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
     assert "above-command" in {d.slug for d in told.doubts}
     assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "above-command")

@@ -96,7 +96,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     for record in records:
         if record.velocity is None:
             return f"run '{record.run}' has none"
-    if not solution.white and all(_sensors_agree(record) for record in records):
+    if not solution.white and all(_sensors_agree(record, solution) for record in records):
         return ""
     found = agreement(records, solution)
     if found is None:
@@ -114,15 +114,25 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     return ""
 
 
-def _sensors_agree(record: Segment) -> bool:
-    """Whether position and velocity of a stretch, as measured, are one motion: neither scaled, nor late."""
+SLOW = 0.25
+"""Chosen: share of the craft's time constant below which a lag between two sensors does not matter."""
+
+
+def _sensors_agree(record: Segment, solution: Solution) -> bool:
+    """Whether position and velocity of a stretch, as measured, are one motion: neither scaled, nor late.
+
+    Late by a part of the craft's own time constant that matters: a gyro's filter, in front of a craft as quick as it,
+    passes for the craft.
+    """
     main, rate = (record.measured.get(name) for name in (record.dof.position, record.dof.velocity))
     found = None if main is None or rate is None else compared_with_rate(main, rate)
     if found is None or found.kind != "agrees":
         return False
     step = float(np.median(np.diff(record.signals[record.dof.velocity].t)))
     scaled = abs(found.factor - 1.0) > max(GAIN, SURELY * found.std)
-    return not scaled and abs(found.shift) <= max(LAG * step, SURELY * found.shift_std)
+    rate_constant = abs(float(solution.theta[EXPLICIT.index("a")]))
+    slow = rate_constant * (abs(found.shift) + SURELY * found.shift_std + 0.5 * step) < SLOW
+    return not scaled and slow and abs(found.shift) <= max(LAG * step, SURELY * found.shift_std)
 
 
 Array = NDArray[np.float64]
