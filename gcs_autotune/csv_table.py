@@ -172,7 +172,7 @@ def _see_separator(path: Path, rows: Sequence[list[str]]) -> None:
         shown = "\\t" if found == "\t" else found
         command = f"sed 's/{',/./g; s/' if decimal else ''}{'[|]' if found == '|' else shown}/,/g' {name} > run.csv"
         raise BadFile(
-            f"{path} separates its columns by {_SEPARATORS[found]}{' and writes decimal commas' if decimal else ''}. "
+            f"{path} separates its columns by {_SEPARATORS[found]}{' and uses decimal commas' if decimal else ''}. "
             f"Use ',' between columns{' and . in numbers' if decimal else ''}, e.g.: {command}"
         )
     spaced = [row[0].split() for row in rows[1:4] if len(row) == 1]

@@ -31,7 +31,7 @@ COMMAS = PLAIN.replace(",", ";").replace(".", ",")
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (COMMAS, "separates its columns by ';' and decimal commas.*sed 's/,/./g; s/;/,/g' mine.csv > run.csv"),
+        (COMMAS, "separates its columns by ';' and uses decimal commas.*sed 's/,/./g; s/;/,/g' mine.csv > run.csv"),
         (PLAIN.replace(",", ";"), r"separates its columns by ';'. Use ',' between"),
         (PLAIN.replace(",", "\t"), r"separates its columns by tabs.*sed 's/\\t/,/g'"),
         (PLAIN.replace(",", "|"), "separates its columns by '|'"),

@@ -27,6 +27,7 @@ __all__ = [
     "THRUSTERS",
     "asked_for",
     "base_limits",
+    "by_thrusters",
     "data_summary_of",
     "fit_base",
     "given_base",
@@ -166,6 +167,15 @@ def swung(runs: Sequence[Trial]) -> list[str] | None:
     """
     told = {run.meta.get("dof") for run in runs}
     return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
+
+
+def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
+    """Whether two thrusters side by side, and no input of its own, drive a degree of freedom in every run."""
+    return (
+        dof in ("surge", "yaw")
+        and len(runs) > 0
+        and all(set(THRUSTERS) <= set(run.channels) and not any(n in run for n in INPUTS[dof]) for run in runs)
+    )
 
 
 def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:

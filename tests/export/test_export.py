@@ -208,8 +208,8 @@ def test_the_table_is_read_back_with_units_and_errors():
 @pytest.mark.parametrize("target", ["matlab", "gazebo"])
 def test_a_delay_that_a_target_leaves_to_its_caller_is_listed_as_not_in_the_file(target):
     late = export_model(a_boat(EffectInstance("input-delay", "N", {"delay": 0.4})), target)
-    assert "the delay of N, 0.4 s" in late.text.partition("Not in it:")[2].splitlines()[0]
-    assert "Not in it: nothing" in export_model(a_boat(), "matlab").text
+    assert "the delay of N, 0.4 s" in late.text.partition("Not exported:")[2].splitlines()[0]
+    assert "Not exported: nothing" in export_model(a_boat(), "matlab").text
 
 
 def test_a_files_words_never_become_a_programs():

@@ -161,7 +161,7 @@ def test_a_key_shows_itself_nowhere() -> None:
     for shown in (repr(key), str(key), f"{key}", repr([key]), key.origin):
         assert "hunter2" not in shown and key.secret.hex() not in shown and repr(key.secret) not in shown
     for store in (lambda: pickle.dump(key, io.BytesIO()), lambda: copy.deepcopy(key)):
-        with pytest.raises(TypeError, match="not to be stored"):
+        with pytest.raises(TypeError, match="must not be stored"):
             store()
 
 

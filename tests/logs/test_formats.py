@@ -204,7 +204,7 @@ def test_a_folder_without_runs_says_what_it_holds(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=r"is a folder without a recorded run.*\. It is empty"):
         load_runs(tmp_path)
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(BadFile, match=r"\*\.ulg.*; it holds notes\.txt"):
+    with pytest.raises(BadFile, match=r"\*\.ulg.*\. It contains notes\.txt"):
         load_runs(tmp_path)
 
 

@@ -74,7 +74,7 @@ def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys:
     assert main(["logs", "list", str(log.write(tmp_path / "idle.tlog"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "No run to identify from. The vehicle was never armed." in shown
-    assert "Course: MANUAL; disarmed." in shown
+    assert "Timeline: MANUAL; disarmed." in shown
 
 
 def test_a_parameter_file_gives_the_servo_map_that_a_log_lacks(

@@ -56,7 +56,7 @@ def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():
         "wanted turn rate per heading error",
     ]
     shown = render_text(grid(table))
-    assert " ".join(shown.split()).count("least predicted error") == 1
+    assert " ".join(shown.split()).count("smallest predicted tracking error") == 1
     assert max(map(len, shown.splitlines())) <= 80
 
 

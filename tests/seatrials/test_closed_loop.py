@@ -81,7 +81,7 @@ def test_a_relay_that_would_stop_the_boat_is_refused() -> None:
     sizes = {"set-point": 0.6, "hysteresis": 0.1, "second-set-point": 0.3, "second-hysteresis": 0.1}
     with pytest.raises(UsageError, match="leaves no speed ahead"):
         kind.make({**sizes, "throttle": 0.5, "side": 1.0, "keep-still": 0.0, "speed": 0.5})
-    with pytest.raises(UsageError, match="none of Y"):
+    with pytest.raises(UsageError, match="no loop for Y"):
         kind.of("Y")
 
 
@@ -170,15 +170,15 @@ def test_a_third_pole_too_quick_to_show_takes_nothing_from_what_is_known_of_the_
 def test_where_the_smaller_relay_is_explained_worse_a_larger_one_is_advised() -> None:
     assert "dead zone" in _not_linear((0.9, 0.6, 0.8)).cause
     assert "larger" in _not_linear((0.9, 0.6, 0.8)).cure
-    assert "limits" in _not_linear((0.6, 0.9, 0.8)).cause
+    assert "saturation" in _not_linear((0.6, 0.9, 0.8)).cause
     assert "another structure" in _not_linear((0.8, 0.82, 0.8)).cause
 
 
 def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
     assert "overshoots a step by 40 %" in _verdict((0.8, 0.1), (0.4, 0.1), "heading")
     assert "well damped" in _verdict((0.8, 0.1), (0.1, 0.1), "heading")
-    assert "swings" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
-    assert "not determined" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
+    assert "oscillates" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
+    assert "do not determine" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
 
 
 def test_one_relay_is_too_few_for_the_loop() -> None:

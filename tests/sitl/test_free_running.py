@@ -270,7 +270,7 @@ def test_an_address_that_is_none_is_explained(address):
 def test_a_host_or_device_that_is_not_there_is_explained():
     with pytest.raises(CannotListen, match="Check the address"):
         open_link("udp:192.0.2.1:14550")
-    with pytest.raises(CannotListen, match="is it there"):
+    with pytest.raises(CannotListen, match="Check that it exists"):
         open_link("serial:/dev/no-such-device")
 
 

@@ -104,7 +104,7 @@ class SitlHarness:
     @property
     def found(self) -> str:
         """The mode it was found in, as the workflow said; empty when it never came so far."""
-        return next((t.split()[2].rstrip(",") for t in self.said if t.startswith("State before the run: mode")), "")
+        return next((t.split()[5].rstrip(",") for t in self.said if t.startswith("State before the run: mode")), "")
 
     def settings(self, axis: str = "heading", *, simulated: bool = True, **changes: Any) -> TuneSettings:
         connection = Moored(peer=self.peer, simulated=simulated)

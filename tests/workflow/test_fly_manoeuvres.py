@@ -95,7 +95,7 @@ def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> Non
     result = flown(harness, options, "doublets", force="X")
     assert result.fit.dof == "surge"
     assert 0.5 < result.preview.room < 2.0  # there and back
-    with pytest.raises(UsageError, match="drives N; it takes no --force X"):
+    with pytest.raises(UsageError, match="drives N and does not accept --force X"):
         FlySettings("zig-zag", harness.settings(), force="X")
 
 

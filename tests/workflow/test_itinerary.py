@@ -179,7 +179,7 @@ def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_
         ),
         79,
     )
-    assert line == "step 3 of 5 #....  relay 2 min 10 s, 5 min left  heading 260.1° (wanted 260.1°)"
+    assert line == "step 3 of 5 #....  relay 2 min 10 s, 5 min left  heading 260.1° (target 260.1°)"
     assert len(line) <= 79
 
 

@@ -252,7 +252,7 @@ def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
 def test_a_run_directory_is_never_overwritten(tmp_path):
     harness = SitlHarness(tmp_path, QUICK)
     (harness.directory / "trials").mkdir(parents=True)
-    with pytest.raises(UsageError, match="already holds a run"):
+    with pytest.raises(UsageError, match="already contains a run"):
         harness.tune()
 
 
