@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.process_noise_starts import (
     momentary,
     plain_under_process_noise,
 )
-from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, rms_ahead, stands
+from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, rms_ahead, stands
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import (
@@ -478,21 +478,24 @@ def _sound(
         return found
     if not stands(search.problem, found.fit):
         return replace(found, unsound="no model of the craft stands with it")
-    seconds = foresight(search.problem, search.plain)
-    if seconds is None:
+    refitted, seen = _unseen(search, found.fit), []
+    for seconds in horizons(search.problem, search.plain):
+        squares = [0.0, 0.0]
+        for (_, test), before, after in zip(search.folds, left_out, refitted, strict=True):
+            runs = search.problem.on(test)
+            for k, fit in enumerate((before, after)):
+                errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
+                squares[k] += float(np.sum(errors**2))
+        given = [rms_ahead(search.problem, fit, seconds) for fit in (present, found.fit)]
+        if 0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf:
+            seen.append((math.sqrt(squares[1] / squares[0]), seconds, given[1] / given[0]))
+        if seen and seen[-1][0] < 1.0:
+            break
+    if not seen:
         return found
-    squares = [0.0, 0.0]
-    for (_, test), before, after in zip(search.folds, left_out, _unseen(search, found.fit), strict=True):
-        runs = search.problem.on(test)
-        for k, fit in enumerate((before, after)):
-            errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
-            squares[k] += float(np.sum(errors**2))
-    given = [rms_ahead(search.problem, fit, seconds) for fit in (present, found.fit)]
-    if not (0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf):
-        return found
-    ratio = math.sqrt(squares[1] / squares[0])
+    ratio, seconds, ahead = min(seen)
     why = "" if ratio < 1.0 else f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
-    return replace(found, ahead=given[1] / given[0], unsound=why)
+    return replace(found, ahead=ahead, unsound=why)
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify import WanderingFit, WanderingProblem
 
-__all__ = ["Look", "Plain", "changes_at", "foresight", "judged_at", "rms_ahead", "stands"]
+__all__ = ["Look", "Plain", "changes_at", "commanded", "foresight", "horizons", "judged_at", "rms_ahead", "stands"]
 
 Array = NDArray[np.float64]
 
@@ -104,6 +104,20 @@ def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
         times += [float(below[0]) * problem.data.interval] if len(below) else []
     settled = 3.0 / max(abs(float(fit.theta[1])), 1e-3)
     goal = max(settled, LEGS * float(np.median(times))) if times else settled
+    return _nearest(problem, goal)
+
+
+def horizons(problem: WanderingProblem, fit: WanderingFit) -> tuple[float, ...]:
+    """Return how far ahead [s] a cause is to lower the error: :func:`foresight`, or one time constant of the craft.
+
+    What acts at once (a saturation, backlash) shows in the first time constant; later the drifting force hides it.
+    """
+    found = (foresight(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
+    return tuple(dict.fromkeys(s for s in found if s is not None))
+
+
+def _nearest(problem: WanderingProblem, goal: float) -> float | None:
+    """Return the round number of seconds nearest to *goal* [s] that these runs can show, if any."""
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     usable = [s for s in NICE if 3.0 * problem.interval < s < longest / 4.0]
     return min(usable, key=lambda s: abs(math.log(s / goal)), default=None)

@@ -21,7 +21,7 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
-from gcs_autotune.diagnose.sampling_interval import foresight
+from gcs_autotune.diagnose.sampling_interval import commanded, horizons
 from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
@@ -143,7 +143,7 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
                 weakest = ratio, name, without
         if weakest is None and search.named and above_the_command(search) > 1.0:
-            refused += [(name, "above-command") for name in search.named]
+            refused += [(name, "no-model") for name in search.named]
             return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
         if weakest is None:
             return search, tuple(refused), own
@@ -162,15 +162,8 @@ def _is_none(name: Attested, fit: WanderingFit) -> bool:
 
 def above_the_command(search: WeatherSearch) -> float:
     """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
-    squares = []
-    for segment in search.problem.segments:
-        pushed = np.zeros(len(segment.t_in))
-        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
-            for _, share in search.problem.form.inputs.get(name, ()):
-                pushed += -column if str(share).startswith("-") else column
-        squares.append(pushed**2)
-    commanded = abs(float(search.fit.theta[0])) * math.sqrt(float(np.mean(np.concatenate(squares))))
-    return search.fit.water.size / commanded if commanded > 0.0 else 0.0
+    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    return search.fit.water.size / reach if reach > 0.0 else 0.0
 
 
 def _no_base(search: WeatherSearch, above: float) -> Doubt:
@@ -373,12 +366,11 @@ def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
 def gain_over(search: WeatherSearch, other: WanderingFit) -> ErrorReduction | None:
     """Return the error ahead on data left out of *other* and of the model found; None where unknown.
 
-    Of one and of three time constants of the craft ahead, that where the error falls more: a cause that acts at once is
-    hidden by the disturbance later on.
+    Of :func:`.horizons`, that where the error falls more.
     """
     signal = next(iter(search.problem.segments[0].signals))
     unit, found = SIGNALS[signal][0], []
-    for seconds in _horizons(search):
+    for seconds in horizons(search.problem, search.plain):
         errors = seconds_ahead(search, other, seconds)
         if errors is not None:
             before, after, low, high, each = errors
@@ -394,25 +386,6 @@ def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | N
 
 
 SEED = 0
-
-
-NICE = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0])
-"""Seconds ahead that an error is told for."""
-
-
-def _horizons(search: WeatherSearch) -> list[float]:
-    """Return the seconds ahead nearest to three time constants of the craft, and to one, and over its commands' legs.
-
-    The last is what counts of a fit that takes a craft for quicker than it is.
-    """
-    pace = 1.0 / max(abs(float(search.plain.theta[1])), 1e-3)
-    longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    usable = NICE[(longest / 4.0 > NICE) & (NICE > 3.0 * search.problem.interval)]
-    if not len(usable):
-        return []
-    nearest = (float(usable[np.argmin(np.abs(np.log(usable / (k * pace))))]) for k in (3.0, 1.0))
-    legs = foresight(search.problem, search.plain)
-    return list(dict.fromkeys([*nearest, *([] if legs is None else [legs])]))
 
 
 def seconds_ahead(

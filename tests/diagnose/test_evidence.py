@@ -90,7 +90,7 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
     assert gains["dead-zone", "N"].ratio == 0.8
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
     none, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert not none.named and not gains and {why for _, why in refused} == {"above-command"}
+    assert not none.named and not gains and {why for _, why in refused} == {"no-model"}
 
 
 # -- hints
@@ -136,7 +136,7 @@ def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: p
     told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
     assert "above-command" in {d.slug for d in told.doubts}
-    assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "above-command")
+    assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "no-model")
 
 
 def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
