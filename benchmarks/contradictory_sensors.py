@@ -210,6 +210,10 @@ def turned(degrees: float) -> Spoil:
     return spoil
 
 
+def exchanged(c: dict[str, Array], rng: np.random.Generator) -> None:
+    c["x"], c["y"] = c["y"], c["x"]
+
+
 SPOILT: tuple[tuple[str, str, str, str, Spoil, float], ...] = (
     ("psi x 0.4", "turning", "psi against r", "factor", scaled("psi", 0.4), 0.4),
     ("psi x 0.8", "turning", "psi against r", "factor", scaled("psi", 0.8), 0.8),
@@ -247,6 +251,7 @@ SPOILT: tuple[tuple[str, str, str, str, Spoil, float], ...] = (
     ("N turned round", "turning", "N against N_ref", "sign", scaled("N", -1.0), -1.0),
     ("N x 0.5", "turning", "N against N_ref", "factor", scaled("N", 0.5), 0.5),
     ("somebody else's N", "turning", "N against N_ref", "unrelated", random("N", 0.4), math.nan),
+    ("x and y exchanged", "turning", "psi against track", "exchanged", exchanged, math.nan),
 )
 """Name, what is flown, the pair and kind to be named, what is spoilt, and the value to be printed."""
 

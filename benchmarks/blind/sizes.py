@@ -300,7 +300,7 @@ RECIPES: Mapping[str, Recipe] = {
 """Slug -> recipe, in the order of the book; every effect the simulator's table has."""
 
 NOT_DRAWN: Mapping[str, str] = dict.fromkeys(
-    ("sway-moment", "speed-damping", "munk-moment"),
+    ("sway-moment", "speed-damping", "munk-moment", "velocity-product"),
     "it is looked for where yaw alone is simulated beside measured u and v, and every craft here simulates what it "
     "measures",
 ) | dict.fromkeys(("command-coupling", "propeller-wash"), "a recipe more would draw other cases for every seed in use")

@@ -11,12 +11,14 @@ from collections.abc import Sequence
 
 import benchmarks.real_diagnosis as package
 from benchmarks.real_diagnosis.answers import answer_of, keep
+from benchmarks.real_diagnosis.by_hand import by_hand, lines_by_hand
 from benchmarks.real_diagnosis.cases import CASES, DATA
 from benchmarks.real_diagnosis.published import lines_of, tables_of
 from benchmarks.results import RECORD, Figure, headline
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.report import hint_stories, lead_sentence
+from gcs_autotune.trial import Trial
 
 __all__ = ["main", "told"]
 
@@ -42,13 +44,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         unseen_words = ", ".join(case.unseen) or "each in turn"
         print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
         runs, unseen = case.load()
+        found = None
         try:
-            diagnosis = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
-            lines, answer = told(diagnosis), answer_of(diagnosis)
-            if diagnosis.causes:
-                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in diagnosis.gains]
+            found = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
+            lines, answer = told(found), answer_of(found)
+            if found.causes:
+                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in found.gains]
         except AutotuneError as error:
             lines, answer = [f"refused: {error}"], answer_of(str(error))
+        if case.dof == "yaw":
+            lines += beside([*runs, *unseen], found)
         print("\n".join(f"  {line}" for line in lines), flush=True)
         if os.environ.get(RECORD):
             keep({name: answer})
@@ -59,6 +64,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for table in tables_of(published):
             print("\n" + "\n".join(lines_of(table)))
     return 0
+
+
+AHEAD = 5.0
+"""Seconds ahead of the fit by hand where a diagnosis tells none."""
+
+
+def beside(runs: Sequence[Trial], found: Diagnosis | None) -> list[str]:
+    """Return what a plain fit by hand predicts of each run, left out, beside what the diagnosis does."""
+    gains = [] if found is None else [g for g in found.gains if g.signal == "psi" and g.each]
+    ours = {run: (math.degrees(a), math.degrees(b)) for g in gains for run, (a, b) in g.each.items()}
+    words = gains[0].metric.split() if gains else []
+    seconds = next((float(w) for w in words if w.replace(".", "").isdigit()), AHEAD)
+    return lines_by_hand(by_hand(runs, seconds), ours)
 
 
 def told(diagnosis: Diagnosis) -> list[str]:

@@ -55,6 +55,8 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     next: str = ""
     samples: float = 0.0
     refused: str = ""
+    origin: str = ""
+    """Where it was copied from, where the benchmark did not write it."""
     date: str = ""
     commit: str = ""
 
@@ -116,9 +118,9 @@ def _gain(gain: ErrorReduction) -> str:
         gain.unit, (gain.unit, 1.0)
     )
     ahead = f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
-    low, high = (format_number(v, 2) for v in gain.ci95)
+    low, high = gain.ci95
     before, after = (format_number(factor * v, 3) for v in (gain.before, gain.after))
-    return f"{gain.signal}{ahead}: {before} to {after} {unit}, ratio {format_number(gain.ratio, 2)} ({low} to {high})"
+    return f"{gain.signal}{ahead}: {before} to {after} {unit}, ratio {gain.ratio:.2f} ({low:.2f} to {high:.2f})"
 
 
 # -- the file and the page
@@ -159,12 +161,12 @@ def _block(name: str, case: Case, answer: Answer | None) -> str:
     unseen = ", ".join(case.unseen) or "each in turn"
     rows = [
         ("runs", f"{', '.join(case.runs)}; left out: {unseen}; `--dof {case.dof}`"),
-        ("plain model", answer.plain),
+        *([("plain model", answer.plain)] if answer.plain else []),
         ("verdict", f"`{answer.verdict}`"),
     ]
     for k, cause in enumerate(answer.causes, start=1):
         rows.append((f"missing, {k}" if len(answer.causes) > 1 else "missing", cause.what))
-        rows.append(("evidence", cause.evidence))
+        rows += [("evidence", cause.evidence)] if cause.evidence else []
         rows += [("what it gains", cause.gain)] if len(answer.causes) > 1 and cause.gain else []
     rows += [("not distinguished", group) for group in answer.alike]
     rows += [("error on data left out", answer.error)] if answer.error else []
@@ -172,6 +174,8 @@ def _block(name: str, case: Case, answer: Answer | None) -> str:
     rows += [("what remains", words) for words in answer.left]
     rows += [("doubts", ", ".join(f"`{d}`" for d in answer.doubts))] if answer.doubts else []
     rows += [("fly next", answer.next)] if answer.next else []
-    rows.append(("measured", f"{answer.date}, `{answer.commit}`, {answer.samples / 1e6:.0f} million samples"))
+    work = f"{answer.samples / 1e6:.0f} million samples" if answer.samples else answer.origin
+    rows.append(("measured", f"{answer.date}, `{answer.commit}`, {work}"))
     table = "".join(f"| {label} | {' '.join(text.replace('|', chr(92) + '|').split())} |\n" for label, text in rows)
-    return f"**{answer.lead}**\n\n| | |\n|---|---|\n{table}\n{command}\n"
+    lead = f"**{answer.lead}**\n\n" if answer.lead else ""
+    return f"{lead}| | |\n|---|---|\n{table}\n{command}\n"

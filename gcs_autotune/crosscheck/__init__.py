@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 from gcs_autotune.crosscheck.commands import command_contradictions
 from gcs_autotune.crosscheck.contradiction import Contradiction
-from gcs_autotune.crosscheck.rates import rate_contradictions
+from gcs_autotune.crosscheck.rates import compared_with_rate, rate_contradictions
 from gcs_autotune.crosscheck.track import course_of, heading_contradictions, speed_contradictions
 from gcs_autotune.trial import Trial
 
-__all__ = ["Contradiction", "contradictions"]
+__all__ = ["Contradiction", "compared_with_rate", "contradictions"]
 
 
 def contradictions(trial: Trial, use: Sequence[str] | None = None) -> tuple[Contradiction, ...]:

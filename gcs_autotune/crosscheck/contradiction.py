@@ -14,7 +14,7 @@ class Contradiction:
     Attributes
     ----------
     pair : the columns, joined with " against ", e.g. ``psi against r``.
-    kind : ``factor``, ``sign``, ``shift``, ``still``, ``unrelated`` or ``turned``.
+    kind : ``factor``, ``sign``, ``shift``, ``still``, ``unrelated``, ``turned`` or ``exchanged``.
     value, std : the factor, the shift [s] or the angle [rad] with its standard error; NaN where there is none.
     suspect : the column that is more likely wrong; empty where nothing shows which.
     columns : every column that takes part.

@@ -14,7 +14,7 @@ from gcs_autotune.crosscheck.windows import Series, integral, series
 from gcs_autotune.crosscheck.wording import told
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["rate_contradictions"]
+__all__ = ["compared_with_rate", "rate_contradictions"]
 
 FULL_TURN = 2.0 * math.pi
 _TURN = Expected(offset=math.radians(0.5), floor=math.radians(0.4), way=math.radians(45.0))
@@ -103,6 +103,13 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
             continue
         suspect = _suspect(trial, pair, found, position, course)
         yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
+
+
+def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:
+    """Return how a position agrees with its rate; None for no such pair, or where too little moves to tell."""
+    pair = next((p for p in _PAIRS if (p.position, p.rate) == (position.name, rate.name)), None)
+    known = None if pair is None else series(position, angle=pair.angle)
+    return None if pair is None or known is None else _compared(known, rate, pair.expected)
 
 
 def _compared(position: Series, rate: Channel, expected: Expected) -> Comparison | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,13 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
     angle, std, speed, share = _angle(track)
     way = float(np.sum(np.abs(track.velocity))) * track.windows.span / track.windows.overlap
     seconds = len(track.velocity) * track.windows.span / track.windows.overlap
-    if way < LEAST_WAY or seconds < LEAST_TIME or share < MOSTLY:
+    if way < LEAST_WAY or seconds < LEAST_TIME:
+        return
+    exchanged = _is_exchanged(track, speed)
+    if exchanged and not _fits(track, angle, speed):
+        yield _exchange(trial, way, speed)
+        return
+    if share < MOSTLY:
         return
     if not abs(angle) >= LEAST_ANGLE + std or _is_told(trial, angle):
         return
@@ -156,14 +162,39 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
     cause = (
         f"psi against the track over ground (run '{trial.name}'): the craft went {way:.0f} m{throttle} at {speed:.1f} "
         f"m/s along a track {degrees:.0f} deg off its heading{side} (+- {max(math.degrees(std), 1.0):.0f}): the "
-        f"compass is mounted turned{' or the thrust is reversed' if degrees > 120.0 else ''}. psi is more likely wrong"
+        f"compass is mounted turned{' or the thrust is reversed' if degrees > 120.0 else ''}"
+        f"{', or x and y are exchanged' if exchanged else '. psi is more likely wrong'}"
     )
     cure = (
-        "check COMPASS_ORIENT and AHRS_ORIENTATION"
+        f"{'see that x is north and y is east; ' if exchanged else ''}check COMPASS_ORIENT and AHRS_ORIENTATION"
         f"{', and that the propellers drive it ahead (SERVOn_REVERSED)' if degrees > 120.0 else ''}; look before any "
         f"GPS mode{'' if 'X' in trial else '. If it went that way on purpose (astern, sideways), record its X and Y'}"
     )
-    yield Contradiction("psi against track", "turned", angle, std, "psi", ("psi", "x", "y"), cause, cure)
+    suspect = "" if exchanged else "psi"
+    yield Contradiction("psi against track", "turned", angle, std, suspect, ("psi", "x", "y"), cause, cure)
+
+
+def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
+    """Return that the columns of the positions are exchanged."""
+    cause = (
+        f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that "
+        "fit its headings with x and y exchanged only"
+    )
+    cure = "see that x is north and y is east"
+    return Contradiction("psi against track", "exchanged", math.nan, math.nan, "x", ("x", "y", "psi"), cause, cure)
+
+
+def _is_exchanged(track: _Track, speed: float) -> bool:
+    """Whether the craft goes as it heads once x and y are exchanged, and not as they are."""
+    swapped = replace(track, velocity=1j * np.conj(track.velocity))
+    return not _fits(track, 0.0, speed) and _fits(swapped, 0.0, speed)
+
+
+def _fits(track: _Track, angle: float, speed: float) -> bool:
+    """Whether the craft goes along its heading turned by *angle* [rad], in a current that there may be."""
+    left, current = _across(track, angle)
+    along = np.real((track.velocity - current) * np.exp(-1j * (track.heading + angle)))
+    return abs(current) <= MOST_CURRENT and left <= (SLIP * speed) ** 2 and float(np.mean(along > 0.0)) >= MOSTLY
 
 
 def _is_told(trial: Trial, angle: float) -> bool:

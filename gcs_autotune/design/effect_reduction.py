@@ -252,6 +252,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "prove the gains at their intended speed",
     ),
     "munk-moment": ("omitted: hold the speed of the runs during the proof", ""),
+    "velocity-product": ("omitted: hold the speed of the runs during the proof", ""),
     "steady-current": ("omitted: it does not affect heading or depth", ""),
     "wind-moment": ("omitted: it is a disturbance, removed by the integral gain", ""),
     "wave-disturbance": (

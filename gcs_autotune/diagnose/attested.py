@@ -63,6 +63,10 @@ class Attested:
     the craft's inertia; or shorter than the interval judged where commands answer the heading: never named."""
     uncertain: bool = False
     """Whether the 95 % intervals of its numbers contain no effect: never named."""
+    ahead: float = 1.0
+    """Error some seconds ahead on the runs given, over that of the model before; 1 where it was not looked at."""
+    unsound: str = ""
+    """Why it is not named although it pays: no model of the craft stands with it, or predictions are no better."""
 
     @property
     def foretold(self) -> float:
@@ -98,12 +102,12 @@ class Attested:
         those left out, where the plain model itself may be lost.
         """
         enough = self.gain > self.needed or self.foretold > FAR_MORE * self.needed
-        return enough and self.holds and not self.brief and not self.uncertain
+        return enough and self.holds and not self.brief and not self.uncertain and not self.unsound
 
     @property
     def falls_short(self) -> bool:
-        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen."""
-        return self.gain > self.needed and not self.holds
+        """Whether it pays on the runs it is fitted to, and does not hold on those it has not seen, or is unsound."""
+        return self.gain > self.needed and (not self.holds or bool(self.unsound))
 
 
 def densities_of(fits: Sequence[WanderingFit | None], plain: Sequence[WanderingFit | None]) -> list[Array]:

@@ -16,6 +16,7 @@ from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
+from gcs_autotune.diagnose.sampling_interval import stands
 from gcs_autotune.diagnose.score import LUCK, Judged, is_material, is_needed
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance
@@ -83,11 +84,12 @@ def hints_of(
 def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
     """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
 
-    Left out are those of which the 95 % interval contains no effect.
+    Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
+    left out.
     """
     last_step = max((a.step for a in search.judged), default=0)
     told = {slug for group in search.alike for slug in group} | {a.effect.slug for a in search.named}
-    beside = [(a, _lack(a)) for a in search.judged if a.step == last_step and a.effect.slug not in told]
+    beside = [(a, _lack(search, a)) for a in search.judged if a.step == last_step and a.effect.slug not in told]
     own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
     found = []
     for one, lacks in own.values():
@@ -97,7 +99,8 @@ def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] =
             chance = chance_of(one.gain, numbers, search.tried)
             unseen = tuple(one.unseen.tolist())
             found.append(WeakCandidate(one, worth(one.gain, numbers), one.gain, unseen, chance, lacks))
-    return _ranked(found)
+    held = [w for w in _ranked(found) if any(w.one is a for a, _ in refused)]
+    return [*held, *(w for w in _ranked(found) if w not in held)]
 
 
 def _weak(state: SearchState) -> list[WeakCandidate]:
@@ -146,9 +149,11 @@ def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate],
     )
 
 
-def _lack(one: Attested) -> Lack:
+def _lack(search: WeatherSearch, one: Attested) -> Lack:
     if one.brief:
         return "brief"
+    if one.unsound:
+        return "no-gain" if stands(search.problem, one.fit) else "no-model"
     if one.gain <= one.needed:
         return "weak"
     return "not-sure" if one.interval[0] < 0.0 else "not-on-each"

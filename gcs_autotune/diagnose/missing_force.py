@@ -75,7 +75,8 @@ class MissingForce:
 
     ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
     commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
-    own besides, none where runs are alike. ``waves``: beneath which they were, None for none.
+    own besides, none where runs are alike. ``waves``: beneath which they were, None for none. ``size95`` and
+    ``memory95``: 95 % intervals. ``longest`` [s]: the longest run; a memory that may be longer is a constant's.
     """
 
     dof: str
@@ -86,6 +87,9 @@ class MissingForce:
     curves: Mapping[str, MissingCurve]
     days: tuple[Day, ...] = ()
     waves: Waves | None = None
+    size95: tuple[float, float] = (0.0, math.inf)
+    memory95: tuple[float, float] = (0.0, math.inf)
+    longest: float = math.inf
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -96,7 +100,12 @@ class MissingForce:
         own = {"dof": self.dof, "unit": self.unit, "size": self.size}
         days = [asdict(day) for day in self.days]
         waves = None if self.waves is None else asdict(self.waves)
-        return {**own, "memory": self.memory, "share": self.share, "curves": curves, "days": days, "waves": waves}
+        intervals = {
+            name: [low, high if math.isfinite(high) else None]
+            for name, (low, high) in (("size95", self.size95), ("memory95", self.memory95))
+        }
+        told = {"memory": self.memory, "share": self.share, **intervals}
+        return {**own, **told, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +137,11 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
     curves = dict(sorted(curves.items(), key=lambda item: -item[1].share))
     share = size / commanded if commanded > 0.0 else math.nan
     days = days_of(search.problem, search.fit, inertia)
-    return MissingForce(search.dof, unit, size, water.memory, share, curves, days, _waves_of(water, inertia))
+    low, high = search.fit.interval_of("size")
+    size95 = low * abs(inertia), high * abs(inertia)
+    longest = max(float(s.stamps[-1]) - s.start for s in search.problem.segments)
+    own = (days, _waves_of(water, inertia), size95, search.fit.interval_of("memory"), longest)
+    return MissingForce(search.dof, unit, size, water.memory, share, curves, *own)
 
 
 def _waves_of(water: Water, inertia: float) -> Waves | None:
@@ -274,7 +287,7 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
         found.append(
             f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
-            f"it changes within {missing.memory:.3g} s"
+            f"it changes within {missing.memory:.3g} s{_sure_of(missing)}"
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
@@ -294,6 +307,16 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
     last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
     found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
     return tuple(found)
+
+
+def _sure_of(missing: MissingForce) -> str:
+    """Return the 95 % intervals in words, and whether the force may be a constant; nothing where none is known."""
+    (low, high), (soon, late) = missing.size95, missing.memory95
+    if not math.isfinite(high):
+        return ""
+    until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
+    words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
+    return words + "; these runs do not distinguish it from a constant" * (late > missing.longest)
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
@@ -316,6 +339,8 @@ def _shortfall_of(unnamed: Attested) -> str:
     fits = (
         f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
     )
+    if unnamed.unsound:
+        return f"{fits}, but {unnamed.unsound}: not named"
     if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (

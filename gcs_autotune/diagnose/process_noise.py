@@ -25,11 +25,13 @@ from gcs_autotune.diagnose.process_noise_starts import (
     ROUGH,
     WAVES,
     Say,
+    at_the_right_interval,
     momentary,
     plain_under_process_noise,
 )
+from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, rms_ahead, stands
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
-from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import (
     Fitted,
     Problem,
@@ -80,6 +82,9 @@ seed 463: one of 0.39 s, nearly three, which is worth 338)."""
 LATE = ("input-delay", "actuator-lag")
 """What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
+FAR_AHEAD = 0.9
+"""Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
+
 CONSTANT = ("input-bias", "net-buoyancy")
 """The constant force of a degree of freedom, by the slugs that it may have."""
 
@@ -113,6 +118,10 @@ class WeatherSearch:
     folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
     still: float = math.inf
     cut: str = ""
+    hint: WanderingFit | None = None
+    """A fit with one cause to begin from, besides those the search has itself."""
+    interval: str = ""
+    """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
 
     @property
     def momentary(self) -> bool:
@@ -168,14 +177,18 @@ def search_under_process_noise(
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
+    hint, words = None, ""
+    if asked is not None and begun is not None and not momentary(*begun):
+        begun, hint, words = at_the_right_interval(problem, *asked, begun, slugs, say)
     if asked is None or begun is None:
         return None
     (form, signal), (wandering, plain) = asked, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_constants(wandering, plain)
-    folds, words = _folds(wandering.segments, held, in_blocks=in_blocks)
-    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, words, folds, still=calm)
+    folds, parts = _folds(wandering.segments, held, in_blocks=in_blocks)
+    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, parts, folds, still=calm)
+    search = replace(search, hint=hint, interval=words)
     if calm < PRESENT or search.momentary:
         return search
     try:
@@ -188,6 +201,10 @@ def search_under_process_noise(
                 break
             search = replace(_without_idle(search), still=math.inf)
             search = replace(search, still=_over_constants(wandering, search.fit))
+        if search.named:
+            wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
+            changes = changes_at(wandering, search.fit, wider)
+            search = replace(search, interval="; ".join(filter(None, (words, *changes))))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
@@ -204,7 +221,7 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
         without = search.problem.fit(search.fit.theta, rest, search.fit.water)
         if without is not None and search.fit.total - without.total < WORTH:
             named = tuple(a for a in search.named if a is not name)
-            groups = tuple(g for g in search.alike if g[0] != name.effect.slug)
+            groups = tuple(g for g in search.alike if g[0] != name_of(name.effect))
             search = replace(search, named=named, fit=without, alike=groups)
     return search
 
@@ -370,7 +387,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         if fit.water.wavy:
             # What answers the commands in a rhythm may be taken for waves until its cause is there.
             tries.append(problem.fit(fit.theta, fit.effects, replace(fit.water, wave_swing=0.0, wave_force=0.0)))
-        ends.append((tried_one, max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)))
+        best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)
+        ends.append((tried_one, _or_hinted(search, present, tried_one, best_try)))
     if ends:
         best = max(ends, key=lambda e: e[1].total)[1]
         again = problem.fit(best.theta, present.effects, best.water)
@@ -381,7 +399,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     judged = []
     for k, (effect, fit) in enumerate(ends):
         say(f"{stage}: runs left out", k, len(ends))
-        judged.append(_attested(search, effect, fit, present, before))
+        judged.append(_sound(search, _attested(search, effect, fit, present, before), present, before))
     judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
     search = replace(search, judged=(*search.judged, *judged), fit=present)
     if not search.named:
@@ -394,14 +412,37 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
-    winner = plainest(alike[0], paid)
+    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, that is felt.
+    first = alike[0]
+    better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead]
+    winner = plainest(min(better, key=lambda a: a.ahead, default=first), paid)
     forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike
-    told = [a.effect.slug for a in (winner, *alike, *forms, *_as_likely(judged, winner))]
-    names = tuple(dict.fromkeys([*told, *["measurement-delay" for slug in told if slug in LATE]]))
+    told = [winner.effect, *(a.effect for a in (*alike, *forms, *_as_likely(judged, winner)))]
+    late = ["measurement-delay" for effect in told if effect.slug in LATE]
+    others = [*twins_of(winner.effect, problem.data), *map(name_of, told[1:]), *late]
+    names = tuple(dict.fromkeys([name_of(winner.effect), *others]))
     if len(names) > 1:
         groups = (*groups, names)
     return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+
+
+def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstance, best: WanderingFit) -> WanderingFit:
+    """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
+
+    Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
+    """
+    hint, problem = search.hint, search.problem
+    if hint is None or search.named or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
+        return best
+    water = replace(hint.water, day_force=present.water.day_force, day_thrust=present.water.day_thrust)
+    fits = [problem.fit(hint.theta, hint.effects, w) for w in (water, alike_in(hint.water, problem.runs))]
+    seconds = foresight(problem, search.plain)
+    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
+    if other is None or seconds is None or other.total <= present.total:
+        return best
+    far = rms_ahead(problem, other, seconds) < FAR_AHEAD * rms_ahead(problem, best, seconds)
+    return other if far or other.total > best.total else best
 
 
 def _attested(
@@ -425,6 +466,36 @@ def _attested(
     brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
     sure, uncertain = interval_of(before, after), may_be_none(now, fit.errors_of(now))
     return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, sure, brief, uncertain)
+
+
+def _sound(
+    search: WeatherSearch, found: Attested, present: WanderingFit, left_out: Sequence[WanderingFit | None]
+) -> Attested:
+    """Return *found* with its error some seconds ahead, over that of *present*, and why it is not to be named although
+    it pays, if so: no model of the craft stands, or what is *left_out* is predicted no better so far ahead.
+    """
+    if not found.paid:
+        return found
+    if not stands(search.problem, found.fit):
+        return replace(found, unsound="no model of the craft stands with it")
+    refitted, seen = _unseen(search, found.fit), []
+    for seconds in horizons(search.problem, search.plain):
+        squares = [0.0, 0.0]
+        for (_, test), before, after in zip(search.folds, left_out, refitted, strict=True):
+            runs = search.problem.on(test)
+            for k, fit in enumerate((before, after)):
+                errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
+                squares[k] += float(np.sum(errors**2))
+        given = [rms_ahead(search.problem, fit, seconds) for fit in (present, found.fit)]
+        if 0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf:
+            seen.append((math.sqrt(squares[1] / squares[0]), seconds, given[1] / given[0]))
+        if seen and seen[-1][0] < 1.0:
+            break
+    if not seen:
+        return found
+    ratio, seconds, ahead = min(seen)
+    why = "" if ratio < 1.0 else f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+    return replace(found, ahead=ahead, unsound=why)
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:

@@ -8,13 +8,14 @@ anew, more or less closely, where that found another craft than the one it began
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.attested import WORTH
+from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
 from gcs_autotune.identify import (
     LEAST_DAMPING,
     LONGEST_WAVE,
@@ -35,6 +36,7 @@ __all__ = [
     "ROUGH",
     "WAVES",
     "Say",
+    "at_the_right_interval",
     "errs_after_commands",
     "momentary",
     "per_inertia_of",
@@ -122,7 +124,7 @@ def plain_under_process_noise(
     """
     theta = per_inertia_of(base, form)
     pace = _pace_of(theta)
-    limits = np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
+    limits = _limits(form)
     wandering = _thinned(problem, form, signal, theta, pace, limits, pace / PACE)
     plain = None if wandering is None else _best_of_starts(wandering, theta, pace, say)
     if wandering is None or plain is None:
@@ -153,6 +155,31 @@ def plain_under_process_noise(
         # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
         wandering, plain = max(looks, key=_inertia_shown)
     return wandering, _with_waves(wandering, plain, say)
+
+
+def at_the_right_interval(
+    problem: Problem, form: Form, signal: str, begun: Plain, slugs: Sequence[str], say: Say
+) -> tuple[Plain, WanderingFit | None, str]:
+    """Return what :func:`plain_under_process_noise` found, at another interval where that is needed, the best fit with
+    one term more where that was looked for, and words on it.
+
+    See :func:`.judged_at`. slugs : effects that may be tried.
+    """
+    theta = begun[1].theta
+    pace = _pace_of(theta)
+
+    def at(interval: float) -> Plain | None:
+        say("process noise: interval between samples", 0, 1)
+        runs = _thinned(problem, form, signal, theta, pace, _limits(form), interval)
+        plain = None if runs is None else _best_of_starts(runs, theta, pace, say)
+        return None if runs is None or plain is None else (runs, plain)
+
+    return judged_at(begun, at, slugs, WORTH)
+
+
+def _limits(form: Form) -> tuple[Array, Array]:
+    """Return the limits of gain and damping: behind a rudder either sign, else damping damps."""
+    return np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
 
 
 def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:

@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.weathered import (
     shares_under,
     values_under,
 )
-from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
+from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance, EffectResidual, name_of, twins_of
 from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -141,6 +141,7 @@ def build_report(
             *_other_places(state, order),
             *_reversed(state),
             *_weightless(state),
+            *_by_interval(state),
             *(() if missing is None else doubt_of_days(missing.dof, missing.unit, missing.days)),
         ),
         numbers=numbers,
@@ -243,6 +244,21 @@ def _weightless(state: SearchState) -> list[Doubt]:
                 )
             )
     return found
+
+
+def _by_interval(state: SearchState) -> list[Doubt]:
+    """Return a doubt where the answer changes with the interval between the samples judged."""
+    search = None if state.beneath is None else state.beneath[1]
+    if search is None or not search.interval:
+        return []
+    return [
+        Doubt(
+            "sampling-interval",
+            search.interval,
+            "take the numbers for those of motion slower than that interval; what acts faster (thrusters that need "
+            "time, the autopilot's filter) is in no model here: record thrust or propeller speed",
+        )
+    ]
 
 
 def _relative_error(fitted: Fitted, *names: str) -> float:
@@ -369,7 +385,8 @@ def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[s
         if step.accepted is None or step.accepted.effect.slug not in {e.slug for e in order}:
             continue
         best = step.accepted
-        same = [best.effect.slug, *(j.effect.slug for j in step.judged if _is_alike(state, j, best))]
+        same = [name_of(best.effect), *twins_of(best.effect, state.problem.data_summary)]
+        same += [name_of(j.effect) for j in step.judged if _is_alike(state, j, best)]
         names = tuple(dict.fromkeys(same))
         if len(names) > 1:
             groups.append(names)
@@ -461,7 +478,7 @@ def _share(state: SearchState, own: EffectInstance) -> float:
 def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
     """Return the manoeuvre worth flying next."""
     if alike:
-        return EFFECTS[alike[0][0]].separated_by
+        return EFFECTS[alike[0][0] if alike[0][0] in EFFECTS else VELOCITY_PRODUCT].separated_by
     if verdict in ("unexplained", "partly-explained"):
         return (
             "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "

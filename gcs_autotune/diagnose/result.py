@@ -53,13 +53,14 @@ the causes found nothing is. ``partly-explained``: numbers or causes pay on unse
 FELT = 0.95
 """Chosen: held-out error with a cause over the error without it, below which a user notices the difference."""
 
-Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "above-command"]
+Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model"]
 """What a hint lacks to be identified as a cause.
 
 ``weak``: it is supported by less than is needed of so many tried; ``not-on-each``: it loses on too many of the parts
 left out; ``not-sure``: its gain there may be luck; ``no-gain``: it does not lower the error of a prediction there;
 ``brief``: its time is shorter than the samples, where a sensor's filter or the craft's inertia looks the same;
-``above-command``: beside it a drifting force is larger than what is commanded."""
+``no-model``: no model of the craft stands with it, for a drifting force is about as large as what is commanded, or the
+craft is quicker than a sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,8 @@ class Value:
 class ErrorReduction:
     """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
 
-    ``held_out`` says in words which runs or blocks were held out.
+    ``held_out`` says in words which runs or blocks were held out; ``each``: run -> error before and after on it, where
+    whole runs were held out.
     """
 
     metric: str
@@ -86,6 +88,7 @@ class ErrorReduction:
     ratio: float
     ci95: tuple[float, float]
     held_out: str = ""
+    each: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def is_felt(self) -> bool:

@@ -21,6 +21,7 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
+from gcs_autotune.diagnose.sampling_interval import commanded, horizons
 from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
@@ -121,9 +122,8 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
     """Return the search without the names that help on no data left out, these, and what each other one gains there.
 
     A name is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
-    data left out is no smaller with it than without it; ten nats there that every part contributes to are enough where
-    the error is not surely larger. The weakest goes first: beside it another may seem to help. None stands beside a
-    drifting force above the commands.
+    data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
+    None stands beside a drifting force above the commands.
     """
     refused: list[tuple[Attested, Lack]] = []
     while True:
@@ -139,12 +139,11 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
             gain = gain_over(search, without)
             if gain is not None:
                 own[who] = gain
-            ratio = 0.0 if gain is None or (name.ample and gain.ci95[0] < 1.0) else gain.ratio
-            ratio = math.inf if _is_none(name, search.fit) else ratio
+            ratio = math.inf if _is_none(name, search.fit) else 0.0 if gain is None else gain.ratio
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
                 weakest = ratio, name, without
         if weakest is None and search.named and above_the_command(search) > 1.0:
-            refused += [(name, "above-command") for name in search.named]
+            refused += [(name, "no-model") for name in search.named]
             return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
         if weakest is None:
             return search, tuple(refused), own
@@ -163,15 +162,8 @@ def _is_none(name: Attested, fit: WanderingFit) -> bool:
 
 def above_the_command(search: WeatherSearch) -> float:
     """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
-    squares = []
-    for segment in search.problem.segments:
-        pushed = np.zeros(len(segment.t_in))
-        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
-            for _, share in search.problem.form.inputs.get(name, ()):
-                pushed += -column if str(share).startswith("-") else column
-        squares.append(pushed**2)
-    commanded = abs(float(search.fit.theta[0])) * math.sqrt(float(np.mean(np.concatenate(squares))))
-    return search.fit.water.size / commanded if commanded > 0.0 else 0.0
+    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    return search.fit.water.size / reach if reach > 0.0 else 0.0
 
 
 def _no_base(search: WeatherSearch, above: float) -> Doubt:
@@ -374,18 +366,17 @@ def gains_under(search: WeatherSearch) -> tuple[ErrorReduction, ...]:
 def gain_over(search: WeatherSearch, other: WanderingFit) -> ErrorReduction | None:
     """Return the error ahead on data left out of *other* and of the model found; None where unknown.
 
-    Of one and of three time constants of the craft ahead, that where the error falls more: a cause that acts at once is
-    hidden by the disturbance later on.
+    Of :func:`.horizons`, that where the error falls more.
     """
     signal = next(iter(search.problem.segments[0].signals))
     unit, found = SIGNALS[signal][0], []
-    for seconds in _horizons(search):
+    for seconds in horizons(search.problem, search.plain):
         errors = seconds_ahead(search, other, seconds)
         if errors is not None:
-            before, after, low, high = errors
+            before, after, low, high, each = errors
             ratio = after / before if before > 0.0 else 1.0
             metric = f"error {seconds:g} s ahead"
-            found.append(ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts))
+            found.append(ErrorReduction(metric, signal, unit, before, after, ratio, (low, high), search.parts, each))
     return min(found, key=lambda g: g.ratio, default=None)
 
 
@@ -397,28 +388,16 @@ def missing_under(search: WeatherSearch, state: SearchState) -> MissingForce | N
 SEED = 0
 
 
-NICE = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0])
-"""Seconds ahead that an error is told for."""
-
-
-def _horizons(search: WeatherSearch) -> list[float]:
-    """Return the seconds ahead nearest to three time constants of the craft, and to one."""
-    pace = 1.0 / max(abs(float(search.plain.theta[1])), 1e-3)
-    longest = min(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    usable = NICE[(longest / 4.0 > NICE) & (NICE > 3.0 * search.problem.interval)]
-    if not len(usable):
-        return []
-    nearest = (float(usable[np.argmin(np.abs(np.log(usable / (k * pace))))]) for k in (3.0, 1.0))
-    return list(dict.fromkeys(nearest))
-
-
-def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> tuple[float, float, float, float] | None:
+def seconds_ahead(
+    search: WeatherSearch, other: WanderingFit, ahead: float
+) -> tuple[float, float, float, float, dict[str, tuple[float, float]]] | None:
     """Return rms errors *ahead* [s] on data left out of *other* and of the model with all causes.
 
-    Last come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
-    errors).
+    Then come the ends of a 95 % interval of their ratio, from parts drawn again with replacement (one part: of its
+    errors), and run -> both errors on it, where whole runs are left out.
     """
     squares = []
+    each: dict[str, tuple[float, float]] = {}
     for train, test in search.folds:
         rest, seen = search.problem.on(train), search.problem.on(test)
         errors = []
@@ -427,6 +406,9 @@ def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> t
             errors.append(seen.ahead(again or one, ahead))
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
+        left_out = {s.run for s in test}
+        if len(left_out) == 1 and good and not left_out & {s.run for s in train}:
+            each[left_out.pop()] = (float(np.sqrt(squares[-1][0].mean())), float(np.sqrt(squares[-1][1].mean())))
     joined = np.hstack(squares)
     if joined.shape[1] < 2 or not np.all(np.isfinite(joined)):
         return None
@@ -439,4 +421,4 @@ def seconds_ahead(search: WeatherSearch, other: WanderingFit, ahead: float) -> t
         ratios.append(float(np.sqrt(again_all[1].mean() / max(again_all[0].mean(), 1e-300))))
     low, high = np.quantile(ratios, [0.025, 0.975])
     before, after = np.sqrt(joined.mean(axis=1)).tolist()
-    return before, after, float(low), float(high)
+    return before, after, float(low), float(high), each

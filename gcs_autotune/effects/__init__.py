@@ -8,6 +8,7 @@ extended            a coupled model with effects: simulation with sensitivities,
 data_errors         clocks, units, signs, columns
 actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow; command_coupling
 hydrodynamics       drag, couplings, mass, buoyancy, the bottom
+velocity_products   forces that go with products of velocities: the family of hydrodynamic terms
 environment         constant force, current, wind, tether; wave_disturbance
 sensor              place, compass, gyro, late reports; sensor_noise: rounding, outliers
 kernels             compiled: motion between stamps; narrow_band: the filter of waves
@@ -35,6 +36,14 @@ from gcs_autotune.effects.narrow_band import rung
 from gcs_autotune.effects.sensor_noise import grid_step
 from gcs_autotune.effects.summary import DataSummary, force_unit
 from gcs_autotune.effects.table import CRAFT, EFFECTS, usual_bounds
+from gcs_autotune.effects.velocity_products import (
+    VELOCITY_PRODUCT,
+    ProductTerm,
+    name_of,
+    product_terms,
+    term_named,
+    twins_of,
+)
 
 __all__ = [
     "CRAFT",
@@ -43,6 +52,7 @@ __all__ = [
     "SIGNAL",
     "STEP",
     "SUBTRACTED",
+    "VELOCITY_PRODUCT",
     "Characteristic",
     "DataSummary",
     "Drive",
@@ -55,13 +65,18 @@ __all__ = [
     "Family",
     "Observed",
     "Passage",
+    "ProductTerm",
     "Quantity",
     "columns_of",
     "force_unit",
     "grid_step",
     "horizon",
     "in_order",
+    "name_of",
     "passage_of",
+    "product_terms",
     "rung",
+    "term_named",
+    "twins_of",
     "usual_bounds",
 ]

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects.effect import INPUT, Drive, Effect, EffectCurve, EffectInstance, Quantity
+from gcs_autotune.effects.effect import INPUT, Drive, Effect, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.kernels import play
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import CoupledModel
@@ -28,6 +28,7 @@ __all__ = [
     "RudderStall",
     "Saturation",
     "horizon",
+    "largest",
     "last_stamp",
     "quickest",
     "redrawn",
@@ -61,9 +62,19 @@ class ActuatorEffect(Effect):
 
 
 class Characteristic(ActuatorEffect):
-    """An actuator whose output is a function of the present command: a static curve."""
+    """An actuator whose output is a function of the present command: a static curve.
+
+    Two thrusters of one kind may share it: their place is both channels, joined by ``+``.
+    """
 
     title: ClassVar[str]
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Every input that was used, and both of two thrusters; of two commanded alike only both."""
+        used = super().places(data)
+        alike = {n for pair in data.commanded_alike for n in pair}
+        both = ["+".join(pair) for pair in data.twins if set(pair) <= set(used)]
+        return (*(n for n in used if n not in alike), *both)
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Return what acts (n,) at the commands *u* (n,), both in the input's unit."""
@@ -71,12 +82,14 @@ class Characteristic(ActuatorEffect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Pass every command through the curve."""
-        return drive.with_channel(effect.place, self.acting(effect, drive.channels[effect.place]))
+        for name in columns_of(effect.place):
+            drive = drive.with_channel(name, self.acting(effect, drive.channels[name]))
+        return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Acting over commanded."""
-        u = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 201)
-        unit = data.inputs[effect.place]
+        u = np.linspace(-largest(effect.place, data), largest(effect.place, data), 201)
+        unit = data.inputs[columns_of(effect.place)[0]]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
         return EffectCurve(u, self.acting(effect, u), x_label, y_label, self.title, plain=u)
 
@@ -115,10 +128,15 @@ def last_stamp(drive: Drive) -> float:
     return max([float(drive.t[-1]), *ends])
 
 
+def largest(place: str, data: DataSummary) -> float:
+    """Return the largest command of an input, or of several joined by ``+``."""
+    return max(data.amplitude[n] for n in columns_of(place))
+
+
 def steers(place: str, data: DataSummary) -> bool:
     """Whether an input turns the craft: it drives roll, pitch or yaw."""
     turning = {d.force for d in DOFS.values() if d.angular}
-    return any(force in turning for force, _ in data.form.inputs.get(place, ()))
+    return any(force in turning for n in columns_of(place) for force, _ in data.form.inputs.get(n, ()))
 
 
 def redrawn(drive: Drive, name: str, t: Array, values: Array) -> Drive:
@@ -155,11 +173,11 @@ class Saturation(Characteristic):
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command."""
-        return tuple({"limit": share * data.amplitude[place]} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
+        return tuple({"limit": share * largest(place, data)} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """A twentieth of the largest command to all of it."""
-        return {"limit": (LEAST_LIMIT * data.amplitude[place], data.amplitude[place])}
+        return {"limit": (LEAST_LIMIT * largest(place, data), largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Clip the commands."""
@@ -192,11 +210,11 @@ class DeadZone(Characteristic):
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command."""
-        return tuple({"width": share * data.amplitude[place]} for share in (0.03, 0.1, 0.25, 0.5))
+        return tuple({"width": share * largest(place, data)} for share in (0.03, 0.1, 0.25, 0.5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Less than the largest command."""
-        return {"width": (0.0, 0.95 * data.amplitude[place])}
+        return {"width": (0.0, 0.95 * largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Take the width off every command, or let go by what exceeds it."""
@@ -235,7 +253,7 @@ class QuadraticActuator(Characteristic):
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """The largest command."""
-        return {"u_ref": data.amplitude[place]}
+        return {"u_ref": largest(place, data)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Bend the commands."""
@@ -265,17 +283,18 @@ class RudderStall(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that turns the craft."""
-        return tuple(n for n in super().places(data) if steers(n, data))
+        """Every input that turns the craft, unless it is one of two thrusters: these have no rudder."""
+        thrusters = {n for pair in data.twins for n in pair}
+        return tuple(n for n in super().places(data) if steers(n, data) and not thrusters & set(columns_of(n)))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command, with a gentle and a sudden stall."""
         shares = ((0.35, 0.5), (0.6, 0.5), (0.6, 1.5), (0.8, 0.7), (0.8, 2.0))
-        return tuple({"angle": share * data.amplitude[place], "drop": drop} for share, drop in shares)
+        return tuple({"angle": share * largest(place, data), "drop": drop} for share, drop in shares)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """A tenth of the largest command to all of it; a ``drop`` of 0 would be a saturation."""
-        return {"angle": (0.1 * data.amplitude[place], data.amplitude[place]), "drop": (0.1, 4.0)}
+        return {"angle": (0.1 * largest(place, data), largest(place, data)), "drop": (0.1, 4.0)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Let the commands beyond the angle drop."""
@@ -307,7 +326,11 @@ class AsymmetricThrust(Characteristic):
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that was used both ways."""
-        return tuple(n for n in super().places(data) if _both_ways(data.extent.get(n, (-1.0, 1.0))))
+        return tuple(
+            place
+            for place in super().places(data)
+            if all(_both_ways(data.extent.get(n, (-1.0, 1.0))) for n in columns_of(place))
+        )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Weaker and stronger astern."""

@@ -333,7 +333,9 @@ class ExtendedModel:
         if isinstance(told, CoupledData):
             return cls(CoupledModel.of_data(told))
         base = CoupledModel.of_data(told.base)
-        effects = tuple(EffectInstance(e.slug, e.place, dict(e.values), dict(e.constants)) for e in told.effects)
+        effects = tuple(
+            _as_now(EffectInstance(e.slug, e.place, dict(e.values), dict(e.constants))) for e in told.effects
+        )
         for effect in effects:
             _check_effect(effect)
         return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
@@ -344,6 +346,13 @@ class ExtendedModel:
         x_0 = np.array([initial.get(n, 0.0) for n in simulator.states])
         found = simulator.run(self.base.theta, self.effects, x_0, passage)
         return None if found is None else {n: y for n, (y, _) in found.items()}
+
+
+def _as_now(effect: EffectInstance) -> EffectInstance:
+    """Return an effect of an older file as the book has it: ``speed-damping`` was the signed ``u r`` until 2026-11."""
+    if effect.slug == "speed-damping" and "N_ur" in effect.values:
+        return EffectInstance("velocity-product", "N_ur", {"coefficient": effect["N_ur"]}, effect.constants)
+    return effect
 
 
 def _check_effect(effect: EffectInstance) -> None:

@@ -137,7 +137,8 @@ class PropellerWash(ActuatorEffect):
 
     slug = "propeller-wash"
     is_structural = True
-    meaning = "the rudder turns the craft the harder, the more the propeller pushes water over it"
+    meaning = "the rudder turns the craft more, the more water the propeller pushes over it"
+    plain = "The rudder of your {craft} turns it more when the propeller pushes harder; in {simulation} it does not."
     parameters = (
         Quantity("share", "1", "share of the steering that goes with thrust squared; the rest is always there"),
     )

@@ -55,6 +55,10 @@ class DataSummary:
     """Values of the base model's parameters."""
     runs: tuple[str, ...] = ()
     """Names of the runs."""
+    twins: tuple[tuple[str, str], ...] = ()
+    """Pairs of inputs that drive the craft with the same gains, but for a sign: two thrusters of one kind."""
+    commanded_alike: tuple[tuple[str, str], ...] = ()
+    """Those of them whose commands were nearly equal in all runs: nothing tells one from the other."""
     lags: Mapping[str, float] = field(default_factory=dict)
     """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
 

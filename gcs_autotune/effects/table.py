@@ -32,10 +32,10 @@ from gcs_autotune.effects.hydrodynamics import (
     SwayYawCoupling,
 )
 from gcs_autotune.effects.inflow import AdvanceSpeedLoss, PropellerWash, SpeedDependentSteering
-from gcs_autotune.effects.measured_flow import MunkMoment, SpeedDamping, SwayMoment
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.velocity_products import MunkMoment, SpeedDamping, SwayMoment, VelocityProduct
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import Form
@@ -74,6 +74,7 @@ OURS: tuple[Effect, ...] = (
     SwayMoment(),
     SpeedDamping(),
     MunkMoment(),
+    VelocityProduct(),
     MassChange(),
     NetBuoyancy(),
     GroundEffect(),

@@ -12,6 +12,7 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.case import Case
 from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.base_model import by_thrusters, plain_form
 from gcs_autotune.identify.cleaning import noted
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.one_axis import axis_form
@@ -100,6 +101,8 @@ def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence
         return lookup({**FORMS, **dict.fromkeys(FREE)}, structure, "structure")
     if dof is not None and dof not in DOFS:
         return lookup({**FORMS, **dict.fromkeys(DOFS)}, dof, "degree of freedom")
+    if dof is not None and structure is None and by_thrusters(runs, dof):
+        return plain_form(runs, dof)
     return form_driven(runs) if structure is None and dof is None else None
 
 

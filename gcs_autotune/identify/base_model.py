@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ __all__ = [
     "THRUSTERS",
     "asked_for",
     "base_limits",
+    "by_thrusters",
     "data_summary_of",
     "fit_base",
     "given_base",
@@ -37,6 +38,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 STEERED_BY_ANGLE = "delta"
+
+RUDDER = "rad"
+"""Unit of an input that is a rudder's angle."""
 
 THRUSTERS = ("force_left", "force_right")
 """Channels of a boat steered by two fixed thrusters, as in the form ``twin-thruster``."""
@@ -165,6 +169,15 @@ def swung(runs: Sequence[Trial]) -> list[str] | None:
     return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
 
 
+def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
+    """Whether two thrusters side by side, and no input of its own, drive a degree of freedom in every run."""
+    return (
+        dof in ("surge", "yaw")
+        and len(runs) > 0
+        and all(set(THRUSTERS) <= set(run.channels) and not any(n in run for n in INPUTS[dof]) for run in runs)
+    )
+
+
 def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
     left, right = THRUSTERS
     dofs = [d for d in ("surge", "yaw") if DOFS[d].velocity in there or (d == "yaw" and "psi" in there)]
@@ -200,6 +213,7 @@ def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, 
     joined = {n: np.concatenate(parts) for n, parts in measured.items()}
     steps = [float(np.median(np.diff(s.t))) for r in segments for s in r.signals.values() if len(s.t) > 1]
     inertia = [(f"{DOFS[d].force}_{DOFS[d].velocity}") for d in form.dofs]
+    twins = _twins(form, units)
     time_constants = [abs(base[f"{n}dot"] / base[n]) for n in inertia if base and base.get(n) and f"{n}dot" in base]
     return DataSummary(
         form=form,
@@ -221,7 +235,28 @@ def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, 
         base=dict(base or {}),
         runs=tuple(dict.fromkeys(s.run for s in segments)),
         lags={n: max(s.lags.get(n, 0.0) for s in segments) for n in signals},
+        twins=twins,
+        commanded_alike=tuple(pair for pair in twins if _commanded_alike(pair, segments)),
     )
+
+
+APART = 0.1
+"""Chosen: rms difference of two thrusters' commands, in shares of their rms, below which they are commanded alike."""
+
+
+def _twins(form: Form, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of inputs of one unit that drive the same equations with the same gains, but for a sign."""
+    gains = {
+        n: {force: str(gain).lstrip("-") for force, gain in pairs}
+        for n, pairs in form.inputs.items()
+        if pairs and units.get(n) != RUDDER
+    }
+    return tuple((a, b) for a, b in combinations(gains, 2) if gains[a] == gains[b] and units.get(a) == units.get(b))
+
+
+def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool:
+    a, b = (np.concatenate([s.inputs[:, s.input_names.index(n)] for s in segments]) for n in pair)
+    return float(np.mean((a - b) ** 2)) < APART**2 * float(np.mean(0.5 * (a * a + b * b)))
 
 
 def base_limits(form: Form) -> Limits:

@@ -111,6 +111,14 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
     return once([*notes, *(d for check in _CHECKS if (d := check(findings)) is not None)])
 
 
+REVERSED_INPUT = Doubt(
+    "reversed-input",
+    "a positive input turns or pushes the other way than SNAME says; the parameters come out negative",
+    "expected for a rudder angle; otherwise check wiring and sign of the channel",
+)
+"""Of one input and one motion whose inertia comes out negative."""
+
+
 def _few_periods(f: Findings) -> Doubt | None:
     if not f.relays or f.case.cut_short or max(c.periods for c in f.relays) >= PERIODS:
         return None
@@ -250,13 +258,7 @@ def _is_weak(parameter: Parameter, scale: float) -> bool:
 
 
 def _reversed(f: Findings) -> Doubt | None:
-    if f.model.alpha >= 0.0:
-        return None
-    return Doubt(
-        "reversed-input",
-        "a positive input turns or pushes the other way than SNAME says; the parameters come out negative",
-        "expected for a rudder angle; otherwise check wiring and sign of the channel",
-    )
+    return None if f.model.alpha >= 0.0 else REVERSED_INPUT
 
 
 def _negative_drag(f: Findings) -> Doubt | None:

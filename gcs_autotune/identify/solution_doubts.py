@@ -9,13 +9,13 @@ import numpy as np
 
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify.doubts import COLOUR, poor_fit
+from gcs_autotune.identify.doubts import COLOUR, REVERSED_INPUT, poor_fit
 from gcs_autotune.identify.problem import Fitted, Problem, label_of
 from gcs_autotune.identify.result import Doubt, Parameter
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, fit_percents
 from gcs_autotune.identify.whiteness import autocorrelation
-from gcs_autotune.models import Form
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.rounding import format_value
 from gcs_autotune.sname import DOFS
 
@@ -111,16 +111,28 @@ def _together(solution: Solution) -> Doubt | None:
 
 
 def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
-    """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them."""
+    """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them; so are inertias of what
+    an input drives with a gain that is known."""
     names = [n for n in std if n.startswith("k_") and values[n] < -REVERSED * std[n]]
     if not names:
-        return None
+        return REVERSED_INPUT if _is_backward(form, values, std) else None
     channels = [c for c, pairs in form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
     return Doubt(
         "reversed-input",
         f"{', '.join(names)} came out negative: {', '.join(channels)} act the other way than their names say",
         "check labels, wiring and the sign of the inputs, left against right; the model holds for the log as it is",
     )
+
+
+def _is_backward(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> bool:
+    """Whether a degree of freedom that an input drives with a known gain has a negative inertia, surely."""
+    driven = {force for pairs in form.inputs.values() for force, gain in pairs if not isinstance(gain, str)}
+    inertia = np.diag(CoupledModel(form, {n: values[n] for n in form.parameters}).inertia)
+    for dof, own in zip(form.dofs, inertia.tolist(), strict=True):
+        spread = std.get(f"{DOFS[dof].force}_{DOFS[dof].velocity}dot")
+        if DOFS[dof].force in driven and spread is not None and own < -REVERSED * spread:
+            return True
+    return False
 
 
 def _coloured(solution: Solution) -> Doubt | None:

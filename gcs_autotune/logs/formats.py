@@ -113,6 +113,12 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("an old Excel workbook", _begins(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), advice=EXPORT),
     Format(
+        "a document of Word or PowerPoint",
+        _zipped(lambda names: any(n.startswith(("word/", "ppt/")) for n in names)),
+        (".docx", ".pptx"),
+        advice="give the data it was made of",
+    ),
+    Format(
         "a spreadsheet of LibreOffice",
         _zipped(lambda names: "content.xml" in names and "mimetype" in names),
         (".ods",),

@@ -195,7 +195,7 @@ class SimulatedPropellerWash(TwoInputs):
     meaning = "the rudder's force goes with the square of the propeller's command"
     parameters = (
         EffectParameter("share", "1", "0: none of it goes with thrust, 1: all"),
-        EffectParameter("X_ref", "input unit", "command with unchanged thrust; 0: full output", 0.0),
+        EffectParameter("X_ref", "input unit", "command at which the gain is 1; 0: full", 0.0),
     )
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
+import re
+
+from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.plants import Parameters, State, Wrench
 
 __all__ = [
@@ -11,6 +13,7 @@ __all__ = [
     "SimulatedSpeedDamping",
     "SimulatedSwayMoment",
     "SimulatedSwayYawCoupling",
+    "SimulatedVelocityProduct",
 ]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
@@ -109,17 +112,17 @@ class SimulatedSwayMoment(MomentOfFlow):
 
 
 class SimulatedSpeedDamping(MomentOfFlow):
-    """``N += N_ur u r``."""
+    """``N += N_|u|r |u| r``."""
 
     on_vehicles = "yaw"
     slug = "speed-damping"
-    meaning = "turning is harder (negative) or easier with speed"
-    parameters = (EffectParameter("N_ur", "kg m", default=0.0),)
+    meaning = "turning is harder (negative) with speed, ahead or astern"
+    parameters = (EffectParameter("N_|u|r", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: State) -> float:
         """As the class says."""
-        return self["N_ur"] * at.u * at.r
+        return self["N_|u|r"] * abs(at.u) * at.r
 
 
 class SimulatedMunkMoment(MomentOfFlow):
@@ -134,3 +137,44 @@ class SimulatedMunkMoment(MomentOfFlow):
     def moment(self, at: State) -> float:
         """As the class says."""
         return self["N_uv"] * at.u * at.v
+
+
+_PRODUCT = re.compile(r"([XYZN])_((?:\|[uvwr]\||[uvwr]){1,3})")
+_AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
+
+
+class SimulatedVelocityProduct(HiddenEffect):
+    """A force or moment per product of velocities; the place is its SNAME derivative: ``N_|v|r``, ``X_vr``.
+
+    Bars are moduli. Two equal letters are one with its modulus (``X_uu`` is ``X_|u|u``).
+    """
+
+    on_vehicles = "a derivative: N_ur (default), N_u, ..."
+    slug = "velocity-product"
+    meaning = "a force that goes with a product of velocities"
+    parameters = (EffectParameter("coefficient", "SI per product"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Read the derivative, and make sure that the hull has its degrees of freedom."""
+        name = self.place or "N_ur"
+        read = _PRODUCT.fullmatch(name)
+        if read is None:
+            raise BadEffect(f"velocity-product@{name}: no derivative by u, v, w, r; write N_|v|r, X_vr or the like")
+        self._force, rest = read[1], read[2]
+        self._factors = [(word.strip("|"), word.startswith("|")) for word in re.findall(r"\|\w\||\w", rest)]
+        if len(self._factors) == 2 and self._factors[0] == self._factors[1] and not self._factors[0][1]:
+            self._factors[0] = (self._factors[0][0], True)
+        needed = {_AXIS_OF[letter] for letter, _ in self._factors}
+        needed |= {dof for dof, force in FORCE_OF.items() if force == self._force}
+        missing = needed - set(setting.dofs)
+        if missing:
+            raise BadEffect(f"velocity-product@{name} needs {', '.join(sorted(missing))}; this hull has none")
+        self._state = setting.state
+
+    def alter_force(self, t: float, wrench: Wrench) -> None:
+        """Push."""
+        push = self["coefficient"]
+        for letter, by_size in self._factors:
+            velocity = float(getattr(self._state, letter))
+            push *= abs(velocity) if by_size else velocity
+        setattr(wrench, self._force, getattr(wrench, self._force) + push)

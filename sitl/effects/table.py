@@ -31,6 +31,7 @@ from sitl.effects.coupling import (
     SimulatedSpeedDamping,
     SimulatedSwayMoment,
     SimulatedSwayYawCoupling,
+    SimulatedVelocityProduct,
 )
 from sitl.effects.effect import BadEffect, HiddenEffect
 from sitl.effects.environment import (
@@ -86,6 +87,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SimulatedSwayMoment,
     SimulatedSpeedDamping,
     SimulatedMunkMoment,
+    SimulatedVelocityProduct,
     SimulatedMassChange,
     SimulatedNetBuoyancy,
     SimulatedGroundEffect,

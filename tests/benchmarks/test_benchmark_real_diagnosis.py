@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.real_diagnosis.by_hand import by_hand, lines_by_hand
 from benchmarks.real_diagnosis.cases import CASES, DATA
+from gcs_autotune.trial import Channel, Trial
 
 SPAN = 400.0
 """A motor's pulse [us] from neutral to full."""
@@ -23,3 +25,29 @@ def test_a_subs_commands_are_shares_of_what_its_motors_can_do(name: str, force: 
             assert share.unit == "1"
             assert np.median(np.abs(share.values - shown)) == pytest.approx(0.0, abs=1e-9), run.name
             assert np.max(np.abs(share.values)) == pytest.approx(np.max(np.abs(shown)))
+
+
+def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run() -> None:
+    runs = [turning(seed) for seed in (1, 2, 3)]
+    fit = by_hand(runs, seconds=2.0)
+    plain, damped = fit.errors["linear"], fit.errors["N_|u|r"]
+    assert set(plain) == {run.name for run in runs}
+    assert all(damped[name] < 0.3 * plain[name] for name in plain)
+    lines = lines_by_hand(fit, {"run1": (3.0, 1.0)})
+    assert len(lines) == 2 + len(runs) and lines[2].split()[-2:] == ["3.0", "1.0"]
+    assert lines[3].split()[-2:] == ["-", "-"]
+
+
+def turning(seed: int) -> Trial:
+    """A boat whose yaw damping grows with its speed ahead and astern, 40 s at 10 Hz."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) * 0.1
+    command = np.repeat(rng.choice([-1.0, 1.0], 20), 20)
+    u = 1.5 * np.sin(2.0 * np.pi * t / 25.0 + seed)
+    psi, r = np.zeros(400), np.zeros(400)
+    for k in range(399):
+        r[k + 1] = r[k] + 0.1 * (0.5 * command[k] - 0.5 * r[k] - 1.5 * abs(u[k]) * r[k])
+        psi[k + 1] = psi[k] + 0.1 * r[k]
+    psi += 1e-3 * rng.standard_normal(400)
+    columns = {"psi": ("rad", psi), "r": ("rad/s", r), "u": ("m/s", u), "N": ("N m", command)}
+    return Trial(f"run{seed}", {n: Channel(n, unit, t, values) for n, (unit, values) in columns.items()})

@@ -39,7 +39,8 @@ def test_every_benchmark_has_a_result_and_calls_the_writer():
     names = {n: p for n, p in names.items() if n not in ("results", "real_runs.worker")}
     assert len(names) > 30
     recorded = {r.benchmark.partition("-")[0] for r in load()}
-    assert set(names) - recorded == set()
+    assert recorded - set(names) == set()
+    assert set(names) - recorded == set(), "save a Result without figures, or record a run"
     assert [n for n, p in names.items() if "headline(" not in p.read_text(encoding="utf-8")] == []
 
 

@@ -368,7 +368,7 @@ def test_a_clearly_better_step_is_kept() -> None:
         (replace(GOOD, itae=1.0, oscillation=0.2), "remaining oscillation"),
         (replace(GOOD, itae=1.0, steady_error=0.2), "steady error"),
         (replace(GOOD, itae=1.0, travel=2.0), "travel"),
-        (replace(GOOD, itae=1.0, settling=math.nan), "did not settle"),
+        (replace(GOOD, itae=1.0, settling=math.nan), "not settled"),
     ],
 )
 def test_every_price_of_speed_alone_brings_the_old_gains_back(after: StepMetrics, reason: str) -> None:

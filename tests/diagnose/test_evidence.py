@@ -40,13 +40,13 @@ def in_mild_weather(seed: int, slug: str, effects: list[str] | None = None) -> D
     [(1.75, True), (0.2, False), (math.nan, True), (math.inf, True)],
 )
 def test_a_number_whose_own_interval_contains_zero_is_no_cause(std: float, none: bool) -> None:
-    damping = EffectInstance("speed-damping", "yaw", {"N_ur": -0.71})
-    assert may_be_none(damping, {"N_ur": std}) is none
+    damping = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
+    assert may_be_none(damping, {"N_|u|r": std}) is none
     assert not may_be_none(damping, {})  # it was not fitted
 
 
 def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
-    effect = EffectInstance("speed-damping", "yaw", {"N_ur": -0.71})
+    effect = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
     sure = Attested(effect, cast(WanderingFit, None), 30.0, np.array([9.0, 8.0, 9.0]), 7.0, 1, (10.0, 40.0))
     assert sure.paid and not replace(sure, uncertain=True).paid
 
@@ -90,7 +90,7 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
     assert gains["dead-zone", "N"].ratio == 0.8
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
     none, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert not none.named and not gains and {why for _, why in refused} == {"above-command"}
+    assert not none.named and not gains and {why for _, why in refused} == {"no-model"}
 
 
 # -- hints
@@ -104,13 +104,18 @@ def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
 
 
 def test_a_weak_cause_is_a_hint_and_no_name() -> None:
-    told = in_mild_weather(5, "input-bias")
+    told = in_mild_weather(7, "quadratic-drag")
     assert told.verdict == "unexplained" and not told.causes
     first = told.hints[0]
-    assert first.cause == "input-bias" and 3.0 < first.gained < 10.0 and first.lacks == "weak"
+    assert first.cause == "quadratic-drag" and 3.0 < first.gained < 10.0 and first.lacks == "weak"
     assert sum(first.unseen) > 0.0 and len(first.unseen) == 3
     assert first.needed == pytest.approx(first.seconds * 10.0 / first.gained)
     assert 0.0 < first.chance < 0.05
+
+
+def test_a_constant_force_beside_a_drifting_one_is_identified() -> None:
+    (cause,) = in_mild_weather(5, "input-bias").causes
+    assert cause.effect.slug == "input-bias" and cause.effect["bias"] == pytest.approx(1.25, rel=0.2)
 
 
 def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
@@ -128,10 +133,10 @@ def test_no_hint_on_a_clean_craft() -> None:
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.3)
-    told = in_mild_weather(2, "backlash", ["backlash", "dead-zone"])
+    told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
     assert "above-command" in {d.slug for d in told.doubts}
-    assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "above-command")
+    assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "no-model")
 
 
 def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,9 +16,10 @@ from test_process_noise import as_from_a_log, nobody, weathered
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.intake import within_manoeuvre
-from gcs_autotune.diagnose.missing_force import MissingCurve, _moves
+from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, _moves, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_under_process_noise
 from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify import WanderingFit, Water
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -120,6 +124,21 @@ def test_process_noise_alone_has_no_constant(seed: int) -> None:
     found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
     assert found.named == ()
+
+
+def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
+    water, covariance = Water(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
+    fit = WanderingFit(cast(Any, None), np.ones(2), (), water, np.ones(1), (), covariance, ())
+    assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
+    assert fit.interval_of("memory") == pytest.approx((5.07, 78.9), abs=0.1)
+    assert fit.interval_of("smoothing") == (0.0, math.inf)
+    nothing = cast(Any, SimpleNamespace(named=(), judged=()))
+    missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
+    assert words_of(nothing, missing)[0].endswith(
+        "within 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it from a constant"
+    )
+    assert words_of(nothing, replace(missing, longest=600.0))[0].endswith("78.9 s)")
+    assert missing.to_dict()["memory95"] == [5.07, 78.9]
 
 
 def test_a_motion_that_did_not_happen_explains_no_force() -> None:

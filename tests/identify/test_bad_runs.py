@@ -14,7 +14,7 @@ from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, fit, form_of
+from gcs_autotune.identify import Fit, fit, form_of, plain_form
 from gcs_autotune.identify.cleaning import clipped, within_range
 from gcs_autotune.identify.odd_run import CraftEstimate, odd_runs
 from gcs_autotune.trial import Channel, Trial, save_trial
@@ -342,10 +342,11 @@ def test_runs_of_two_thrusters_are_identified_by_the_form_these_drive(good: Tria
     assert form_of(None, None, []) is None
 
 
-def test_one_degree_of_freedom_of_two_thrusters_is_refused_with_the_form_that_takes_them(good: Trial) -> None:
+def test_yaw_of_two_thrusters_is_fitted_as_a_diagnosis_would(good: Trial) -> None:
+    twin = driven_by_two_thrusters(good)
+    found = fit(twin, dof="yaw")
+    assert found.model.form == plain_form([twin], "yaw")
     with pytest.raises(MissingChannel, match="several degrees of freedom at once: --dof twin-thruster"):
-        fit(driven_by_two_thrusters(good), dof="yaw")
-    with pytest.raises(MissingChannel, match="several degrees of freedom at once: --dof twin-thruster"):
-        fit(driven_by_two_thrusters(good), structure="linear")
+        fit(twin, structure="linear")
     with pytest.raises(MissingChannel, match=r"needs \(N or delta with psi or r\); it has [a-z, ]*$"):
         fit(dataclasses.replace(good, channels={n: c for n, c in good.channels.items() if n != "N"}), dof="yaw")

@@ -139,6 +139,7 @@ def frames(folder: Path, stamped: bool = False) -> bytes:
 FOREIGN: Sequence[tuple[bytes, str]] = (
     (zipped("00000049.BIN"), r"is a zip archive: unpack it: unzip mine.* \(it contains 00000049\.BIN\)"),
     (zipped("[Content_Types].xml", "xl/workbook.xml"), "is an Excel workbook: export it .*CSV"),
+    (zipped("[Content_Types].xml", "word/document.xml"), "is a document of Word or PowerPoint: give the data"),
     (zipped("mimetype", "content.xml"), "is a spreadsheet of LibreOffice: export it"),
     (zipped("t.npy", "psi.npy"), "is NumPy's .npz.*savetxt"),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "is an old Excel workbook"),

@@ -32,7 +32,7 @@ def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_met
     coasting = preview(held(X=0.0), craft, FREE, way=1.5)
     assert coasting.trial["u"].values == pytest.approx(1.5 * np.exp(-t / SPEED_TIME), abs=0.02)
     assert seen.room == pytest.approx(float(np.trapezoid(u, t)), abs=0.1)
-    assert seen.told().startswith("20 s, 26 m of free water, 0 deg of turning, by a test")
+    assert seen.told().startswith("20 s, 26 m of free water, 0 deg of turning (predicted from a test)")
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

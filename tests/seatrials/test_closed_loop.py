@@ -178,7 +178,7 @@ def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
     assert "overshoots a step by 40 %" in _verdict((0.8, 0.1), (0.4, 0.1), "heading")
     assert "well damped" in _verdict((0.8, 0.1), (0.1, 0.1), "heading")
     assert "oscillates" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
-    assert "not determined" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
+    assert "do not determine" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
 
 
 def test_one_relay_is_too_few_for_the_loop() -> None:

@@ -39,6 +39,7 @@ SLUGS = [
     "sway-moment",
     "speed-damping",
     "munk-moment",
+    "velocity-product",
     "mass-change",
     "net-buoyancy",
     "ground-effect",

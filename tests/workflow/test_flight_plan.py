@@ -120,7 +120,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found
     (way_on,) = [text for text in harness.said if "--resume" in text]
-    assert way_on.startswith("2 of 3 runs of the plan are flown; to fly the rest")
+    assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
     assert any(text.startswith("coming back: back, ") for text in harness.said)
 
     said: list[str] = []

@@ -39,7 +39,7 @@ def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(
     assert f"{GAIN} (was 0.2) may have trial values" in str(found)
     journal.leave()
     (found,) = open_runs()
-    assert not found.is_going_on and "is incomplete" in str(found)
+    assert not found.is_going_on and "was interrupted" in str(found)
     journal = Journal.resume(tmp_path / "elsewhere" / "journal.jsonl")
     journal.record("returned", name=GAIN, value=0.2)
     journal.close()

@@ -21,7 +21,8 @@ from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, 
 from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance
 from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
-from gcs_autotune.identify.odd_run import CraftEstimate, odd_run_doubts, odd_runs
+from gcs_autotune.identify.moved import dof_option, moved_besides
+from gcs_autotune.identify.odd_run import CraftEstimate, OddRun, odd_run_doubts, odd_runs
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status, Trace
@@ -32,6 +33,7 @@ from gcs_autotune.identify.solution import Solution, fit_percents, solve, traces
 from gcs_autotune.identify.solution_doubts import solution_doubts
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.identify.whiteness import whiteness
+from gcs_autotune.trial import Trial
 
 __all__ = ["fit_by_output_error", "fit_doubts"]
 
@@ -289,15 +291,37 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
     craft = [EXPLICIT.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 
+    by_itself: list[Solution] = []
+
     def estimate(runs: tuple[int, ...]) -> CraftEstimate | None:
         found = _solved(chosen, bounds, [i for run in runs for i in stretches[run]])
         if found is None or found.at_bound:
             return None
+        by_itself.extend([found] if len(runs) == 1 else [])
         return CraftEstimate(found.theta[craft], explicit_covariance(found)[np.ix_(craft, craft)])
 
     if len(case.names) < 2 or not all(stretches):
         return []
-    return odd_run_doubts(odd_runs(case.names, estimate))
+    odd = odd_runs(case.names, estimate)
+    if odd and 2 * sum(found.white for found in by_itself) < len(by_itself):
+        return [_model_lacking(chosen, odd)]
+    return odd_run_doubts(odd)
+
+
+def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
+    """Return a doubt about runs that differ where the model misses something in each: no sign of another craft."""
+    runs = [Trial(r.run, r.measured) for r in chosen.records]
+    dof = chosen.records[0].dof.name
+    besides = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
+    option = dof_option(runs, (dof,), besides) if besides else ""
+    names = ", ".join(f"'{o.run}' by {o.sigmas:.0f} standard errors" for o in odd)
+    moved = f"; {' and '.join(besides)} moved too, and are not in it" if besides else ""
+    return Doubt(
+        "runs-disagree",
+        f"the runs give different numbers ({names}), and the model misses more than noise in most of them{moved}: that "
+        "is no sign of another craft",
+        f"identify them with --dof {option}" if option else "add what the model misses: see `diagnose` of these runs",
+    )
 
 
 def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution | None:

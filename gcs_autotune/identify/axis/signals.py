@@ -5,10 +5,14 @@ the motion fitted to the position: same scale, no lag, errors of its own that ar
 delayed or differentiated velocity does not, and would bias the fit. Surge and sway are fitted to velocity when
 there is one, because ``x`` and ``y`` are north and east, not ahead and starboard.
 
-Whether a velocity agrees is asked as far as the fitted motion is known. It has an uncertainty of its own, and all of
-it shows in the velocity's errors: a wrong constant force looks like a bias, a wrong inertia like a lag. Scale, lag and
-bias of the velocity are therefore fitted together with the corrections ``x`` of the position's fit, which costs as
-much as the covariance ``C`` of that fit says::
+Where the fitted motion misses the position itself by more than noise, it is no measure of the velocity: then the
+sensors are compared with each other (:mod:`gcs_autotune.crosscheck`). A hull that slides makes a model of one axis
+late, not its gyro.
+
+Otherwise whether a velocity agrees is asked as far as the fitted motion is known. It has an uncertainty of its own,
+and all of it shows in the velocity's errors: a wrong constant force looks like a bias, a wrong inertia like a lag.
+Scale, lag and bias of the velocity are therefore fitted together with the corrections ``x`` of the position's fit,
+which costs as much as the covariance ``C`` of that fit says::
 
     minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
 
@@ -26,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.crosscheck import compared_with_rate
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import EXPLICIT
@@ -85,11 +90,14 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     """Return why the velocities must not join the fit, empty when nothing speaks against them.
 
     A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the
-    position's fit included (:func:`gcs_autotune.identify.axis.signals.agreement`).
+    position's fit included (:func:`gcs_autotune.identify.axis.signals.agreement`). Of a model that misses the position
+    nothing counts where the sensors agree.
     """
     for record in records:
         if record.velocity is None:
             return f"run '{record.run}' has none"
+    if not solution.white and all(_sensors_agree(record, solution) for record in records):
+        return ""
     found = agreement(records, solution)
     if found is None:
         return "the motion fitted without it runs away, which leaves nothing to compare it with"
@@ -104,6 +112,27 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in found.errors))):
         return f"its errors are correlated ({colour:.2f}): it is filtered, derived, or the model misses something"
     return ""
+
+
+SLOW = 0.25
+"""Chosen: share of the craft's time constant below which a lag between two sensors does not matter."""
+
+
+def _sensors_agree(record: Segment, solution: Solution) -> bool:
+    """Whether position and velocity of a stretch, as measured, are one motion: neither scaled, nor late.
+
+    Late by a part of the craft's own time constant that matters: a gyro's filter, in front of a craft as quick as it,
+    passes for the craft.
+    """
+    main, rate = (record.measured.get(name) for name in (record.dof.position, record.dof.velocity))
+    found = None if main is None or rate is None else compared_with_rate(main, rate)
+    if found is None or found.kind != "agrees":
+        return False
+    step = float(np.median(np.diff(record.signals[record.dof.velocity].t)))
+    scaled = abs(found.factor - 1.0) > max(GAIN, SURELY * found.std)
+    rate_constant = abs(float(solution.theta[EXPLICIT.index("a")]))
+    slow = rate_constant * (abs(found.shift) + SURELY * found.shift_std + 0.5 * step) < SLOW
+    return not scaled and slow and abs(found.shift) <= max(LAG * step, SURELY * found.shift_std)
 
 
 Array = NDArray[np.float64]

@@ -16,14 +16,20 @@ __all__ = ["Tangent", "WanderingFit"]
 
 Array = NDArray[np.float64]
 
+HALF_WIDTH = 1.96
+"""Standard errors to either end of a 95 % interval."""
+
+WIDEST = 10.0
+"""Half the 95 % interval of a logarithm from which on nothing is known."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WanderingFit:
     """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
 
     ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
-    base's parameters, then the effects', then log size, log memory, log noise. ``innovations``: per record stamps,
-    innovation and its variance.
+    base's parameters, then the effects', then the logarithms of the water's unknowns. ``innovations``: per record
+    stamps, innovation and its variance.
     """
 
     form: Form
@@ -65,6 +71,21 @@ class WanderingFit:
         """Return the standard errors of those of an effect's numbers that were fitted."""
         found = {name: self.std_of(effect.slug, effect.place, name) for name in effect.values}
         return {name: std for name, std in found.items() if not math.isnan(std)}
+
+    def interval_of(self, name: str) -> tuple[float, float]:
+        """Return the 95 % interval of one of the water's unknowns, from the standard error of its logarithm.
+
+        From 0 to inf where it was not fitted, or where nothing limits it.
+        """
+        names = self.water.unknowns
+        if name not in names:
+            return 0.0, math.inf
+        k = len(self.covariance) - len(names) + names.index(name)
+        wide = HALF_WIDTH * math.sqrt(max(float(self.covariance[k, k]), 0.0))
+        if not wide < WIDEST:
+            return 0.0, math.inf
+        value: float = getattr(self.water, name)
+        return value * math.exp(-wide), value * math.exp(wide)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

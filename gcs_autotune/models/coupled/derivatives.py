@@ -27,7 +27,8 @@ of position and velocity (:mod:`.lever_arm`), ``bottom`` [m] a depth and ``reach
 felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
 
 Some inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
-craft whose heave is not simulated, ``surge`` and ``sway`` [m/s] for ``u`` and ``v`` where these are measured only.
+craft whose heave is not simulated, ``surge``, ``sway`` and ``yaw`` for ``u``, ``v`` and ``r`` where these were only
+measured.
 """
 
 from __future__ import annotations
@@ -46,10 +47,9 @@ __all__ = [
     "FORCES",
     "PAYLOAD",
     "RIGID_BODY",
+    "SEEN",
     "SPECIAL",
     "STATES",
-    "SURGE_SEEN",
-    "SWAY_SEEN",
     "WALLS",
     "Inertia",
     "Term",
@@ -92,8 +92,8 @@ SPECIAL: Mapping[str, str] = {
 PAYLOAD, DEPTH = "payload", "depth"
 """The input that multiplies the inertia, and that which stands for ``z``."""
 
-SURGE_SEEN, SWAY_SEEN = "surge", "sway"
-"""Inputs that stand for velocities that were measured and are not simulated."""
+SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
+"""Velocity -> the input that stands for it where it was measured and is not simulated."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {

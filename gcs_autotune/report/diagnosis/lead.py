@@ -150,7 +150,7 @@ LACKS: Mapping[Lack, str] = {
     "not-sure": "Its gain on data left out may be luck.",
     "no-gain": "It does not lower the error of a prediction on data left out.",
     "brief": "Its time is shorter than the samples of these runs, where a sensor's filter looks the same.",
-    "above-command": "The disturbance is larger than the commands, so no cause is identified beside it.",
+    "no-model": "The disturbance is about as large as the commands, or the craft is quicker than a sample.",
 }
 
 

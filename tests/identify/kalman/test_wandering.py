@@ -250,7 +250,7 @@ LINEAR: dict[str, tuple[EffectInstance, ...]] = {
     "advance-speed-loss": (EffectInstance("advance-speed-loss", "N", {"loss": 0.2}, {"axis": 5.0, "gain": 1.0}),),
     "speed-damping and a delay": (
         EffectInstance("input-delay", "N", {"delay": 0.31}),
-        EffectInstance("speed-damping", "yaw", {"N_ur": -0.4}),
+        EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.4}),
     ),
 }
 

@@ -1,0 +1,154 @@
+"""A plain least-squares fit of the heading, as a hydrodynamicist writes it in an afternoon: the peer of a diagnosis.
+
+``r_dot = a tau + N_r r + N_0`` and a few terms more, per unit of inertia, integrated from the measured heading and turn
+rate over pieces of some seconds, fitted by SciPy with whole runs left out. No filter, no force that drifts, no search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gcs_autotune.trial import Trial
+
+__all__ = ["STRUCTURES", "HandFit", "by_hand", "lines_by_hand"]
+
+Array = NDArray[np.float64]
+
+INTERVAL = 0.1
+"""Step [s] of the integration (Euler)."""
+
+STEP, FITTED_EVERY = 10, 5
+"""Steps between the starts of pieces, and between the samples of a piece that are fitted."""
+
+LIMIT = 1e3
+"""Turn rates [rad/s] beyond which a fit has run away."""
+
+Term = Callable[[Array, Array, Array], Array]
+
+TERMS: Mapping[str, Term] = {
+    "N_|u|r": lambda u, v, r: np.abs(u) * r,
+    "N_v": lambda u, v, r: v,
+    "N_|r|r": lambda u, v, r: np.abs(r) * r,
+}
+"""Derivative -> what it multiplies, of measured ``u`` and ``v`` and the integrated ``r``."""
+
+STRUCTURES: Mapping[str, tuple[str, ...]] = {
+    "linear": (),
+    "N_|u|r": ("N_|u|r",),
+    "N_v": ("N_v",),
+    "N_v, N_|r|r": ("N_v", "N_|r|r"),
+    "N_|u|r, N_v": ("N_|u|r", "N_v"),
+}
+"""Name -> its terms beside the linear ones."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandFit:
+    """Rms error [deg] of the heading ``seconds`` ahead on each run, left out of the fit: structure -> run -> error."""
+
+    seconds: float
+    errors: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Record:
+    """A run on one grid, (n,) each: command, measured heading, turn rate and speeds."""
+
+    command: Array
+    psi: Array
+    r: Array
+    u: Array
+    v: Array
+
+    def starts(self, ahead: int) -> NDArray[np.int64]:
+        """Return where pieces of *ahead* steps begin."""
+        return np.arange(0, len(self.psi) - ahead - 1, STEP)
+
+
+def _record(run: Trial) -> _Record | None:
+    if "psi" not in run:
+        return None
+    psi = run["psi"]
+    grid = np.arange(float(psi.t[0]), float(psi.t[-1]), INTERVAL)
+
+    def on_grid(name: str) -> Array:
+        if name not in run:
+            return np.zeros(len(grid))
+        channel = run[name]
+        known = np.isfinite(channel.values)
+        return np.interp(grid, channel.t[known], channel.values[known])
+
+    known = np.isfinite(psi.values)
+    heading = np.interp(grid, psi.t[known], np.unwrap(psi.values[known]))
+    command = on_grid("force_left") - on_grid("force_right") if "force_left" in run else on_grid("N") + on_grid("delta")
+    rate = on_grid("r") if "r" in run else np.gradient(heading, INTERVAL)
+    return _Record(command, heading, rate, on_grid("u"), on_grid("v"))
+
+
+def _errors(record: _Record, theta: Array, terms: Sequence[Term], ahead: int) -> Array:
+    """Return the errors (ahead, pieces) of the heading [deg] along all pieces."""
+    at = record.starts(ahead)
+    r, psi = record.r[at].copy(), np.zeros(len(at))
+    found = np.zeros((ahead, len(at)))
+    for k in range(ahead):
+        now = at + k
+        push = theta[0] * record.command[now] + theta[1] * r + theta[2]
+        for value, term in zip(theta[3:], terms, strict=True):
+            push = push + value * term(record.u[now], record.v[now], r)
+        psi = psi + INTERVAL * r
+        r = np.clip(r + INTERVAL * push, -LIMIT, LIMIT)
+        found[k] = psi - (record.psi[now + 1] - record.psi[at])
+    return np.degrees(found)
+
+
+def by_hand(runs: Sequence[Trial], seconds: float = 5.0) -> HandFit:
+    """Fit every structure to all runs but one, in turn, and return the error on that one."""
+    ahead = round(seconds / INTERVAL)
+    records = {run.name: record for run in runs if (record := _record(run)) is not None}
+    records = {name: r for name, r in records.items() if len(r.starts(ahead)) > 1}
+    found: dict[str, dict[str, float]] = {}
+    for structure, names in STRUCTURES.items():
+        terms = [TERMS[n] for n in names]
+        for left_out in records:
+            others = [r for n, r in records.items() if n != left_out]
+            if not others:
+                continue
+            theta = _fitted(others, terms, ahead)
+            last = _errors(records[left_out], theta, terms, ahead)[-1]
+            found.setdefault(structure, {})[left_out] = float(np.sqrt(np.mean(last**2)))
+    return HandFit(seconds, found)
+
+
+def _fitted(records: Sequence[_Record], terms: Sequence[Term], ahead: int) -> Array:
+    def residual(theta: Array) -> Array:
+        each = [_errors(r, theta, terms, ahead)[FITTED_EVERY - 1 :: FITTED_EVERY].ravel() for r in records]
+        return np.concatenate(each)
+
+    scale = max(float(np.std(np.concatenate([r.command for r in records]))), 1e-12)
+    rate = float(np.std(np.concatenate([r.r for r in records])))
+    starts = [np.array([sign * rate / scale, -1.0, 0.0, *[0.0] * len(terms)]) for sign in (1.0, -1.0)]
+    fits = [least_squares(residual, start, x_scale="jac", max_nfev=60) for start in starts]
+    best: Array = min(fits, key=lambda f: f.cost).x
+    return best
+
+
+def lines_by_hand(fit: HandFit, ours: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Return a table: per run the error by hand with each structure, and ours of the plain model and with causes.
+
+    ours : run -> rms error [deg] before and after, where a diagnosis tells it.
+    """
+    runs = list(next(iter(fit.errors.values()), {}))
+    width = max([len("run"), *map(len, runs)])
+    head = "  ".join(f"{s:>12}" for s in fit.errors)
+    lines = [f"heading {fit.seconds:g} s ahead on each run left out [deg], fitted by hand (SciPy), and ours"]
+    lines.append(f"{'run':{width}}  {head}  {'ours: plain':>12}  {'with causes':>12}")
+    for run in runs:
+        cells = "  ".join(f"{fit.errors[s][run]:12.1f}" for s in fit.errors)
+        own = "  ".join(f"{e:12.1f}" for e in ours[run]) if run in ours else f"{'-':>12}  {'-':>12}"
+        lines.append(f"{run:{width}}  {cells}  {own}")
+    return lines

@@ -1,0 +1,467 @@
+"""Hydrodynamic forces that go with products of velocities: one family, made systematically.
+
+:func:`product_terms` lists every product of one or two velocities (three on request), with moduli, that a hull alike to
+port and starboard can have, and those of a craft that pulls to one side. The terms are those of Abkowitz1964 (odd and
+even powers), of Norrbin1971 (moduli, for headway and sternway alike) and of Fossen2011 (chapter 6). Each is a SNAME
+derivative. Linear and quadratic drag, the couplings of :mod:`.hydrodynamics` and the named effects here contain them.
+:class:`VelocityProduct` is any other.
+
+A velocity that is simulated enters as the simulated one, a velocity that was only measured as an input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from math import inf, prod
+from typing import ClassVar
+
+import numpy as np
+
+from gcs_autotune.effects.effect import Drive, Effect, EffectInstance, Quantity
+from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, sense, top_speed
+from gcs_autotune.models import FORCES, SEEN, STATES, Form, Term, inertia_of, term_of
+from gcs_autotune.sname import DOFS
+
+__all__ = [
+    "VELOCITY_PRODUCT",
+    "MunkMoment",
+    "ProductTerm",
+    "SpeedDamping",
+    "SwayMoment",
+    "VelocityProduct",
+    "name_of",
+    "product_terms",
+    "term_named",
+    "twins_of",
+]
+
+ODD = frozenset("vprYKN")
+"""Velocities, and forces, that change sign in the mirror image of a craft to port and starboard."""
+
+ONE_SIDED = frozenset({"N_u", "N_|u|u", "Y_u", "Y_|u|u"})
+"""Of a craft that pulls to one side under way: no mirror image has them, many boats do."""
+
+Factor = tuple[str, bool]
+"""A velocity, and whether its modulus."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProductTerm:
+    """A force or moment per product of velocities.
+
+    ``derivative`` its SNAME name, ``row`` the force, ``factors`` its velocities, moduli first; ``words`` what it is,
+    ``source`` who wrote it. ``damps``: it takes energy out of its own motion, so its sign is known.
+    """
+
+    derivative: str
+    row: str
+    factors: tuple[Factor, ...]
+    words: str
+    source: str
+    damps: bool
+
+    @property
+    def own(self) -> str:
+        """The velocity of the row itself."""
+        return STATES[FORCES.index(self.row)]
+
+    @property
+    def code(self) -> Term:
+        """What the term is however its name is spelled."""
+        return canonical(self.derivative)
+
+
+def canonical(derivative: str, inputs: Sequence[str] = ()) -> Term:
+    """Return the term of a derivative with its factors in order: ``N_rr`` and ``N_|r|r`` are one."""
+    term = term_of(derivative, inputs)
+    return Term(term.row, tuple(sorted(term.factors)))
+
+
+NAMES: Mapping[str, tuple[str, str]] = {
+    "X_vr": ("force along the hull of a sideways momentum that turns (mass and added mass in sway)", "Fossen2011"),
+    "X_|v||v|": ("resistance of sliding sideways", "Abkowitz1964"),
+    "X_|r||r|": ("resistance of turning (centre of mass ahead, tangential flow)", "Abkowitz1964"),
+    "X_|v|u": ("resistance that grows with sliding sideways", "Norrbin1971"),
+    "X_|r|u": ("resistance that grows with turning", "Norrbin1971"),
+    "Y_r": ("sideways force of turning", "Abkowitz1964"),
+    "Y_uv": ("lift of a hull at an angle to its way", "Norrbin1971"),
+    "Y_|u|v": ("sway damping that grows with speed: lift and drag of a hull at an angle to its way", "Norrbin1971"),
+    "Y_ur": ("sideways force of a momentum ahead that turns (mass and added mass in surge)", "Fossen2011"),
+    "Y_|u|r": ("lift of a turning hull", "Norrbin1971"),
+    "Y_|v|r": ("cross-flow: sideways force of turning while sliding", "Fossen2011"),
+    "Y_|r|v": ("cross-flow: sway damping that grows with turning", "Fossen2011"),
+    "Y_|r|r": ("cross-flow: sideways force of turning fast", "Fossen2011"),
+    "N_v": ("moment of sliding sideways", "Abkowitz1964"),
+    "N_uv": ("Munk's moment of a hull at an angle to its way", "Fossen2011"),
+    "N_|u|v": ("moment of the lift of a hull at an angle to its way", "Norrbin1971"),
+    "N_ur": ("moment of a turning hull under way, of one sign ahead and of the other astern", "Fossen2011"),
+    "N_|u|r": ("yaw damping that grows with speed, ahead and astern", "Norrbin1971"),
+    "N_|v|v": ("cross-flow: moment of sliding sideways fast", "Fossen2011"),
+    "N_|v|r": ("cross-flow: yaw damping that grows with sliding sideways", "Fossen2011"),
+    "N_|r|v": ("cross-flow: moment of sliding sideways while turning", "Fossen2011"),
+    "N_u": ("pull to one side that grows with speed", "Abkowitz1964"),
+    "N_|u|u": ("pull to one side that grows with the square of speed", "Abkowitz1964"),
+    "Y_u": ("push to one side that grows with speed", "Abkowitz1964"),
+    "Y_|u|u": ("push to one side that grows with the square of speed", "Abkowitz1964"),
+    "Z_|u||u|": ("lift or sinkage of speed ahead", "Fossen2011"),
+    "Z_uw": ("lift of a hull at an angle of attack", "Fossen2011"),
+    "M_uw": ("Munk's moment of a hull at an angle of attack", "Fossen2011"),
+}
+"""Derivative -> what a hydrodynamicist calls it, and a source."""
+
+
+def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[ProductTerm]:
+    """Yield the terms of all rows of *velocities* with up to *order* factors among these velocities.
+
+    Symmetry to port and starboard decides which. A product of moduli alone is kept where it is a square, and not of the
+    row's own velocity: that would push one way only.
+    """
+    for own in STATES:
+        if own not in velocities:
+            continue
+        row = FORCES[STATES.index(own)]
+        for count in range(1, order + 1):
+            for letters in combinations_with_replacement([s for s in STATES if s in velocities], count):
+                for moduli in _moduli(letters, own):
+                    found = _term(row, own, letters, moduli)
+                    if found is not None:
+                        yield found
+
+
+def _moduli(letters: Sequence[str], own: str) -> Iterator[tuple[bool, ...]]:
+    """Yield which factors stand with their moduli, each product once; of three only what Abkowitz1964 has: none."""
+    if len(letters) == 1:
+        yield (False,)
+    elif len(letters) > 2:
+        yield (False,) * len(letters)
+    elif letters[0] == letters[1]:
+        yield (True, False)
+        if letters[0] != own:
+            yield (True, True)
+    else:
+        yield from ((False, False), (True, False), (False, True))
+
+
+def _term(row: str, own: str, letters: Sequence[str], moduli: Sequence[bool]) -> ProductTerm | None:
+    factors = tuple(sorted(zip(letters, moduli, strict=True), key=lambda f: not f[1]))
+    rest = "".join(f"|{s}|" if size else s for s, size in factors)
+    if len(factors) > 2 and len(set(letters)) == 2:
+        # Two equal letters would be read as one with its modulus, so a square is written with two moduli.
+        twice = next(s for s in letters if letters.count(s) == 2)
+        other = next(s for s in letters if s != twice)
+        factors, rest = ((twice, True), (twice, True), (other, False)), f"|{twice}||{twice}|{other}"
+    derivative = f"{row}_{rest}"
+    odd = sum(s in ODD for s, size in factors if not size) % 2 == 1
+    if odd != (row in ODD) and derivative not in ONE_SIDED:
+        return None
+    signed = [s for s, size in factors if not size]
+    damps = signed == [own] or (len(factors) == 3 and set(letters) == {own})
+    words, source = NAMES.get(derivative, (_words(row, own, factors, damps), "Abkowitz1964"))
+    return ProductTerm(derivative, row, factors, words, source, damps)
+
+
+def _words(row: str, own: str, factors: Sequence[Factor], damps: bool) -> str:
+    dof = DOF_OF[own]
+    what = "moment" if row in "KMN" else "force"
+    others = " and ".join(dict.fromkeys(DOF_OF[s] for s, _ in factors if s != own or not damps))
+    if damps:
+        return f"{dof} damping that grows with {others}" if others else f"{dof} damping"
+    return f"{dof} {what} that goes with {others}"
+
+
+DOF_OF: Mapping[str, str] = {d.velocity: d.name for d in DOFS.values()}
+"""Velocity -> degree of freedom."""
+
+TERMS: Mapping[str, ProductTerm] = {t.derivative: t for t in product_terms(order=3)}
+"""Derivative -> term, all six rows, up to three factors."""
+
+
+def term_named(derivative: str) -> ProductTerm:
+    """Return the term of that derivative, however it is spelled.
+
+    Raises
+    ------
+    KeyError
+        The family has none.
+    """
+    if derivative in TERMS:
+        return TERMS[derivative]
+    code = canonical(derivative)
+    found = next((t for t in TERMS.values() if t.code == code), None)
+    if found is None:
+        raise KeyError(derivative)
+    return found
+
+
+# -- as effects
+
+VARIES = 0.02
+"""Least spread of a measured velocity, in shares of what it is: what hardly changes acts like a constant."""
+
+ASTERN = 0.05
+"""Chosen: share of the largest speed ahead that a craft must make astern for ``u`` and its modulus to be two things."""
+
+SHARE = 0.2
+"""Share of the largest force to begin from, at the largest speeds."""
+
+LOOKED_AT = "uvr"
+"""Velocities that enter where they were only measured; others where they are simulated."""
+
+SIMULATED = "simulated_"
+"""Constants ``simulated_u`` and so on: velocities that the model has itself; others are inputs, as measured."""
+
+MASSES = frozenset({"X_vr", "Y_ur", "N_uv"})
+"""Terms that a form with Coriolis forces has from its masses."""
+
+
+def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
+    """Whether the model has every velocity of *term*, or it was measured and changes."""
+    for letter, _ in term.factors:
+        if DOF_OF[letter] in data.form.dofs:
+            continue
+        low, high = data.extent.get(letter, (0.0, 0.0))
+        if letter not in LOOKED_AT or not high - low > VARIES * max(abs(low), abs(high)):
+            return False
+    return True
+
+
+def is_in(form: Form, term: ProductTerm) -> bool:
+    """Whether a form has *term* already, by whatever spelling."""
+    if term.derivative in MASSES and form.coriolis:
+        return True
+    inputs = tuple(form.inputs)
+    for name in form.parameters:
+        if name[:2] == f"{term.row}_" and inertia_of(name) is None and canonical(name, inputs) == term.code:
+            return True
+    return False
+
+
+def ahead_only(data: DataSummary) -> bool:
+    """Whether the craft was never seen to go astern, as far as speeds tell: ``u`` and its modulus are one then."""
+    low, high = data.extent.get("u", (0.0, 0.0))
+    return low > -ASTERN * abs(high)
+
+
+class ProductEffect(Effect):
+    """A force per product of velocities: which one, and where, a subclass says."""
+
+    family = "hydrodynamics"
+    is_structural = True
+
+    def term(self, place: str) -> ProductTerm:
+        """Return what goes with what at *place*."""
+        raise NotImplementedError
+
+    def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
+        """Which velocities the model has itself."""
+        term = self.term(place)
+        letters = dict.fromkeys(s for s, _ in term.factors if s != term.own and DOF_OF[s] in data.form.dofs)
+        return {f"{SIMULATED}{s}": 1.0 for s in letters}
+
+    def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
+        """A fair share of the largest force, at the largest speeds; either way, unless it damps."""
+        term, (name,) = self.term(place), (q.name for q in self.parameters)
+        dof = DOF_OF[term.own]
+        size = SHARE * force_scale(dof, data) / prod(top_speed(DOF_OF[s], data) for s, _ in term.factors)
+        signs = (-sense(dof, data)["sense"],) if term.damps else (-1.0, 1.0)
+        return tuple({name: sign * size} for sign in signs)
+
+    def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
+        """Either sign, unless it damps."""
+        term, (name,) = self.term(place), (q.name for q in self.parameters)
+        if not term.damps:
+            return {name: (-inf, inf)}
+        return {name: (-inf, 0.0) if sense(DOF_OF[term.own], data)["sense"] > 0.0 else (0.0, inf)}
+
+    def _measured(self, effect: EffectInstance) -> list[str]:
+        term = self.term(effect.place)
+        letters = dict.fromkeys(s for s, _ in term.factors if s != term.own)
+        return [s for s in letters if f"{SIMULATED}{s}" not in effect.constants]
+
+    def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
+        """The velocities that were only measured."""
+        return tuple(SEEN[s] for s in self._measured(effect))
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Add the measured velocities, between their stamps the mean of both."""
+        for letter in self._measured(effect):
+            if SEEN[letter] in drive.channels:
+                continue
+            own = drive.measured[letter]
+            known = np.isfinite(own.values)
+            drive = drive.on(np.union1d(drive.t, own.t[known]))
+            middle = 0.5 * (drive.t + np.append(drive.t[1:], drive.t[-1]))
+            drive = drive.with_channel(SEEN[letter], np.interp(middle, own.t[known], own.values[known]))
+        return drive
+
+    def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
+        """Its SNAME derivative, the inputs ``surge``, ``sway``, ``yaw`` for velocities that were only measured."""
+        term, measured = self.term(effect.place), self._measured(effect)
+        words = ((SEEN[s] if s in measured else s, size) for s, size in term.factors)
+        name = f"{term.row}_" + "".join(f"|{word}|" if size else word for word, size in words)
+        return {name: next(iter(effect.values.values()))}
+
+    def unit_of(self, name: str, place: str, data: DataSummary) -> str:
+        """Force or moment per product of speeds."""
+        term = self.term(place)
+        turning = sum(DOFS[DOF_OF[s]].angular for s, _ in term.factors)
+        powers = [("m", len(term.factors) - turning), ("rad", turning)]
+        lower = [unit if power == 1 else f"{unit}^{power}" for unit, power in powers if power]
+        below = f"({' '.join(lower)})" if len(lower) > 1 else lower[0]
+        power = len(term.factors)
+        return f"{force_unit(DOF_OF[term.own], data)} s{'' if power == 1 else f'^{power}'}/{below}"
+
+
+class NamedProduct(ProductEffect):
+    """A term that has a name of its own. Its place is the degree of freedom it acts in."""
+
+    derivative: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.grows_with = (cls.derivative,)
+
+    def term(self, place: str) -> ProductTerm:
+        """As the class says."""
+        return TERMS[self.derivative]
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Its degree of freedom, where the model lacks the term and has, or was given, its velocities."""
+        term = TERMS[self.derivative]
+        dof = DOF_OF[term.own]
+        if dof not in data.form.dofs or not seen_or_simulated(term, data) or is_in(data.form, term):
+            return ()
+        return () if _in_a_coupling(term, data.form) else (dof,)
+
+
+class SwayMoment(NamedProduct):
+    """``N_v v``: a hull that slides turns (SNAME; positive ``N_v`` turns the bow with it)."""
+
+    slug = "sway-moment"
+    derivative = "N_v"
+    meaning = "sliding sideways turns the craft: its lateral resistance lies away from midships"
+    plain = "Sliding sideways turns your {craft}; it does not turn {simulation}."
+    parameters = (Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),)
+    shown_by = "yaw residual against the measured sway, longest after a turn has ended"
+    mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "actuator-lag")
+    separated_by = "pull-outs: a hard turn, then the rudder amidships until it runs straight, at two speeds"
+
+
+class SpeedDamping(NamedProduct):
+    """``N_|u|r |u| r``: what turns is swept along by the flow, so turning is harder with way on, ahead or astern."""
+
+    slug = "speed-damping"
+    derivative = "N_|u|r"
+    meaning = "turning gets harder with speed, ahead or astern: yaw damping grows with the flow"
+    plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
+    parameters = (Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per speed ahead or astern and turn rate"),)
+    shown_by = "yaw residual against |u| times r: turns fade sooner with way on than at rest"
+    mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment", "velocity-product")
+    separated_by = "the same turn on the spot, at half and at full speed, each speed steady before it begins"
+
+
+class MunkMoment(NamedProduct):
+    """``N_uv u v``: a hull at an angle to its way turns further (Munk; Fossen2011)."""
+
+    slug = "munk-moment"
+    derivative = "N_uv"
+    form_of = ("sway-moment",)
+    meaning = "at an angle to its way the craft turns further by itself, the more the faster"
+    plain = "Moving at an angle to its bow turns your {craft} further; it does not turn {simulation}."
+    parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway velocity"),)
+    shown_by = "yaw residual against u times v"
+    mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
+    separated_by = "pull-outs at two speeds: a moment of sway alone does not care for the speed ahead"
+
+
+NAMED = frozenset({SwayMoment.derivative, SpeedDamping.derivative, MunkMoment.derivative})
+
+
+def _is_drag(term: ProductTerm) -> bool:
+    """Whether the term is linear or quadratic drag."""
+    return {s for s, _ in term.factors} == {term.own} and len(term.factors) < 3
+
+
+def _in_a_coupling(term: ProductTerm, form: Form) -> bool:
+    """Whether the term is part of a coupling of simulated motions that may be looked for in this form."""
+    plane = {"surge", "sway", "yaw"} <= set(form.dofs)
+    if term.derivative in MASSES:
+        return plane and not form.coriolis and not any(is_in(form, TERMS[n]) for n in MASSES)
+    if term.derivative in ("Y_r", "N_v"):
+        there = {"Y_r", "N_v", "Y_rdot", "N_vdot", "x_G"} & set(form.parameters)
+        return {"sway", "yaw"} <= set(form.dofs) and not there
+    return False
+
+
+VELOCITY_PRODUCT = "velocity-product"
+"""Slug of the products without a name of their own."""
+
+
+class VelocityProduct(ProductEffect):
+    """``coefficient`` times a product of velocities that has no name of its own; the place is the derivative."""
+
+    slug = VELOCITY_PRODUCT
+    grows_with = ("coefficient",)
+    meaning = "a force or a moment that goes with a product of velocities which the simulation leaves out"
+    plain = "The motions of your {craft} act on each other in a way that {simulation} leaves out."
+    parameters = (Quantity("coefficient", "force per product", "the SNAME derivative that the place names"),)
+    shown_by = "residual against that product: nothing at rest, most where its velocities come together"
+    mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "sway-yaw-coupling", "coriolis-coupling")
+    yields_to = ("input-bias",)  # a product that hardly changes in the runs is a constant to them
+    separated_by = (
+        "turning circles both ways at two speeds, pull-outs, the same turns astern: each velocity of the product "
+        "alone, then together"
+    )
+
+    def term(self, place: str) -> ProductTerm:
+        """The term that the place names."""
+        return term_named(place)
+
+    def places(self, data: DataSummary) -> tuple[str, ...]:
+        """Derivatives that the model lacks and no other effect contains, where their velocities are there.
+
+        Of a craft that was never seen astern ``u`` and its modulus are one thing, which has one place.
+        """
+        simulated = [DOFS[d].velocity for d in data.form.dofs]
+        velocities = "".join(s for s in STATES if s in simulated or s in LOOKED_AT)
+        found = []
+        for term in product_terms(velocities):
+            if DOF_OF[term.own] not in data.form.dofs or _is_drag(term) or term.derivative in NAMED:
+                continue
+            if is_in(data.form, term) or _in_a_coupling(term, data.form) or not seen_or_simulated(term, data):
+                continue
+            if ahead_only(data) and term.derivative in TWINS:
+                continue
+            found.append(term.derivative)
+        return tuple(found)
+
+
+TWINS: Mapping[str, str] = {
+    "N_ur": "N_|u|r",
+    "N_|u|v": "N_uv",
+    "Y_|u|r": "Y_ur",
+    "Y_uv": "Y_|u|v",
+    "N_|u|u": "N_u",
+    "Y_|u|u": "Y_u",
+}
+"""Derivative -> the one that is the same ahead, or nearly (powers of a speed that hardly changes)."""
+
+
+def name_of(effect: EffectInstance) -> str:
+    """Return what a cause is called where several are listed: its slug, or the derivative that its place names."""
+    return effect.place if effect.slug == VELOCITY_PRODUCT else effect.slug
+
+
+def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
+    """Return derivatives that these runs cannot tell from *effect*, because the craft was never seen to go astern."""
+    entry = OWN.get(effect.slug)
+    if entry is None or not ahead_only(data):
+        return ()
+    derivative = entry.term(effect.place).derivative
+    return tuple(other for other, kept in TWINS.items() if kept == derivative)
+
+
+OWN: Mapping[str, ProductEffect] = {e.slug: e for e in (SwayMoment(), SpeedDamping(), MunkMoment(), VelocityProduct())}
+"""Slug -> effect of this family."""

@@ -1,0 +1,103 @@
+"""The interval between samples is chosen by evidence; no name stands on what is no model of the craft."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gcs_autotune.diagnose.process_noise import asked_of, search_under_process_noise
+from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_under_process_noise
+from gcs_autotune.diagnose.sampling_interval import foresight, stands
+from gcs_autotune.identify import (
+    Fitted,
+    Problem,
+    WanderingFit,
+    WanderingProblem,
+    fit_base,
+    plain_form,
+    prepare_as_recorded,
+)
+from gcs_autotune.trial import Channel, Trial
+
+INTERVAL = 0.1
+DAMPING, OF_SPEED, GAIN = -0.8, -2.0, 0.4
+
+
+def quiet(stage: str, done: int, total: int) -> None:
+    """Show nothing."""
+
+
+def sailed(seed: int, *, seconds: float = 100.0, lag: float = 0.0, speed: float = 1.2, drift: float = 0.03) -> Trial:
+    """A boat whose turning resistance grows with speed ahead and astern, its actuator *lag* [s] late."""
+    rng = np.random.default_rng(seed)
+    fine, n = 10, round(seconds / INTERVAL)
+    h = INTERVAL / fine
+    legs = rng.uniform(2.0, 5.0, 200).cumsum()
+    sizes = rng.choice([-1.0, -0.6, 0.6, 1.0], 200)
+    t = np.arange(n) * INTERVAL
+    command = sizes[np.searchsorted(legs, t, side="right")]
+    # It goes ahead, stops, and goes astern.
+    u = speed * np.clip(1.6 * np.sin(2.0 * np.pi * t / (0.6 * seconds) + rng.uniform(0.0, 6.0)), -1.0, 1.0)
+    psi, rate = np.zeros(n), np.zeros(n)
+    r, heading, push, acting = 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        psi[k], rate[k] = heading, r
+        for _ in range(fine):
+            acting = command[k] if lag == 0.0 else acting + h * (command[k] - acting) / lag
+            push += -h * push / 3.0 + drift * np.sqrt(2.0 * h / 3.0) * rng.standard_normal()
+            r += h * (GAIN * acting + DAMPING * r + OF_SPEED * abs(u[k]) * r + push)
+            heading += h * r
+    psi += np.radians(0.1) * rng.standard_normal(n)
+    channels = {
+        "psi": Channel("psi", "rad", t, psi),
+        "u": Channel("u", "m/s", t, u),
+        "N": Channel("N", "N m", t, command),
+    }
+    return Trial(f"run{seed}", channels)
+
+
+def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, WanderingFit]:
+    form = plain_form(runs, "yaw")
+    problem, base = fit_base(form, prepare_as_recorded(runs, form, None)[0])
+    asked = asked_of(problem)
+    assert asked is not None
+    found = plain_under_process_noise(problem, base, *asked, quiet)
+    assert found is not None
+    return problem, base, *found
+
+
+def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_quicker_than_a_sample() -> None:
+    _, _, problem, plain = begun([sailed(1)])
+    assert stands(problem, plain)
+    loud = replace(plain, water=replace(plain.water, size=abs(float(plain.theta[0]))))
+    assert not stands(problem, loud)
+    quick = replace(plain, theta=np.array([plain.theta[0] * 20.0, -1.1 / INTERVAL]))
+    assert not stands(problem, quick)
+
+
+def test_predictions_reach_over_the_legs_of_the_commands_however_quick_a_fit_takes_the_craft_for() -> None:
+    _, _, problem, plain = begun([sailed(1)])
+    quick = replace(plain, theta=np.array([plain.theta[0], -50.0]))
+    assert foresight(problem, quick) == 5.0
+
+
+def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closely_as_ever() -> None:
+    problem, _, close, plain = begun([sailed(2, speed=0.0)])
+    asked = asked_of(problem)
+    assert asked is not None
+    (same, fit), hint, words = at_the_right_interval(problem, *asked, (close, plain), ["speed-damping"], quiet)
+    assert same is close and fit is plain and hint is None and words == ""
+
+
+def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
+    problem, base, *_ = begun([sailed(3), sailed(4), sailed(5)])
+    slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]
+    search = search_under_process_noise(problem, base, slugs, (), quiet)
+    assert search is not None
+    first = search.named[0]
+    assert first.effect.slug == "speed-damping" and first.ahead < 0.9
+    fit = search.fit
+    assert abs(first.effect["N_|u|r"] / OF_SPEED - 1.0) < 0.25
+    assert abs(float(fit.theta[1]) / DAMPING - 1.0) < 0.4

@@ -1,0 +1,68 @@
+"""Two thrusters of one kind: what both have is one cause, and what nothing distinguishes has one name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs_autotune.diagnose import diagnose
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
+from gcs_autotune.identify import data_summary_of, plain_form, prepare_as_recorded
+from gcs_autotune.trial import Channel, Trial
+
+WEAK = 0.75
+"""What a command astern does, in shares of the same ahead."""
+
+
+def steps(seed: int, *, opposite: float = 0.0) -> Trial:
+    """A boat driven by two thrusters, both weaker astern, that hardly coasts: steps of 4 s both ways."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 80.0, 0.2)
+    ahead = 20.0 * np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    differs = opposite * np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    left, right = ahead + differs, ahead - differs
+    u = np.zeros(len(t))
+    push = sum(np.where(f < 0.0, WEAK * f, f) for f in (left, right))
+    for k in range(len(t) - 1):
+        kept = np.exp(-0.2 / 1.5)
+        u[k + 1] = kept * u[k] + (1.0 - kept) * push[k] / 25.0
+    u += 0.01 * rng.standard_normal(len(t))
+    channels = {"u": Channel("u", "m/s", t, u)}
+    for name, values in (("force_left", left), ("force_right", right)):
+        channels[name] = Channel(name, "N", t, values)
+    return Trial(f"run{seed}", channels)
+
+
+def summary(*runs: Trial) -> DataSummary:
+    form = plain_form(runs, "surge")
+    return data_summary_of(form, prepare_as_recorded(runs, form, None)[0])
+
+
+def test_of_two_thrusters_commanded_alike_only_both_are_looked_at() -> None:
+    alike, apart = summary(steps(1)), summary(steps(1, opposite=10.0))
+    assert EFFECTS["asymmetric-thrust"].places(alike) == ("force_left+force_right",)
+    assert set(EFFECTS["asymmetric-thrust"].places(apart)) == {"force_left", "force_right", "force_left+force_right"}
+
+
+def test_a_thruster_has_no_rudder_to_stall() -> None:
+    run = steps(1, opposite=10.0)
+    turning = Trial("turns", {**run.channels, "r": Channel("r", "rad/s", run["u"].t, 0.1 * run["u"].values)})
+    form = plain_form([turning], "yaw")
+    data = data_summary_of(form, prepare_as_recorded([turning], form, None)[0])
+    assert EFFECTS["rudder-stall"].places(data) == ()
+    assert EFFECTS["saturation"].places(data) == ("force_left", "force_right", "force_left+force_right")
+
+
+def test_a_curve_of_both_bends_the_command_of_each() -> None:
+    t = np.array([0.0, 1.0])
+    drive = Drive(t, {"force_left": np.array([-2.0, 1.0]), "force_right": np.array([3.0, -4.0])}, 0.0)
+    effect = EffectInstance("asymmetric-thrust", "force_left+force_right", {"ratio": 0.5})
+    bent = EFFECTS["asymmetric-thrust"].drive(effect, drive).channels
+    np.testing.assert_array_equal(bent["force_left"], [-1.0, 1.0])
+    np.testing.assert_array_equal(bent["force_right"], [3.0, -2.0])
+
+
+def test_both_weak_astern_are_named_together_with_the_weakness_that_each_has() -> None:
+    told = diagnose([steps(1), steps(2)], dof="surge", effects=["asymmetric-thrust", "dead-zone", "quadratic-drag"])
+    (cause,) = told.causes
+    assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "force_left+force_right")
+    assert abs(cause.effect["ratio"] - WEAK) < 0.03

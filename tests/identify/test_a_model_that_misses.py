@@ -1,0 +1,54 @@
+"""A hull that slides, identified in yaw alone: what the model misses is blamed on no sensor, and on no other craft."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs_autotune.identify import fit
+from gcs_autotune.trial import Channel, Trial
+
+STEP, LASTS = 0.1, 150.0
+
+
+def zig_zag(seed, rudder, late=0.0):
+    """A tanker's yaw and sway: sliding turns it further, and it goes on turning while it slides.
+
+    late [s] : by how much the recorded turn rate lags.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, LASTS, STEP)
+    delta, psi, r, v, side = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t)), 1.0
+    for k in range(len(t) - 1):
+        side = -1.0 if psi[k] > rudder else 1.0 if psi[k] < -rudder else side
+        delta[k] = side * rudder
+        v[k + 1] = v[k] + STEP * (-0.08 * v[k] - 0.45 * r[k] + 0.02 * delta[k])
+        r[k + 1] = r[k] + STEP * (-0.12 * r[k] - 0.35 * v[k] + 0.05 * delta[k] - 25.0 * abs(r[k]) * r[k])
+        psi[k + 1] = psi[k] + STEP * r[k]
+    delta[-1] = delta[-2]
+    seen = np.interp(t - late, t, r) + 1e-5 * rng.normal(size=len(t))
+    columns = {
+        "delta": ("rad", delta),
+        "psi": ("rad", psi + 2e-4 * rng.normal(size=len(t))),
+        "r": ("rad/s", seen),
+        "v": ("m/s", v + 1e-3 * rng.normal(size=len(t))),
+    }
+    return Trial(f"z{seed}", {n: Channel(n, unit, t, values) for n, (unit, values) in columns.items()})
+
+
+def test_a_rate_that_agrees_with_the_heading_is_not_left_out_for_what_the_model_misses():
+    found = fit([zig_zag(1, 0.35)], dof="yaw")
+    assert found.extra["signals_left_out"] == {}
+    assert found.extra["signals"] == ["psi", "r"]
+
+
+def test_a_rate_that_lags_behind_the_heading_is_still_left_out():
+    found = fit([zig_zag(1, 0.35, late=0.8)], dof="yaw")
+    assert list(found.extra["signals_left_out"]) == ["r"]
+
+
+def test_runs_that_a_model_without_sway_cannot_reconcile_are_no_other_craft():
+    found = fit([zig_zag(1, 0.09), zig_zag(2, 0.18), zig_zag(3, 0.35)], dof="yaw")
+    told = {d.slug: d.cause for d in found.doubts}
+    assert "run-apart" not in told
+    assert "no sign of another craft" in told["runs-disagree"]
+    assert "sway moved too" in told["runs-disagree"]
