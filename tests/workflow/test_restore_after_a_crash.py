@@ -176,7 +176,7 @@ def test_a_value_that_another_station_wrote_stays_and_what_is_ours_is_restored(p
     found = vehicle.condition()
     borrow(vehicle, path)
     vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
-    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_P: it is 0.77.*without --yes") as caught:
+    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_P: its value 0.77.*without --yes") as caught:
         restore(vehicle, path)
     assert set(caught.value.differences) == {"ATC_STR_RAT_P"}
     assert vehicle.condition().differs_from(found, {}) == ["ATC_STR_RAT_P 0.77, found 0.2"]
@@ -190,7 +190,7 @@ def test_a_mode_that_neither_we_nor_a_failsafe_ordered_stays(path: Path, mode: i
     found = vehicle.condition()
     borrow(vehicle, path, mode="ACRO")
     vehicle.server.vehicle.autopilot.set_mode(mode)
-    with pytest.raises(NotAsFound, match=r"mode: it is in .*without --yes") as caught:
+    with pytest.raises(NotAsFound, match=r"mode: its mode is .*without --yes") as caught:
         restore(vehicle, path)
     now = vehicle.condition()
     assert now.mode == mode
@@ -240,7 +240,7 @@ def test_a_mode_that_the_run_saw_another_station_order_stays_though_a_failsafe_e
     journal = Journal.resume(path)
     journal.record("yielded", mode="HOLD")
     journal.leave()
-    with pytest.raises(NotAsFound, match="mode: it is in HOLD"):
+    with pytest.raises(NotAsFound, match="mode: its mode is HOLD"):
         restore(vehicle, path)
     assert vehicle.condition().mode == 4
 
@@ -363,7 +363,7 @@ def test_outputs_that_are_not_neutral_or_not_heard_are_said(
     with pytest.raises(NotAsFound) as caught:
         restoring._check_neutral()
     assert words in str(caught.value)
-    assert "take over by hand" in str(caught.value)
+    assert "Take over by hand" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_a_wish_is_read_for_the_smallest_form_that_has_all_of_it(
 @pytest.mark.parametrize(
     ("text", "form", "error", "words"),
     [
-        ("N_r", "", UsageError, "no parameter with a precision"),
+        ("N_r", "", UsageError, "not a parameter with a precision"),
         ("N_r 0%", "", UsageError, "above 0"),
         ("N_r 200%", "", UsageError, "at most 100"),
         ("N_rr_ 5%", "", UnknownName, "Did you mean N_rr"),
@@ -111,7 +111,7 @@ def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_en
     names = [None if c is None else c.run.settings.kind.name for c in chosen]
     assert None not in names[:2] and names[2] is None
     assert len({"doublets", *names[:2]}) == 3
-    assert "runs away by itself" in said[1]
+    assert "is unstable" in said[1]
     assert "brought no improvement" in planner.steps[-1].ended
 
 
