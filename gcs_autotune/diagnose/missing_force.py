@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,8 @@ class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
     ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power about its mean, predicted
-    by the other runs' curve; below 0 when that curve predicts less than their mean.
+    by the other runs' curve; below 0 when that curve predicts less than their mean. ``others``: what predicts it, the
+    ``runs`` besides, or of a single run the other ``half``.
     """
 
     over: str
@@ -50,6 +51,12 @@ class MissingCurve:
     force: Array
     band: Array
     share: float
+    others: Literal["runs", "half"] = "runs"
+
+    @property
+    def predicted_by(self) -> str:
+        """Return what of the data predicts the share, in words."""
+        return "the other runs" if self.others == "runs" else "the other half of the run"
 
     @property
     def varies(self) -> bool:
@@ -209,7 +216,8 @@ def _places(x: Array) -> tuple[Array, Array]:
 def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
     """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
-    if len(pieces) == 1:
+    alone = len(pieces) == 1
+    if alone:
         pieces = [tuple(part) for part in zip(*(np.array_split(a, 2) for a in pieces[0]), strict=True)]
     x, y, std = (np.concatenate([p[k] for p in pieces]) for k in range(3))
     middle, edges = _places(x)
@@ -242,7 +250,7 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         return None
     band = np.hypot(1.96 * spread, means(x, std) / math.sqrt(len(x) / BINS))
     share = 1.0 - left / whole if whole > 0.0 else 0.0
-    return MissingCurve(name, unit, middle[known], force[known], band[known], share)
+    return MissingCurve(name, unit, middle[known], force[known], band[known], share, "half" if alone else "runs")
 
 
 AXES: Mapping[str, str] = {
@@ -296,7 +304,8 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
             found.append(
-                f"{100.0 * curve.share:.0f} % of it goes with {AXES.get(curve.over, curve.over)}, told by other runs: "
+                f"{100.0 * curve.share:.0f} % of it goes with {AXES.get(curve.over, curve.over)}, "
+                f"predicted by {curve.predicted_by}: "
                 f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
                 f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
             )

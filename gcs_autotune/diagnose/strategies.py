@@ -282,11 +282,19 @@ def drop_explained_moments(state: SearchState) -> SearchState | None:
 
 
 def drop_insignificant(state: SearchState) -> SearchState | None:
-    """Leave out causes whose numbers, by their 95 % intervals, may all be such that nothing happens."""
+    """Leave out causes whose numbers, by their 95 % intervals, may all be such that nothing happens.
+
+    A fit without one begins at the present numbers and at those of the base: a cause may have taken the place of one of
+    these (thrust that falls with a turn rate, of damping), and without it the present ones lead astray.
+    """
     fit = state.fitted
     idle = next((e for e in state.causes if _may_be_none(fit, e)), None)
+    if idle is None:
+        return None
     rest = tuple(e for e in fit.effects if e is not idle)
-    without = None if idle is None else state.problem.fit(fit.theta, rest, fit.initial, shift=fit.shift)
+    begins = ((fit.theta, fit.initial), (state.base.theta, state.base.initial))
+    fits = (state.problem.fit(theta, rest, initial, shift=fit.shift) for theta, initial in begins)
+    without = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
     if without is None:
         return None
     fewer = state.with_model(without)

@@ -45,7 +45,9 @@ def test_every_benchmark_has_a_result_and_calls_the_writer():
 
 
 def test_every_result_names_its_command_and_where_it_comes_from():
-    for result in load():
+    everything = load()
+    assert len(everything) > 30
+    for result in everything:
         module = result.benchmark.partition("-")[0]
         assert result.command.startswith(f"python3 -m benchmarks.{module}"), result.benchmark
         assert (result.date and result.commit and result.machine) or result.origin, result.benchmark

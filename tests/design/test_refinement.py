@@ -68,7 +68,7 @@ def test_overshoot_is_avoided_where_it_costs_little(refined: Mapping[str, Propos
 def test_the_reasons_and_notes_say_that_the_error_over_time_decided(refined: Mapping[str, Proposal]) -> None:
     proposal = refined[SMALL_THRUSTER]
     assert any("smallest predicted tracking error" in change.reason for change in proposal.changes)
-    assert any("chosen for the smallest predicted tracking error" in note for note in proposal.notes)
+    assert any("minimise the predicted tracking error" in note for note in proposal.notes)
 
 
 def test_a_wish_of_the_users_is_matched_and_not_polished() -> None:

@@ -40,6 +40,12 @@ def test_of_a_quantity_that_takes_any_value_means_are_told_along_it():
     assert np.all(np.diff(curve.force) > 0.0)
 
 
+def test_a_single_run_is_predicted_by_its_other_half():
+    found = estimates(lambda rng, n: rng.normal(size=n), lambda x: 0.3 * x)
+    assert _curve_over("x", "", found).predicted_by == "the other runs"
+    assert _curve_over("x", "", found[:1]).predicted_by == "the other half of the run"
+
+
 def test_what_never_changed_has_no_curve():
     assert _curve_over("x", "", estimates(lambda rng, n: np.ones(n), lambda x: x)) is None
 

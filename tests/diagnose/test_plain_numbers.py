@@ -145,4 +145,4 @@ def test_a_delay_and_a_trim_that_only_the_craft_has_stand_in_the_table_as_the_ca
     assert rows["delay of N"].value == pytest.approx(0.4, abs=0.03)
     assert rows["trim of N"].value == pytest.approx(-bias, rel=0.1)
     assert [n for n, row in rows.items() if row.explained] == ["delay of N", "trim of N"]
-    assert [standing(row) for row in rows.values()] == ["agrees", "agrees", "by a cause", "by a cause"]
+    assert [standing(row) for row in rows.values()] == ["agrees"] * 2 + ["explained by a cause"] * 2

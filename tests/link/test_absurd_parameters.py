@@ -91,7 +91,7 @@ def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> Non
     assert not silent & asked
     assert not [case for case, words in said.items() if "\n" in words]
     nans = [
-        words.startswith(f"{parameter} is nan:")
+        words.startswith(f"{parameter} is nan, not a number")
         for (parameter, value), words in said.items()
         if words and math.isnan(value)
     ]

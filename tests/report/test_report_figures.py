@@ -69,7 +69,7 @@ def test_pictures_come_in_the_order_of_the_report():
 @pytest.mark.slow
 def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
     (first, *_) = draw_pictures(stories.dry_run())
-    assert "nothing of this was measured" in first.caption
+    assert "Predicted" in first.caption and "not measured" in first.caption
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_wit
     assert pulses(flown) == [WORKING / 2, WORKING]
     assert check.answer is not None
     assert check.answer.moved < 0.06
-    assert re.search(r"though SERVO3 went to 1(889|890) us: it is dead, or too weak", flown.outcome.reason)
+    assert re.search(r"though SERVO3 went to 1(889|890) us\. The thruster is dead or too weak", flown.outcome.reason)
 
 
 @pytest.mark.slow

@@ -21,10 +21,10 @@ WRONG = {
     "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "correct AHRS_ORIENTATION"),
     "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
     "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
-    "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "it is dead"),
+    "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "The actuator is dead or too weak"),
     "reversed throttle": ("charlie", "speed", {"parameters": {"SERVO3_REVERSED": 1.0}}, "Set SERVO3_REVERSED to 0"),
     "propeller turned round": ("charlie", "speed", {"effect": "sign-error@u"}, "Set SERVO3_REVERSED to 1"),
-    "dead throttle": ("charlie", "speed", {"effect": "dead-zone@throttle.width=1"}, "it is dead, or too weak"),
+    "dead throttle": ("charlie", "speed", {"effect": "dead-zone@throttle.width=1"}, "The thruster is dead or too weak"),
     "one thruster of two": ("blueboat", "speed", {"parameters": {"SERVO1_REVERSED": 1.0}}, "SERVO1 and SERVO3 is dead"),
     "astern": (
         "charlie",

@@ -308,7 +308,7 @@ def _missing(missing: MissingForce | None) -> Iterator[Picture]:
         told = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "none of it"
         caption = (
             f"Missing force without an identified cause, over {missing_over(curve)}: "
-            f"the curve of the other runs predicts {told}."
+            f"the curve of {curve.predicted_by} predicts {told}."
         )
         yield from _picture(f"missing-{i}", caption, lambda curve=curve: draw_missing(missing, curve))  # type: ignore[misc]
 
