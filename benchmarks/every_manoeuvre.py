@@ -118,9 +118,9 @@ class Told:
 
 def told_in(text: str, used: tuple[float, float]) -> Told:
     """Return what an announcement says."""
-    far = re.search(r"(?:need|takes) up to ([\d.]+) m\b", text)
+    far = re.search(r"needs? up to ([\d.]+) m\b", text)
     metres = float(far[1]) if far else math.nan
-    whole = re.search(rf"(?:and|takes) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
+    whole = re.search(rf"(?:and|needs) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
     usual = re.search(rf"usually (?:about .*? and )?(?=\d+ (?:min|s)\b){_TIME}", text)
     near = re.search(r"usually about (\d+) m\b", text)

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["conformed", "load_json", "load_toml", "see_run_folder"]
+__all__ = ["check_run_folder", "conformed", "load_json", "load_toml"]
 
 T = TypeVar("T")
 
@@ -57,7 +57,7 @@ def conformed(data: Any, form: type[T], where: object) -> T:
         raise BadFile(f"{where}: {error}") from error
 
 
-def see_run_folder(path: Path) -> None:
+def check_run_folder(path: Path) -> None:
     """See that a run can be kept at *path*; nothing is made yet.
 
     Raises

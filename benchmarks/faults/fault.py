@@ -74,6 +74,6 @@ class Fault:
 
     def __str__(self) -> str:
         where = f"{self.count}. {self.sent}" if self.sent else "start"
-        lasting = " for ever" if math.isinf(self.duration) else f" for {self.duration:.3g} s"
+        lasting = " forever" if math.isinf(self.duration) else f" for {self.duration:.3g} s"
         shown = lasting if self.kind in LASTING else ""
         return f"{self.kind} {self.size:.3g} {self.way} from {where} + {self.after:.4g} s{shown}"

@@ -133,16 +133,16 @@ def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
 BLAME: Mapping[str, tuple[str, ...]] = {
     "station-mode": ("not by us", "another station may have ordered", "was armed, not by us"),
     "station-disarm": ("not by us", "another station may have ordered"),
-    "station-sticks": ("overrides other than ours", "somebody moves the sticks"),
-    "station-write": ("another ground station wrote", "somebody else has changed it", "another station wrote"),
-    "reboot": ("has restarted", "has been silent"),
+    "station-sticks": ("overrides other than ours", "the sticks were moved"),
+    "station-write": ("another ground station wrote", "another station changed it", "another station wrote"),
+    "reboot": ("has restarted", "Lost contact with"),
     "stall": ("this computer paused",),
     "silence": (
-        "has been silent",
+        "Lost contact with",
         "the link was silent",
         "another station may have ordered",
-        "failsafe of its own",
-        "what it sent was lost",
+        "the vehicle's own failsafe",
+        "its messages were lost",
     ),
 }
 """Kind of fault -> words by which it is told."""

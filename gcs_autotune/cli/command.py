@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.documents import load_json, see_run_folder
+from gcs_autotune.documents import check_run_folder, load_json
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -34,15 +34,15 @@ __all__ = [
     "add_number",
     "add_output",
     "add_remote",
+    "check_axis_limits",
+    "check_files",
+    "check_model_file",
+    "check_output",
     "connected",
     "connection_of",
     "envelope_from",
     "progress_bar",
     "run_directory",
-    "see_axis_limits",
-    "see_files",
-    "see_model_file",
-    "see_output",
     "uri_of",
     "watching",
 ]
@@ -91,7 +91,7 @@ def add_number(
 
     limit : its name in the table, if different; meaning : help text, instead of the table's; const : value of the
     option without an argument; marked : None if the option is absent, whatever the default. Ranges that differ by
-    axis are checked by :func:`see_axis_limits`.
+    axis are checked by :func:`check_axis_limits`.
     """
     rows = axes_of(limit or name)
     row = rows[0]
@@ -128,7 +128,7 @@ def _help(rows: Sequence[Limit], meaning: str) -> str:
     return "; ".join(dict.fromkeys(row.help for row in rows)).replace("%", "%%")
 
 
-def see_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
+def check_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
     """Check the numbers whose range depends on ``args.axis``.
 
     Raises
@@ -338,7 +338,7 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
         yield replace(_connection(args, uri, signing), opened=transport)
 
 
-def see_output(args: argparse.Namespace) -> None:
+def check_output(args: argparse.Namespace) -> None:
     """Check that the run can be kept in ``--out``, before a link is opened.
 
     Raises
@@ -347,10 +347,10 @@ def see_output(args: argparse.Namespace) -> None:
         It already holds a run, or cannot be created.
     """
     if args.out is not None:
-        see_run_folder(args.out)
+        check_run_folder(args.out)
 
 
-def see_files(*paths: Path | None) -> None:
+def check_files(*paths: Path | None) -> None:
     """Check that the files to read exist, before the slow imports.
 
     Raises
@@ -363,7 +363,7 @@ def see_files(*paths: Path | None) -> None:
             raise BadFile(f"{path} does not exist. Give a file or a run directory")
 
 
-def see_model_file(path: Path | None) -> None:
+def check_model_file(path: Path | None) -> None:
     """Check that a model file can be read, before anything is opened; its contents are checked later.
 
     Raises
@@ -373,7 +373,7 @@ def see_model_file(path: Path | None) -> None:
     """
     if path is None:
         return
-    see_files(path)
+    check_files(path)
     if not isinstance(load_json(path, "a model file"), dict):
         raise BadFile(f"{path} is not a model file: it has no JSON object with a model. Write one with identify --save")
 

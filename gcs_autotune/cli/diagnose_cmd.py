@@ -9,7 +9,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar, see_files
+from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.clock import WallClock
@@ -75,7 +75,7 @@ def _run(args: argparse.Namespace) -> int:
     clock = WallClock()
     begun = clock.now()
     if not args.list_effects:
-        see_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters, args.resume)
+        check_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters, args.resume)
         if args.resume is not None and args.out is not None:
             raise UsageError(
                 "use --resume or --out, not both: a resumed search writes to the directory it was stopped in"

@@ -18,11 +18,11 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_output,
     add_remote,
+    check_axis_limits,
+    check_output,
     connected,
     envelope_from,
     run_directory,
-    see_axis_limits,
-    see_output,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -50,8 +50,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    see_axis_limits(args, ("relay-hysteresis",))
-    see_output(args)
+    check_axis_limits(args, ("relay-hysteresis",))
+    check_output(args)
     with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
         return _experiment(args, connection)
 

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, see_files
+from gcs_autotune.cli.command import Command, check_files
 from gcs_autotune.cli.reading import full_scale
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import BadFile
@@ -33,7 +33,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    see_files(args.model)
+    check_files(args.model)
     from gcs_autotune.export import export_model
     from gcs_autotune.identify import load_model
 

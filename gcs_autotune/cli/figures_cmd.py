@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number, see_files
+from gcs_autotune.cli.command import Command, add_number, check_files
 from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
@@ -31,7 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    see_files(*args.runs)
+    check_files(*args.runs)
     from rich.console import Console
 
     from gcs_autotune.logs import load_runs

@@ -20,12 +20,12 @@ from gcs_autotune.cli.command import (
     add_number,
     add_output,
     add_remote,
+    check_model_file,
+    check_output,
     connected,
     connection_of,
     envelope_from,
     run_directory,
-    see_model_file,
-    see_output,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -118,13 +118,13 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
 def _run(args: argparse.Namespace) -> int:
     if args.list:
         return _list()
-    see_output(args)
+    check_output(args)
     if args.until is None and (args.form or args.total_time is not None):
         raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until, e.g. --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
     _see_it_is_known(args)
-    see_model_file(args.model)
+    check_model_file(args.model)
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
         return _preview(args)
@@ -144,7 +144,7 @@ def run_flight(
     args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
 ) -> int:
     """Open the link (default *otherwise*), fly, and show the result; *recheck*: judge the loop of that axis."""
-    see_output(args)
+    check_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)
 

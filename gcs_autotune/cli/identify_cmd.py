@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, progress_bar, see_files
+from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.errors import UsageError
@@ -121,7 +121,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.compare is not None and not _is_file(args.compare):
         _see_method_is_known(args.compare)
     if args.method != "list":
-        see_files(*args.runs, *args.validate, args.start, args.parameters)
+        check_files(*args.runs, *args.validate, args.start, args.parameters)
 
     from rich.console import Console
     from rich.text import Text

@@ -14,8 +14,8 @@ from gcs_autotune.cli.command import (
     add_connection,
     add_loudness,
     add_number,
+    check_files,
     connection_of,
-    see_files,
     uri_of,
     watching,
 )
@@ -87,7 +87,7 @@ def _fetch(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    see_files(*args.files, args.parameters)
+    check_files(*args.files, args.parameters)
     from rich.console import Console
 
     from gcs_autotune.logs import fresh_folder, survey, write_runs

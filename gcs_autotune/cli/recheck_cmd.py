@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.cli.command import Command, add_connection, add_output, see_axis_limits
+from gcs_autotune.cli.command import Command, add_connection, add_output, check_axis_limits
 from gcs_autotune.cli.fly_cmd import COMMAND as FLY
 from gcs_autotune.cli.fly_cmd import DEFAULT_CONNECTION, add_flight, run_flight
 from gcs_autotune.sname import DOFS
@@ -26,7 +26,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     flight = argparse.ArgumentParser()
     FLY.add_arguments(flight)
-    see_axis_limits(args, RELAY)
+    check_axis_limits(args, RELAY)
     given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
     axis = axis_kind(args.axis)
     given.force = DOFS[axis.dof].force

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_loudness, connection_of, see_files, watching
+from gcs_autotune.cli.command import Command, add_connection, add_loudness, check_files, connection_of, watching
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.untrusted_text import visible
 
@@ -31,7 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    see_files(args.run)
+    check_files(args.run)
     from gcs_autotune.workflow import is_settled, link_of, restore_run
 
     if is_settled(args.run):

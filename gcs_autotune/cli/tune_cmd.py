@@ -21,13 +21,13 @@ from gcs_autotune.cli.command import (
     add_number,
     add_output,
     add_remote,
+    check_axis_limits,
+    check_files,
+    check_model_file,
+    check_output,
     connected,
     envelope_from,
     run_directory,
-    see_axis_limits,
-    see_files,
-    see_model_file,
-    see_output,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.errors import UsageError
@@ -92,24 +92,24 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    _see(args)
+    _check(args)
     args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
         return _tune(args, connection)
 
 
-def _see(args: argparse.Namespace) -> None:
+def _check(args: argparse.Namespace) -> None:
     """Check that the options agree, before anything is opened."""
-    see_axis_limits(args, ("step", "relay-hysteresis"))
-    see_output(args)
+    check_axis_limits(args, ("step", "relay-hysteresis"))
+    check_output(args)
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
         raise UsageError(f"--model takes a model file. For the reference model use --function {args.model}")
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains proves existing gains and --model designs new ones. Use one of the two")
-    see_model_file(args.model)
-    see_files(args.gains, args.resume)
+    check_model_file(args.model)
+    check_files(args.gains, args.resume)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
@@ -144,7 +144,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     from gcs_autotune.identify import load_model
     from gcs_autotune.workflow import TuneSettings
 
-    _see(args)
+    _check(args)
     angular = AXES[args.axis].angular
 
     def inside(value: float | None) -> float | None:

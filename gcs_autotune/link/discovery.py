@@ -109,7 +109,7 @@ def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
     """
     if len(candidates) > 1:
         names = " and ".join(str(c) for c in candidates)
-        raise UsageError(f"{len(candidates)} autopilots are on this link: {names}; say which by its system id")
+        raise UsageError(f"{len(candidates)} autopilots are on this link: {names}. Select one with --system-id")
     return candidates[0]
 
 
@@ -125,23 +125,24 @@ def nobody_found(
     others = sorted({system for system, _ in heard})
     if candidates:
         return NoVehicle(
-            f"no autopilot with system id {system_id} within {timeout:g} s on {description}; there is "
+            f"no autopilot with system id {system_id} within {timeout:g} s on {description}. Found: "
             + " and ".join(str(c) for c in candidates.values())
         )
     if others:
-        seen = f"only other stations were heard (system ids {', '.join(map(str, others))})"
+        seen = f"only other stations sent messages (system ids {', '.join(map(str, others))})"
     elif bad_data:
-        seen = "bytes came in, but none of them MAVLink; is the baud rate right?"
+        seen = "bytes were received, but no MAVLink. Check the baud rate"
     else:
-        seen = "nothing came in at all; is the vehicle on, and is this the right port?"
+        seen = "nothing was received. Check that the vehicle is on, and the port"
     return NoVehicle(f"no autopilot's heartbeat within {timeout:g} s on {description}: {seen}")
 
 
 _CURES = {
-    Refusal.UNSIGNED: "it has no key set up on this link: set one up (Mission Planner: Setup, Advanced, MAVLink "
-    "Signing; MAVProxy: signing setup), or leave --signing-key out",
-    Refusal.WRONG: "this is not the vehicle's key: give the one it was set up with",
-    Refusal.OLD: "they may be a recording played back, or the vehicle does not hear us and so does not set its clock",
+    Refusal.UNSIGNED: "the vehicle has no key on this link. Set one up (Mission Planner: Setup, Advanced, MAVLink "
+    "Signing; MAVProxy: signing setup), or omit --signing-key",
+    Refusal.WRONG: "this is not the vehicle's key. Use the one it was set up with",
+    Refusal.OLD: "they may be a replayed recording, or the vehicle does not receive our messages and so has not set "
+    "its clock",
 }
 
 
@@ -149,15 +150,15 @@ def not_believed(signer: Signer, description: str) -> SigningMismatch:
     """Return the error for a search in which nobody was heard whom our key lets us believe."""
     worst, _ = signer.refused.most_common(1)[0]
     return SigningMismatch(
-        f"messages come in on {description}, but none to be believed ({refusals(signer)}): {_CURES[worst]}"
+        f"messages are received on {description}, but none is valid ({refusals(signer)}): {_CURES[worst]}"
     )
 
 
 def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> SigningMismatch:
     """Return the error for a vehicle that signs what it says and does not answer us, who have no key."""
     return SigningMismatch(
-        f"{candidate} on {description} signs its messages and answers none of ours: it obeys only who signs with its "
-        "key; give --signing-key FILE or --signing-passphrase"
+        f"{candidate} on {description} signs its messages and answers none of ours: it accepts only messages signed "
+        "with its key. Use --signing-key FILE or --signing-passphrase"
     )
 
 
@@ -195,7 +196,7 @@ def introduce(session: Session, port: FramePort, sightings: Sightings, wanted: V
     if port.signer is None and sightings.signs(wanted):
         if not version:
             raise cannot_be_commanded(wanted, session.transport.description)
-        session.notes.append("the vehicle signs its messages; on this link it obeys unsigned ones too")
+        session.notes.append("the vehicle signs its messages, but accepts unsigned ones on this link")
     return wanted.identity(version=version, uid=uid)
 
 
@@ -210,5 +211,5 @@ def _ask_version(session: Session) -> tuple[str, str]:
                 return firmware_version(answers[0]), unique_id(answers[0])
     finally:
         stop()
-    session.notes.append("the vehicle did not tell its firmware version")
+    session.notes.append("the vehicle did not report its firmware version")
     return "", ""

@@ -32,9 +32,9 @@ _LONGEST = 1 << 20
 _ERRORS = {
     1: "it failed",
     4: "the session was lost",
-    5: "it has no session free",
-    7: "it knows no such request",
-    10: "there is none",
+    5: "it has no free session",
+    7: "it does not support the request",
+    10: "the file does not exist",
 }
 
 
@@ -62,7 +62,7 @@ class _Exchange:
     def ask(self, opcode: int, *, offset: int = 0, size: int = 0, data: bytes = b"") -> None:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("a file was asked for before a vehicle was found; discover one first")
+            raise NoReply("a file was requested before a vehicle was found. Discover one first")
         self._sequence = (self._sequence + 1) & 0xFFFF
         head = _HEAD.pack(self._sequence, 0, opcode, size or len(data), 0, 0, 0, offset)
         payload = (head + data).ljust(_PAYLOAD, b"\0")
@@ -111,7 +111,7 @@ def read_remote_file(session: Session, path: str, timeout: float = 60.0) -> byte
         exchange.answer(_TERMINATE)  # one of ours left open; others' sessions are none of our business
         opened = exchange.answer(_OPEN, path.encode("ascii"))
         if not opened.is_ack:
-            raise BadFile(f"{session.vehicle} has no file {path} that can be read{_why(opened)}")
+            raise BadFile(f"{session.vehicle} has no readable file {path}{_why(opened)}")
         data = _read(session, exchange, Deadline.after(session.liveness, timeout), path)
         exchange.ask(_TERMINATE)
         return data
@@ -145,7 +145,7 @@ def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) 
                 end = min(reply.offset, end) if end is not None else reply.offset
             else:
                 raise BadFile(f"{path} of {session.vehicle} cannot be read{_why(reply)}")
-    raise NoReply(f"{path} of {session.vehicle} did not come whole within the time; try a faster link")
+    raise NoReply(f"{path} of {session.vehicle} was not received completely in time. Try a faster link")
 
 
 def _why(reply: _Reply) -> str:

@@ -142,7 +142,7 @@ class FramePort:
         try:
             self._tlog.write(frame) if frame else self._tlog.flush()
         except BadFile as error:
-            self._notes.append(f"{error}; from here on nothing is logged")
+            self._notes.append(f"{error}. Logging stops here")
             with suppress(BadFile):
                 self._tlog.close()
             self._tlog = None

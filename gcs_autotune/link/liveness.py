@@ -115,7 +115,7 @@ class Loss:
             return ""
         return (
             f"the link loses {100.0 * self.share:.0f} % of what the vehicle sends, by its sequence numbers. Check "
-            "antennas, range and interference, and whether a radio or router on the way is given more than it carries"
+            "antennas, range and interference, and whether a radio or router on the way is overloaded"
         )
 
 
@@ -174,9 +174,9 @@ class HeldSender:
         if voice.turns > _TURNS and not self._two_told:
             self._two_told = True
             self._notes.append(
-                "two senders speak under the vehicle's system id on this connection (their sequence numbers "
-                "interleave): another program that says it is the vehicle, or a router that joins two links to it. "
-                "Use a signed link if you do not know the other"
+                "two senders use the vehicle's system id on this connection (their sequence numbers "
+                "interleave): another program with the vehicle's id, or a router that joins two links to it. "
+                "Use a signed link if the other one is unknown"
             )
 
     def note_stranger(self, frame: Frame) -> None:
@@ -188,8 +188,9 @@ class HeldSender:
         for origin, ids in self._suspects.items():
             self._strangers[origin] = None
             self._notes.append(
-                f"somebody else, at {origin}, says that he is the vehicle ({ids}), which is at {self.origin}: he is "
-                "not believed. Give one of the two another system id, or use a signed link"
+                f"another sender at {origin} uses the vehicle's ids ({ids}); the vehicle is at {self.origin}. The "
+                f"other is "
+                "ignored. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
 
@@ -209,7 +210,7 @@ class HeldSender:
     def hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         """From now on hold to the sender at *origin*; the *known* vehicle has moved there."""
         if known is not None:
-            how = "its board's id is the same" if known.uid else "its board tells no id, its firmware is the same"
+            how = "its board's id is the same" if known.uid else "its board reports no id, its firmware is the same"
             self._notes.append(f"the vehicle now sends from {origin}, not {self.origin} (restarted?): {how}")
         self.origin = origin
         self._suspects.pop(origin, None)

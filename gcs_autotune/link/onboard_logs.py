@@ -57,8 +57,8 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
     finally:
         stop()
     raise NoReply(
-        f"{session.vehicle} does not tell its logs whole ({len(entries)} of {told[-1] if told else 'unknown'}); "
-        "it does so disarmed only"
+        f"{session.vehicle} listed only {len(entries)} of {told[-1] if told else 'unknown'} logs. "
+        "Disarm it, since it sends logs only disarmed"
     )
 
 
@@ -69,7 +69,7 @@ def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool 
 
 def _ids(session: Session) -> tuple[int, int]:
     if session.vehicle is None:
-        raise NoReply("logs were asked for before a vehicle was found; discover one first")
+        raise NoReply("logs were requested before a vehicle was found. Discover one first")
     return session.vehicle.system, session.vehicle.component
 
 
@@ -88,7 +88,7 @@ def fetch_log(
         They stopped coming. BadFile: it is too large. OperatorStopped: the operator did not want to wait.
     """
     if log.size > _LARGEST:
-        raise BadFile(f"log {log.number} has {log.size} bytes: take the card out")
+        raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy it from the SD card")
     data, missing = bytearray(log.size), set(range(0, log.size, _PIECE))
 
     def hear(message: Message) -> None:
@@ -109,7 +109,9 @@ def fetch_log(
                 progress(log.size - _PIECE * len(missing), log.size)
             silent = silent + 1 if len(missing) == before else 0
             if silent == _TRIES:
-                raise NoReply(f"{session.vehicle} sends no more of log {log.number}; it does so disarmed only")
+                raise NoReply(
+                    f"{session.vehicle} stopped sending log {log.number}. Disarm it, since it sends logs only disarmed"
+                )
         return bytes(data)
     finally:
         stop()

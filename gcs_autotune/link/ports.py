@@ -64,8 +64,8 @@ class Overheard:
         if self.others:
             return f"MAVLink, but no autopilot: system ids {', '.join(map(str, self.others))}"
         if self.messages:
-            return "MAVLink, but nobody who tells what it is"
-        return "bytes, but no MAVLink (another speed?)" if self.bad_bytes else "silent"
+            return "MAVLink, but no heartbeat"
+        return "bytes, but no MAVLink; check the speed" if self.bad_bytes else "silent"
 
 
 def serial_ports() -> tuple[PortSeen, ...]:
@@ -96,7 +96,7 @@ def overhear(uri: str, seconds: float) -> Overheard:
     except (CannotOpenLink, LinkLost) as error:
         return Overheard(uri, trouble=str(error))
     except LinkError as error:
-        return Overheard(uri, trouble=f"cannot be listened to: {error}")
+        return Overheard(uri, trouble=f"cannot be opened: {error}")
 
 
 def _heard(uri: str, transport: Transport, seconds: float) -> Overheard:

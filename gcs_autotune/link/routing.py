@@ -52,6 +52,6 @@ class Routing:
         if is_twin and (frame.system, frame.component) not in self._twins:
             self._twins.add((frame.system, frame.component))
             self._notes.append(
-                f"another station on this link also is system {frame.system}: the vehicle cannot tell us apart "
-                "and obeys both; close it"
+                f"another station on this link also has system id {frame.system}. The vehicle cannot distinguish it "
+                "from this tool and obeys both. Close it"
             )

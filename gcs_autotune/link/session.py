@@ -278,9 +278,9 @@ class Session:
         if not others:
             return ""
         return (
-            f"messages that claim to be from {self.vehicle} come from {len(others) + 1} addresses: "
+            f"messages with the ids of {self.vehicle} come from {len(others) + 1} addresses: "
             f"{' and '.join((self._held_sender.origin, *others))}. Only those from the first, "
-            f"{self._held_sender.origin}, are believed"
+            f"{self._held_sender.origin}, are used"
         )
 
     @property
@@ -306,8 +306,8 @@ class Session:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
         if self.vehicle is not None and self.liveness.silence > max(patience, self.patience):
             raise LinkLost(
-                f"{self.vehicle} has been silent for {self.liveness.silence:.1f} s on {self.transport.description}; "
-                f"check power, cable and radio range{self.port.trouble}"
+                f"Lost contact with {self.vehicle} on {self.transport.description} ({self.liveness.silence:.1f} s). "
+                f"Check power, cable and radio range{self.port.trouble}"
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -369,8 +369,8 @@ class Session:
                 return
         states = " and ".join(f"{'armed' if armed else 'disarmed'} in mode {mode}" for armed, mode in sorted(told))
         raise TelemetryFault(
-            f"the heartbeats of {self.vehicle} contradict each other ({states}): somebody else sends under its system "
-            "id. Disconnect him, or use a signed link, and look at the vehicle itself"
+            f"the heartbeats of {self.vehicle} contradict each other ({states}): another sender uses its system id. "
+            "Disconnect it, or use a signed link, and check the vehicle itself"
         )
 
     def _asked_state(self) -> set[tuple[bool, int]]:
@@ -381,7 +381,7 @@ class Session:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
             begun = self.liveness.listened
             if not self.await_return(_THREE_HEARTBEATS):
-                raise LinkLost(f"{self.vehicle} is not heard any more on {self.transport.description}")
+                raise LinkLost(f"lost contact with {self.vehicle} on {self.transport.description}")
             self.wait_for(
                 lambda: True if len(told) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
                 _THREE_HEARTBEATS,

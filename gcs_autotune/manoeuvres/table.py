@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.axes import EXCITATIONS
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres import hand_released, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
+from gcs_autotune.manoeuvres import free_decay, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import OptionNames, Relay, RelaySettings, WallRelay
 
@@ -162,7 +162,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         stopping.KIND,
         *open_loop.KINDS,
         set_point_relay.KIND,
-        hand_released.KIND,
+        free_decay.KIND,
         _RELAY,
         _WALL_RELAY,
         _THROTTLE_STEPS,

@@ -131,7 +131,7 @@ class TlogReader:
             try:
                 more = self._stream.read(_CHUNK)
             except OSError as error:
-                raise BadFile(f"the telemetry log cannot be read to its end: {error.strerror}") from error
+                raise BadFile(f"the telemetry log cannot be read completely: {error.strerror}") from error
             self._is_whole = not more
             self._buffer += more
         return self._position + _STAMP.size < len(self._buffer)

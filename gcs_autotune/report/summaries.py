@@ -43,7 +43,7 @@ def log_summary(told: Mapping[str, Any]) -> Group:
     counts = told["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
     stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
-    cut = ", cut off in the middle of a message" if counts.get("truncated") else ""
+    cut = ", truncated in the middle of a message" if counts.get("truncated") else ""
     parts: list[RenderableType] = [
         *contradictions_shown(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION),
         title(f"{told['source']}: {told['format']}"),

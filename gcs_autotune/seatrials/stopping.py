@@ -57,7 +57,7 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
     half, ended = (_passing(u, start, share * speed.value) for share in (HALF, ENDED))
     if not math.isfinite(ended.value):
         left = float(u.values[-10:].mean())
-        cause = f"the record ends while the craft still makes {left:.2f} m/s of {speed.value:.2f} m/s"
+        cause = f"the record ends while the craft still makes {left:.2f} m/s, from {speed.value:.2f} m/s"
         notes.append(Doubt("not-stopped", cause, "record until the speed has fallen to a tenth"))
     astern = _astern(X, start, ended.value if math.isfinite(ended.value) else float(u.t[-1]))
     course = _course(x, y, start)

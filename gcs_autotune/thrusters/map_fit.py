@@ -40,18 +40,14 @@ def map_doubts(
     error = pulls.force - fitted
     if not (structure.ahead and structure.astern):
         side, other = ("ahead", "astern") if structure.ahead else ("astern", "ahead")
-        found.append(
-            Doubt(
-                "one-sided", f"the thruster was pulled {side} only; {other} the map gives nothing", f"pull {other} too"
-            )
-        )
+        found.append(Doubt("one-sided", f"pulls only {side}; the map has no force {other}", f"pull {other} too"))
     low, high = thruster.dead_zone
     edge_error = max(parameters["x_f"].std, parameters["x_b"].std)
     if structure.dead != "none" and 4.0 * edge_error > high - low:
         found.append(
             Doubt(
                 "dead-zone-unsure",
-                f"the dead zone {low:.4g} to {high:.4g} {thruster.unit} is known to {1.96 * edge_error:.2g} only",
+                f"the dead zone {low:.4g} to {high:.4g} {thruster.unit} is uncertain by {1.96 * edge_error:.2g}",
                 "pull at several small commands on both sides of it",
             )
         )
@@ -61,7 +57,7 @@ def map_doubts(
             Doubt(
                 "lack-of-fit",
                 f"repeated pulls agree better with each other than with the map (chance {chance:.1g})",
-                "look at the residuals: voltage sag, a kink of the speed controller, or a tank too small",
+                "check the residuals for voltage sag, a kink of the speed controller, or a tank that is too small",
             )
         )
     chance = _uneven(fitted, error) if noise > resolution(pulls.force) else 1.0
@@ -69,16 +65,14 @@ def map_doubts(
         found.append(
             Doubt(
                 "scatter-grows",
-                "strong pulls scatter differently from weak ones; the standard errors take one scatter for all",
+                "strong pulls scatter differently from weak ones, but the standard errors assume equal scatter",
                 "repeat the strong pulls and check the battery between them",
             )
         )
     outlying = np.flatnonzero(np.abs(error) > 5.0 * max(1.4826 * float(np.median(np.abs(error))), 1e-3 * noise))
     if noise > 0.0 and len(error) >= 10 and 0 < len(outlying) <= 0.1 * len(error):
         commands = ", ".join(f"{pulls.command[i]:.4g}" for i in outlying[:5])
-        found.append(
-            Doubt("outlying-pulls", f"pulls at {commands} lie far off the map", "repeat them, or leave them out")
-        )
+        found.append(Doubt("outlying-pulls", f"pulls at {commands} are far from the map", "repeat them, or omit them"))
     return tuple(found)
 
 

@@ -57,7 +57,7 @@ def announce(context: TuneContext) -> None:
     context.log.announce(
         (
             arming(context.craft, now),
-            f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and go back to {now.mode} at the end",
+            f"use the modes {firmware.hold_mode} and {firmware.manual_mode}, and return to {now.mode} at the end",
             f"move: {_movements(context, now)}",
             room(context.axis.dof, context.speed, context.settings, now, whole),
             how_long(itinerary, patient.seconds),
@@ -65,11 +65,12 @@ def announce(context: TuneContext) -> None:
             *after_a_silence(context.settings, now),
             "write no parameter (dry run)"
             if context.settings.dry_run
-            else f"write some of {gains}, after asking again; the old values come back unless the new prove better",
+            else f"write some of {gains}, after asking again, and restore the old values unless the new ones prove "
+            f"better",
         )
     )
     if not context.agrees("Go ahead?"):
-        raise OperatorStopped("not started: the answer was no; nothing was armed, moved or written")
+        raise OperatorStopped("not started: the answer was no. Nothing was armed, moved or written")
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
@@ -175,13 +176,13 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
         usually = f", usually about {usual:.0f} m" if usual < metres else ""
         turns = FAR_OUT * envelope.distance_limit
-        between = f". Between stages it turns around where it is more than {turns:.0f} m away" if turns < metres else ""
+        between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
         between = ". It turns around before each stage" if settings.stop_rule == SETTLED else between
-        return f"need up to {metres:.0f} m from where it lies{usually}{between}. A smaller --max-distance takes less"
+        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance needs less"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {_deepest(dof, settings, now):.0f} m of depth"
-    return f"need about {ROV_ROOM:g} m of free water around{below}"
+    return f"need about {ROV_ROOM:g} m of free water around the vehicle{below}"
 
 
 def _deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
@@ -196,18 +197,16 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     """Return how much water and time a whole visit takes, with its stages; *source*: of the numbers, in words."""
     metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    ends = " (the run is ended there: --max-distance)" if excursion.needs > metres else ""
-    far = f"up to {metres:.0f} m from where it lies{ends}" if moves else "only water about where it lies"
+    ends = " (the run ends there: --max-distance)" if excursion.needs > metres else ""
+    far = f"up to {metres:.0f} m from the start{ends}" if moves else "only the water around the craft"
     longest = exactly(LATE * excursion.seconds)
     if usual is None:
         told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
-        return f"need {far}{deep}, and up to {longest}: {told}" + (f"; by {source}" if source else "")
-    near = (
-        f"usually about {min(usual.needs, metres):.0f} m from where it lies{deep} and" if moves else f"{far}, usually"
-    )
+        return f"need {far}{deep}, and up to {longest}: {told}" + (f"; predicted from {source}" if source else "")
+    near = f"usually about {min(usual.needs, metres):.0f} m from the start{deep} and" if moves else f"{far}, usually"
     most = f"up to {metres:.0f} m{ends} and " if moves else ""
-    by = f" (by {source})" if source else ""
-    return f"need {near} {exactly(LATE * usual.seconds)}{by}. A loop that hardly damps takes {most}up to {longest}"
+    by = f" (predicted from {source})" if source else ""
+    return f"need {near} {exactly(LATE * usual.seconds)}{by}. A poorly damped loop needs {most}up to {longest}"
 
 
 def exactly(seconds: float) -> str:
@@ -222,36 +221,36 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     beside = overhead(len(itinerary.legs))
     usual = _minutes(itinerary.seconds + beside)
     longest = _minutes(max(most, itinerary.seconds) + beside)
-    up_to = "" if longest == usual else f", up to {longest} where it comes to no rest"
+    up_to = "" if longest == usual else f", up to {longest} if it does not settle"
     return (
-        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates from craft "
-        "that steer alike, mended as the first stage of each kind is flown"
+        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates of similar "
+        "craft, updated after the first stage of each kind"
     )
 
 
 def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
     """Return what is known of the battery, and what the time takes of one, with the assumption that is made."""
     share = math.ceil(20.0 * seconds / 3600.0) * 5
-    draws = f"about {share} % of one that lasts an hour at this power (assumed: the vehicle does not tell its draw)"
+    draws = (
+        f"about {share} % of a battery that lasts an hour at this power (assumed; the vehicle does not report its draw)"
+    )
     known = []
     if math.isfinite(now.battery_remaining):
-        known.append(
-            f"{100.0 * now.battery_remaining:.0f} % now, ended below {100.0 * envelope.battery_remaining:.0f} %"
-        )
+        known.append(f"{100.0 * now.battery_remaining:.0f} % now, limit {100.0 * envelope.battery_remaining:.0f} %")
     if math.isfinite(now.battery_voltage):
-        ends = f", ended below {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
+        ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"draw on the battery, {draws}; the vehicle tells nothing of it, so it is not guarded"
-    return f"draw on the battery ({', '.join(known)}), {draws}"
+        return f"use {draws}; the vehicle does not report its battery, so it is not monitored"
+    return f"use {draws} ({', '.join(known)})"
 
 
 def after_a_silence(settings: TuneSettings, now: Observation) -> tuple[str, ...]:
     """Return what is done when the vehicle was not heard for a while; nothing where the first silence ends the run."""
     if settings.patience <= 0.0:
         return ()
-    again = "" if now.armed else ", and arm again, after asking, what was disarmed meanwhile"
-    return (f"go on after a silence of up to {settings.patience:g} s (--patience){again}",)
+    again = "" if now.armed else ", and arm again, after asking, if it was disarmed"
+    return (f"continue after a silence of up to {settings.patience:g} s (--patience){again}",)
 
 
 def _minutes(seconds: float) -> str:
@@ -264,7 +263,7 @@ def _movements(context: TuneContext, now: Observation) -> str:
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown
-    turning = ", turning about where the room asks" if speed else ""
+    turning = ", turning around if space requires" if speed else ""
     under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
     dive = dive_for(axis.dof, context.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""

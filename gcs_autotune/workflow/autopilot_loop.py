@@ -82,7 +82,9 @@ class _AutopilotLoop:
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
-            log.say(f"both are read over the first {there_and_back} of step and step back: what both recorded")
+            log.say(
+                f"both are compared over the first {there_and_back} of step and step back, the part that both recorded"
+            )
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
         )
@@ -152,7 +154,7 @@ class _DesignedGains(_AutopilotLoop):
             proposal = design_from_fit(context, found, criteria, before)
             if found.short and proposal.spread > SPREAD:
                 context.log.say(
-                    f"Predicted error over time uncertain by {proposal.spread:.0%}: flying the full experiments"
+                    f"Predicted ITAE uncertain by {proposal.spread:.0%}: running the full set of experiments"
                 )
                 found = self._found = identify(context, before)
                 proposal = design_from_fit(context, found, criteria, before)
@@ -213,12 +215,12 @@ class _SuppliedGains(_AutopilotLoop):
 def _offer_of(proposal: Proposal, measured: StepMetrics) -> Offer:
     """Return what *proposal* offers against the step *measured* with the present gains."""
     if not proposal.changes:
-        return Offer((), "no gains found inside the documented ranges do better than the present ones")
+        return Offer((), "no better gains than the present ones exist inside the documented ranges")
     old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
     refusal = ""
     if new >= max(old, measured.itae):
         # They promise no better step than the present ones promise, and no better than these were just seen to give.
-        refusal = "the present gains do better than is predicted of any that keep the required margins"
+        refusal = "the present gains are better than the prediction of any gains with the required margins"
     return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))
 
 
@@ -254,13 +256,13 @@ def on_the_other_axis(
     head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}, and the later one wins."
     if measured is not None:
         reached = max(1.0 - measured[1].steady_error, 0.0)
-        yield f"{head} These gains were proved in both modes: turn rates reach {reached:.0%} of the asked rate" + (
+        yield f"{head} These gains were proved in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
             "" if reached >= ENOUGH else f"; `tune {other.name}` would follow them better and hold headings worse"
         )
     elif beside.after > WORSE * beside.before:
         yield (
-            f"{head} Predicted: the {other.name} step falls short by {beside.after:.1%}, before by "
-            f"{beside.before:.1%}. Run `tune heading` for gains that serve both"
+            f"{head} Predicted: the {other.name} shortfall is {beside.after:.1%}, before "
+            f"{beside.before:.1%}. Run `tune heading` for gains for both"
         )
 
 
@@ -268,7 +270,7 @@ def _promise(proposal: Proposal) -> str:
     """Say what the new gains promise on the identified model, before anybody is asked about them."""
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
-        f"predicted: error over time {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
+        f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
         f"{new.overshoot:.0%}; margins at worst {format_factor(low.gain, 2)} in gain, "
         f"{math.degrees(low.phase):.0f} deg in phase"
     )

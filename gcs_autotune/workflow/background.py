@@ -113,7 +113,7 @@ def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
 def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
     """Whether the operator agrees; of a simulated vehicle it is said that nobody is asked."""
     if craft.session.transport.is_simulated:
-        watcher.say(f"{question} Simulated vehicle: not asking.")
+        watcher.say(f"{question} Simulated vehicle: yes.")
         return True
     return ask(craft, operator, question)
 
@@ -124,7 +124,7 @@ def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, questio
     The mode stays as it is meanwhile, and so do the sticks: neutral.
     """
     if not can_be_asked(operator):
-        watcher.say(f"{question} Nobody can be asked (--yes), so: no.")
+        watcher.say(f"{question} No operator to ask (--yes): no.")
         return False
     return operator.ask(question, craft.session.pump)
 

@@ -33,11 +33,11 @@ half a second, and a real link makes every decision up to a period late; in lock
 
 def arming(craft: MavlinkCraft, now: Observation) -> str:
     """Return what arming brings with it, for announcements: thrusters that steer push while they are twitched."""
-    armed = "leave the vehicle armed, as it is" if now.armed else "arm the vehicle, and disarm it at the end"
+    armed = "leave the vehicle armed" if now.armed else "arm the vehicle, and disarm it at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
-    twitched = "thrusters that turn it" if steers_by_thrust else "steering"
+    twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"
-    return f"{armed}; twitch the {twitched} by {100.0 * TWITCH:.0f} %{without} to see that it obeys and how late"
+    return f"{armed}; move the {twitched} by {100.0 * TWITCH:.0f} %{without} to check the response and its delay"
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
@@ -58,7 +58,7 @@ def connect(
             record.make()
         watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         if connection.signing is not None:
-            watcher.say(f"signing with the {connection.signing.origin}; what is not signed with it is refused")
+            watcher.say(f"signing with the {connection.signing.origin}; unsigned messages are rejected")
         with Session(
             transport,
             source_system=connection.source_system or 255,
@@ -153,7 +153,7 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
     """Say how late things are on the link of a craft just armed, and what that allows."""
-    watcher.say(f"link: {craft.link_times}; oscillations quicker than {craft.least_period:.1f} s cannot be flown")
+    watcher.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
 
 
 def _leave(craft: MavlinkCraft) -> None:
@@ -177,5 +177,5 @@ def axis_of(firmware: Firmware, name: str) -> Axis:
     except KeyError:
         have = ", ".join(firmware.axes)
         raise WrongVehicle(
-            f"this vehicle ({firmware.name}, a {firmware.kind}) has no {name} loop to tune; it has: {have}"
+            f"this vehicle ({firmware.name}, a {firmware.kind}) has no {name} loop to tune. It has: {have}"
         ) from None

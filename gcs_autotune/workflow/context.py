@@ -81,7 +81,7 @@ class TuneContext:
         if flown is not None:
             beside(self.craft, partial(self.record.keep, flown))
             self.log.flown(flown)
-            self.log.say(f"{stage}: not flown, {flown.name} of the earlier run is used")
+            self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
             return Flown(flown, Outcome("completed", flown.reason))
         self.come_down()
         self.log.say(stage)
@@ -170,17 +170,17 @@ class TuneContext:
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
             if wrong or self.runner.contradicted:
                 raise
-            self.log.say(f"steering, which is held meanwhile: {error}")
+            self.log.say(f"steering, which is held during this: {error}")
 
     def _with_throttle(self, throttle: float) -> TuneContext:
         """Return the context with the *throttle* [fraction] just learnt, having said so."""
         pair = (
-            f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, which CRUISE_SPEED and "
-            f"CRUISE_THROTTLE promise: it takes about {throttle:.1%}"
+            f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, the speed of "
+            f"CRUISE_SPEED and CRUISE_THROTTLE; {throttle:.1%} is enough"
         )
-        self.log.say(f"{pair}, and goes on with that")
+        self.log.say(f"{pair} and is used")
         self.runner.too_fast = (
-            f"{pair}. The autopilot drives by that pair: tune speed first, which measures and writes it, or set "
+            f"{pair}. The autopilot uses that pair. Tune speed first, which measures and writes it, or set "
             f"CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
         )
         return replace(self, throttle=throttle)
@@ -227,7 +227,8 @@ def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connectio
                 forget_run(record.journal)
         except PreconditionFailed as error:  # a disk that is full by now does no harm
             watcher.say(
-                f"all is as found, but the journal does not say so ({error}); `gcs-autotune restore` will look again"
+                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
+                f"check"
             )
 
     def open_journal(found: Observation) -> Journal:

@@ -77,7 +77,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
     log, file = context.log, given.file
     share = context.run_in_background(explained, given, flown)
     if not math.isnan(share):
-        strange = "" if share >= STRANGE else ": is it a model of this craft, at this speed, with this full scale?"
+        strange = "" if share >= STRANGE else ". Check that it is a model of this craft, at this speed and full scale"
         log.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
     log.say(f"designing from the model '{file.name}'")
     spec = replace(_spec(context, log.speed_of([flown]), criteria, flown), full_scale=given.full_scale)

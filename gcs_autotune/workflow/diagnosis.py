@@ -60,7 +60,7 @@ class DiagnosisSettings:
             return None
         left = tuple(s for s in (self.effects if self.effects is not None else EFFECTS) if s not in self.without)
         if not left:
-            raise UsageError("no effect is left to try; `gcs-autotune diagnose --list-effects` shows what there is")
+            raise UsageError("no effect is left to try. See `gcs-autotune diagnose --list-effects`")
         return left
 
 
@@ -86,7 +86,7 @@ def run_diagnosis(
         asked = replace(settings, model=None, jobs=1, max_seconds=math.inf, keep=None, resume=False)
         path = settings.keep / KEPT_FILE
         if settings.resume and not path.exists():
-            raise UsageError(f"{settings.keep} keeps no search to go on with: it ended, or it is another folder")
+            raise UsageError(f"{settings.keep} has no stopped search to resume. Check the folder")
         if not settings.resume:
             path.unlink(missing_ok=True)
         kept = KeptResults(path, fingerprint(__version__, list(runs), list(unseen), asked, model))
@@ -136,7 +136,7 @@ def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[
     """
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "report.html"
-    title = f"What does the simulation get wrong? {', '.join(dict.fromkeys(told.used))}"
+    title = f"Diagnosis of {', '.join(dict.fromkeys(told.used))}"
     page.write_text(render_diagnosis(told, title, when, str(directory), runs), encoding="utf-8")
     (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
     if told.verdict == "unfinished":

@@ -55,7 +55,7 @@ def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
     yield from _journals()
     yield _programs()
     yield from _packages()
-    yield Finding("settings", "fine", f"{config} is read" if config else "no gcs-autotune.toml is read")
+    yield Finding("settings", "fine", f"settings file {config}" if config else "no settings file gcs-autotune.toml")
     yield _date()
     yield _ticks()
     yield _disk(folder)
@@ -115,7 +115,7 @@ def _date() -> Finding:
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
-        return Finding("clock", "wrong", f"{told}: earlier than this program was installed", "set the clock")
+        return Finding("clock", "wrong", f"{told}, earlier than the installation of this program", "set the clock")
     synced = _synchronised()
     return Finding(
         "clock", "fine", told + {None: "", True: ", set by the network", False: ", not set by a network"}[synced]
@@ -141,9 +141,9 @@ def _ticks() -> Finding:
         begun = time.monotonic()
         time.sleep(WAIT)
         late = max(late, time.monotonic() - begun - WAIT)
-    told = f"the latest of {WAITS} waits came {1000.0 * late:.1f} ms late"
+    told = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
     if late > LATEST_TICK:
-        return Finding("timing", "note", told, "close what else is running: a relay's switching comes as late")
+        return Finding("timing", "note", told, "close other programs; a relay switches with the same delay")
     return Finding("timing", "fine", told)
 
 
@@ -161,11 +161,13 @@ def _disk(folder: Path) -> Finding:
         return Finding(
             "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or --out DIR"
         )
-    told = f"{free / 1e9:.1f} GB free at {there}, a write on the disk in {1000.0 * took:.0f} ms"
+    told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
-        return Finding("disk", "wrong", told, "make room: the journal that restores a vehicle lies there")
+        return Finding(
+            "disk", "wrong", told, "free some disk space; the journal that restores a vehicle is stored there"
+        )
     if took > LEAST_SYNC:
-        return Finding("disk", "note", told, "it is slow; work on another disk")
+        return Finding("disk", "note", told, "the disk is slow; use another one")
     return Finding("disk", "fine", told)
 
 
@@ -175,9 +177,13 @@ def _cache() -> Finding:
     named = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(named) if named else package
     count = sum(1 for _ in home.rglob("*.nbi")) if home.is_dir() else 0
-    told = f"{count} compiled kernels kept in {home}"
+    told = f"{count} compiled kernels stored in {home}"
     if count == 0:
         return Finding(
-            "cache", "note", told, "the first command compiles them, up to a minute; a dry run does it ashore"
+            "cache",
+            "note",
+            told,
+            "the first command compiles them for up to a minute; do a dry run on a simulated "
+            "vehicle before going on the water",
         )
     return Finding("cache", "fine", told)

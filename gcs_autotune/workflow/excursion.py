@@ -265,8 +265,8 @@ LIMITED: Sequence[tuple[str, str, float, str]] = (
 def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> str:
     """Return the sentences that refuse a *limit* below what *what* *needs*, both in people's *unit*."""
     return (
-        f"not started: {what} needs --{option} {needs:g}, and the limit is {limit:g} {unit}. Nothing was armed. "
-        f"Give --{option} {needs:g}, or fly something smaller, slower or shorter"
+        f"not started: {what} needs --{option} {needs:g}, but the limit is {limit:g} {unit}. Nothing was armed. "
+        f"Use --{option} {needs:g}, or fly a smaller, slower or shorter manoeuvre"
     )
 
 

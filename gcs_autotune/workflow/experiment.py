@@ -100,7 +100,7 @@ def _axis(name: str, firmware: Firmware) -> Axis:
     """
     kind = axis_kind(name)
     if kind.excitation.below_surface and firmware.floats:
-        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) does not heave; try heading or speed")
+        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth. Use heading or speed")
     return Axis(name, kind.dof, "", (), (), needs_speed=firmware.needs_way)
 
 
@@ -117,12 +117,12 @@ def _announce(context: TuneContext, now: Observation) -> None:
         down = f"dive to {dive.settings['depth']:g} m, then "
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
-    more = ", and a third, as long again, if these cannot tell a dead band from a thrust curve"
+    more = ", and a third of the same length if these do not separate a dead zone from a thrust curve"
     maybe = "" if by_throttle or settings.most_relays < 3 else more
     context.log.announce(
         (
             arming(craft, now),
-            f"use the {modes}, and go back to {now.mode} at the end",
+            f"use the {modes}, and return to {now.mode} at the end",
             f"move: {kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}",
             room(dof, context.speed, settings, now, excursion_of(context, now, (itinerary,))),
             how_long(itinerary),
@@ -132,4 +132,4 @@ def _announce(context: TuneContext, now: Observation) -> None:
         )
     )
     if not context.agrees("Go ahead?"):
-        raise OperatorStopped("not started: the answer was no; nothing was armed or moved")
+        raise OperatorStopped("not started: the answer was no. Nothing was armed or moved")

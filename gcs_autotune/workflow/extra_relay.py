@@ -70,9 +70,9 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
     return ThirdRelay(
         output,
-        f"the oscillations so far fit an actuator that does nothing below {below:.0%} of full as "
-        f"well as one that is bent ({square:.0%} of its force with the square of the command); a "
-        f"third, of {output:.2f} of full, tells them apart",
+        f"the oscillations so far fit a dead zone below {below:.0%} of full as well as a thrust "
+        f"curve ({square:.0%} of its force with the square of the command). A third, of "
+        f"{output:.2f} of full, separates them",
     )
 
 
@@ -100,7 +100,7 @@ def fly_extra(
     try:
         return [runner.fly(relay, "third self-oscillation").trial]
     except NotAchieved as error:
-        watcher.say(f"{error}; going on with the two that were flown")
+        watcher.say(f"{error}; continuing with the two flown")
         return []
 
 

@@ -26,16 +26,16 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)
     if items is None:
-        watcher.say("the vehicle has a fence and does not tell it (FENCE_ENABLE is on): keep it in mind")
+        watcher.say("the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so it is not monitored here")
     if not items and given is None:
         return None
     now, fix = craft.observe(), craft.telemetry.fix
     if fix is None or not math.isfinite(now.x + now.y):
         if given is not None:
             raise PreconditionFailed(
-                f"the vehicle tells no position to see by that it stays in {given.source}; nothing was armed"
+                f"the vehicle reports no position, so it cannot be kept in {given.source}. Nothing was armed"
             )
-        watcher.say("the vehicle tells no position: its fence cannot be watched")
+        watcher.say("the vehicle reports no position, so its fence cannot be monitored")
         return None
     fence = Area(tuple(Zone(i.corners, i.radius, i.inside) for i in items), "its own fence") if items else None
     both = (given.and_(fence) if given is not None else fence) if fence is not None else given
@@ -43,10 +43,10 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
     area = both.around(*fix, now.x, now.y)
     beyond = area.beyond(now.x, now.y)
     if beyond > 0.0:
-        swapped = ". See whether its latitudes and longitudes are in the right order" * (beyond >= _FAR)
+        swapped = ". Check the order of its latitudes and longitudes" * (beyond >= _FAR)
         where = f"{fix[0]:.5f} {fix[1]:.5f}"
         raise PreconditionFailed(
-            f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}; nothing was armed{swapped}"
+            f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}. Nothing was armed{swapped}"
         )
     watcher.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
     return area

@@ -76,17 +76,19 @@ class FlySettings:
         """See that it can be flown at all."""
         kind = self.kind
         if kind.make is None:
-            raise UsageError(f"{kind.name} is flown by {kind.command}; `gcs-autotune fly --list` tells the others")
+            raise UsageError(
+                f"{kind.name} is flown only by {kind.command}. See `gcs-autotune fly --list` for the others"
+            )
         strange = [name for name in self.options if name not in kind.options]
         if strange:
             have = ", ".join(f"--{name}" for name in kind.options)
-            raise UsageError(f"{kind.name} takes no --{strange[0]}; it takes {have}, --throttle and --first-to")
+            raise UsageError(f"{kind.name} has no option --{strange[0]}. It has {have}, --throttle and --first-to")
         if "rudder" in self.options and "full-rudder" not in self.options:
             raise UsageError(
-                "--rudder is an angle: say with --full-rudder what angle full output gives, or use --steering"
+                "--rudder is an angle and needs --full-rudder, the angle at full output. Or use --steering"
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
-            raise UsageError("--rudder is more than --full-rudder: it goes no further")
+            raise UsageError("--rudder is larger than --full-rudder. Use at most --full-rudder")
         for name, value in self.options.items():
             try:
                 limit_of(name, kind.axis).check_si(value)
@@ -275,11 +277,11 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
     if data.get("order") == "shuffled":
         random.Random(len(runs)).shuffle(runs)
     if not 0 < len(runs) <= MOST_RUNS:
-        raise BadFile(f"{path}: a plan has 1 to {MOST_RUNS} runs, each a [[run]]; this has {len(runs)}")
+        raise BadFile(f"{path}: a plan needs 1 to {MOST_RUNS} runs, each a [[run]]; this one has {len(runs)}")
     depth = conditions.get("min-depth")
     calm = conditions.get("calm", False)
     if not isinstance(calm, bool):
-        raise BadFile(f"{path}: calm is true or false, not {clipped(repr(calm))}")
+        raise BadFile(f"{path}: calm must be true or false, not {clipped(repr(calm))}")
     try:
         least = None if depth is None else limit_of("min-depth").check(_number(depth))
     except (UsageError, TypeError, ValueError) as error:
@@ -302,20 +304,20 @@ def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None
 def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = data.get(key, {})
     if not isinstance(value, dict):
-        raise UsageError(f"{key} is a table: write [{key}] and its keys below")
+        raise UsageError(f"{key} must be a table. Write [{key}] and its keys below")
     return value
 
 
 def _text(data: Mapping[str, Any], key: str, default: str = "") -> str:
     value = data.get(key, default)
     if not isinstance(value, str):
-        raise UsageError(f"{key} is text in quotation marks, not {clipped(repr(value))}")
+        raise UsageError(f"{key} must be text in quotation marks, not {clipped(repr(value))}")
     return value
 
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"a number is needed, not {clipped(repr(value))}")
+        raise TypeError(f"must be a number, not {clipped(repr(value))}")
     return float(value)
 
 
@@ -326,12 +328,12 @@ def _runs(
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
     _see_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
-        raise UsageError("runs are written as [[run]]")
+        raise UsageError("runs must be written as [[run]]")
     left = MOST_RUNS
     for number, entry in enumerate(listed, start=1):
         try:
             if not isinstance(entry, dict):
-                raise UsageError("runs are written as [[run]]")
+                raise UsageError("runs must be written as [[run]]")
             made = list(_of_entry(entry, defaults, common, model, full_scale, left))
         except AutotuneError as error:
             raise UsageError(f"run {number}: {error}") from None
@@ -349,7 +351,7 @@ def _of_entry(
 ) -> Iterator[PlannedRun]:
     """Yield the runs of a ``[[run]]``, one for each combination of its levels, sides and repeats, at most *left*."""
     if "manoeuvre" not in entry:
-        raise UsageError('it names no manoeuvre (manoeuvre = "zig-zag"); `gcs-autotune fly --list` tells them')
+        raise UsageError('no manoeuvre given (manoeuvre = "zig-zag"). See `gcs-autotune fly --list`')
     kind = lookup(MANOEUVRES, _text(entry, "manoeuvre"), "manoeuvre")
     _see_keys(entry, (*_RUN, *kind.options), kind.name)
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
@@ -360,17 +362,18 @@ def _of_entry(
     sides = dict.fromkeys(itertools.chain.from_iterable(named))
     repeat = given.get("repeat", 1)
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 1 <= repeat <= MOST_RUNS:
-        raise UsageError(f"repeat is a whole number from 1 to {MOST_RUNS}, not {clipped(repr(repeat))}")
+        raise UsageError(f"repeat must be a whole number from 1 to {MOST_RUNS}, not {clipped(repr(repeat))}")
     held_out = given.get("hold-out", False)
     if not isinstance(held_out, bool):
-        raise UsageError(f"hold-out is true or false, not {clipped(repr(held_out))}")
+        raise UsageError(f"hold-out must be true or false, not {clipped(repr(held_out))}")
     numbers = {k: _levels(k, v, kind.axis) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
     own = [k for k in entry if k in numbers]
     count = len(sides) * repeat * math.prod(len(values) for values in numbers.values())
     if not 0 < count <= left:
         raise UsageError(
-            f"its lists, sides and repeats make {count:.4g} runs; a plan has 1 to {MOST_RUNS}, and {left} are left: "
-            "give fewer levels"
+            f"its lists, sides and repeats make {count:.4g} runs; a plan has at most {MOST_RUNS}, of which {left} are "
+            f"left. "
+            "Use fewer levels"
         )
     for values in itertools.product(*numbers.values()):
         typed = dict(zip(numbers, values, strict=True))
@@ -387,7 +390,7 @@ def _levels(name: str, value: Any, axis: str) -> list[float]:
     try:
         return [limit_of(name, axis).check(_number(v)) for v in (value if isinstance(value, list) else [value])]
     except (TypeError, ValueError):
-        raise UsageError(f"{name} is a number, or a list of numbers, not {clipped(repr(value))}") from None
+        raise UsageError(f"{name} must be a number or a list of numbers, not {clipped(repr(value))}") from None
     except UsageError as error:
         raise UsageError(f"{name}: {error}") from None
 

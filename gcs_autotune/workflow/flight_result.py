@@ -95,8 +95,8 @@ def read_flight(
             table = record.path / f"{planned.name}.csv"
             write_pulls(trial, planned.settings.force or "N", table)
             remarks.append(
-                f"{of}write the pull of each level [N] into the column force of {table}, then "
-                f"`gcs-autotune thrusters {table}`; or give them all: `... thrusters {table} --forces 0,1.2,4.8,...`"
+                f"{of}write the pull of each level [N] into the column force of {table}, then run "
+                f"`gcs-autotune thrusters {table}`. Or give all of them: `... thrusters {table} --forces 0,1.2,4.8,...`"
             )
         try:
             sheets += ship_figures(trial) if planned.settings.kind.name in SHIP_MANOEUVRES else ()
@@ -167,17 +167,17 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
     names = dict.fromkeys(name for runs in moved.values() for name in runs)
     asked = "horizontal" if "sway" in moved else next(iter(moved))
     return [
-        f"{', '.join(names)} moved {' and '.join(sorted(moved))} too, which the model of {dof} leaves out: "
+        f"{', '.join(names)} also moved {' and '.join(sorted(moved))}, which the model of {dof} omits. "
         f"`gcs-autotune identify {shlex.quote(str(directory))} --dof {asked}` fits "
-        f"{'them together' if asked == 'horizontal' else 'that'}"
+        f"{'them together' if asked == 'horizontal' else 'it'}"
     ]
 
 
 def _limited(trial: Trial) -> list[str]:
     """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
     return [
-        f"of {asked:.0%} {force} asked for, {came:.0%} came out: it stands at a limit"
-        f"{' (less --throttle leaves thrusters room to steer)' * (force == 'N')}. "
-        "Figures and model are by what came out"
+        f"of {asked:.0%} {force} commanded, {came:.0%} reached the output: it is at a limit"
+        f"{' (less --throttle leaves thrusters range to steer)' * (force == 'N')}. "
+        "Figures and model use the actual output"
         for force, (asked, came) in limited_orders(trial).items()
     ][:1]

@@ -158,7 +158,7 @@ class _Flight:
         self._held = present = craft.parameters.read_existing(_FIGURES)
         self._earlier.see_that_it_is_the_same(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
-            raise WrongVehicle(f"the plan wants a depth of {self._plan.min_depth:g} m, and this vehicle floats")
+            raise WrongVehicle(f"the plan requires a depth of {self._plan.min_depth:g} m, but this vehicle floats")
         if self._plan.until is not None:
             see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
         if self._plan.again is not None:
@@ -179,13 +179,13 @@ class _Flight:
             self._watcher.say(f"{of} (the manoeuvre alone): {seen.told()}")
             self._tell_track(leg)
             if seen.trouble and not assumed and not only_preview:
-                raise PreconditionFailed(f"not flown, for the {of} ends early: {seen.trouble}; nothing was armed")
+                raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
             if leg.why_not and not only_preview:
                 raise PreconditionFailed(leg.why_not)
             if leg.why_not:
-                self._watcher.say(f"it would be refused: {leg.why_not}")
+                self._watcher.say(f"it would be rejected: {leg.why_not}")
             if seen.trouble:
-                by = ", but on assumed numbers" if assumed else ""
+                by = ", with assumed parameters" if assumed else ""
                 self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
         if only_preview:
             for text in self._needs():
@@ -219,7 +219,7 @@ class _Flight:
         think = partial(run_in_background, craft, self._worker, lambda error: False)
         leg = planner.next_leg(known, think, self._foresight.leg_of)
         if leg is None:
-            raise UsageError(f"nothing was flown: after the {len(known)} runs given, {planner.steps[-1].ended}")
+            raise UsageError(f"nothing was flown: after the {len(known)} supplied runs, {planner.steps[-1].ended}")
         return leg
 
     @property
@@ -279,9 +279,7 @@ class _Flight:
         pace = pace_of(under_way=craft.firmware.needs_way, skid=craft.skid)
         self._itinerary = Itinerary([*first, *self._planned_legs()], pace.turn)
         if not self._to_fly and plan.until is None:
-            self._watcher.say(
-                "every run is flown already: nothing is armed or moved, figures and models are read again"
-            )
+            self._watcher.say("every run is complete: nothing is armed or moved; figures and models are computed again")
             return
         manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
         in_manual = {leg.run.make(leg.throttle).in_manual for leg in self._to_fly}
@@ -290,7 +288,7 @@ class _Flight:
         modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
         intentions = (
             arming(craft, now),
-            f"{modes}, and go back to {now.mode} at the end",
+            f"{modes}, and return to {now.mode} at the end",
             f"move: {_checks(dofs)}{self._movements()}",
             *self._needs(),
             *self._goes_on(),
@@ -302,7 +300,7 @@ class _Flight:
         for text in intentions:
             self._watcher.say(f"will {text}")
         if not agreed(craft, self._operator, self._watcher, "Go ahead?"):
-            raise OperatorStopped("not started: the answer was no; nothing was armed or moved")
+            raise OperatorStopped("not started: the answer was no. Nothing was armed or moved")
 
     def _planned_legs(self) -> list[Leg]:
         """Return the stages of the runs and of what lies between them, as the worst craft takes them."""
@@ -320,12 +318,12 @@ class _Flight:
         if self._plan.again is not None:
             leg, whole = self._to_fly[0], self._whole
             back = whole.metres(leg.envelope) / leg.speed if leg.speed else 0.0
-            words = "come back and " * self._craft.firmware.needs_way + self._plan.again.words
+            words = "return and " * self._craft.firmware.needs_way + self._plan.again.words
             return [f"then {words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
         if until is None:
             return []
         return [
-            f"then fly what tells most about it, each previewed first and inside the same limits, until {until.title} "
+            f"then fly the most informative runs, each previewed and inside the same limits, until {until.title} "
             f"is known, for at most {until.seconds / 60.0:.0f} min of runs"
         ]
 
@@ -333,9 +331,9 @@ class _Flight:
         if len(self.legs) == 1:
             kind = self.legs[0].run.settings.kind
             return f"{kind.name} ({kind.help})"
-        back = ", coming back to the start in between" if self._craft.firmware.needs_way else ""
+        back = ", with a return to the start in between" if self._craft.firmware.needs_way else ""
         left = self._to_fly
-        done = f" ({len(self.legs) - len(left)} are flown already)" if len(left) < len(self.legs) else ""
+        done = f" ({len(self.legs) - len(left)} already flown)" if len(left) < len(self.legs) else ""
         return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(leg.run.name for leg in left)}{back}"
 
     def _needs(self) -> list[str]:
@@ -344,7 +342,7 @@ class _Flight:
             return []
         least = self._plan.min_depth
         craft = left[0].preview.craft
-        source = craft.source + ", the worst of several" * craft.assumed
+        source = craft.source + ", the worst case of several" * craft.assumed
         needs = [whole_of(self._whole, left[0].envelope, source)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
@@ -419,7 +417,7 @@ class _Flight:
             leg = self._foresight.leg_of(run)
             trouble = leg.why_not or ("" if leg.preview.craft.assumed else leg.preview.trouble)
             if trouble:
-                self._watcher.say(f"not flown again: {trouble}")
+                self._watcher.say(f"not repeated: {trouble}")
                 return
             self.legs.append(leg)
             self._tell_track(leg)
@@ -445,12 +443,12 @@ class _Flight:
         if self._plan.text and len(self.flown) < len(self.legs):
             link, run = shlex.quote(self._common.connection.uri), shlex.quote(str(self._record.path))
             self._watcher.say(
-                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown; to fly the rest, "
+                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown. To fly the rest, "
                 f"{same_options(error)}: gcs-autotune fly --resume {run} --connect {link}"
             )
 
 
-LOOKING_OUT = "looking whether it is calm"
+LOOKING_OUT = "checking for calm water"
 """A stage between two runs, beside :data:`COMING_BACK`."""
 
 

@@ -48,19 +48,19 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
         The model is not about what moves, or there is no speed for a throttle.
     """
     if plan.area is not None:
-        raise UsageError("whether it stays in the area takes the vehicle's position: preview it with --connect")
+        raise UsageError("the area check needs the vehicle's position. Preview with --connect")
     runs = []
     for run in plan.runs:
         settings, s = run.settings, run.settings.common
         assert settings.model is not None  # asked by the command
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
-            raise UsageError("say with --speed how fast the craft goes at that throttle")
+            raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
         paper = paper_craft(settings, None, {}, throttle, s.speed or 0.0)
         if paper.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
-            raise UsageError(f"model '{settings.model.name}' is about {have}; {run.name} moves {wanted}")
+            raise UsageError(f"model '{settings.model.name}' is of {have}, but {run.name} moves {wanted}")
         runs.append(
             FlownRun(
                 run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
@@ -108,7 +108,9 @@ class Foresight:
             fits = self.leg_of(replace(leg.run, settings=smaller))
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {leg.excursion.needs:g} m"
-                self.watcher.say(f"{leg.run.name} is made {_sizes(settings, smaller)}, for at its usual size {large}")
+                self.watcher.say(
+                    f"{leg.run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
+                )
                 return fits
         if not troubled.craft.assumed:
             return leg

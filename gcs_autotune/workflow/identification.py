@@ -138,7 +138,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     found = _with_curve(context, plain, trials, step)
     if found.unexplained < BENT_UNEXPLAINED or not short:
         return replace(found, short=short)
-    log.say(f"{found.unexplained:.0f} % of the motion is not explained: flying it again until five periods agree")
+    log.say(f"{found.unexplained:.0f} % of the motion is unexplained: flying again until five periods agree")
     return _by_relays(context, step, turns_first=True)
 
 
@@ -212,7 +212,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
     if along is not None and along.is_none:
-        log.say(f"back the boat is as quick within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no current that counts")
+        log.say(f"the speed back is equal within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no significant current")
         log.say("identifying, with the step")
         both = context.run_in_background(_or_none, fitted, [first, step])
         told = both is not None and not any(doubt.slug in UNKNOWN_YET for doubt in both.doubts)

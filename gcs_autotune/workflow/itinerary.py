@@ -185,7 +185,7 @@ class Itinerary:
         pieces = [f"{leg.stage} {leg.seconds:.0f} s" for leg in self.legs]
         if turns:
             times = f" {len(turns)} times" if len(turns) > 1 else ""
-            pieces.append(f"turning about{times} {turns[0]:.0f} s")
+            pieces.append(f"turning around{times} {turns[0]:.0f} s")
         return ", ".join(pieces)
 
     def at(self, progress: Progress) -> Progress:

@@ -55,7 +55,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
     def tell() -> None:
         nonlocal told
         if told is not None and told.expired:
-            watcher.say("making ready; the first time after installation this takes up to a minute")
+            watcher.say("preparing; the first time after installation this takes up to a minute")
             told = None
 
     finish(craft, worker, tell)

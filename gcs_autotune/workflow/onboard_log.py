@@ -32,7 +32,7 @@ __all__ = ["RunLog", "fetch_onboard_log", "log_of_run"]
 
 _EVERY = 5.0
 """Chosen: seconds between two words on how far it is."""
-_BY_HAND = "`gcs-autotune logs fetch` gets it later"
+_BY_HAND = "use `gcs-autotune logs fetch` to fetch it later"
 
 
 def fetch_onboard_log(
@@ -52,7 +52,7 @@ def fetch_onboard_log(
         chosen = next((log for log in reversed(logs) if number in (None, log.number)), None)
         if chosen is None:
             have = ", ".join(str(log.number) for log in logs) or "none"
-            raise UsageError(f"there is no such log on board; there is: {have}")
+            raise UsageError(f"there is no such onboard log. Available: {have}")
         watcher.say(f"fetching log {chosen.number}, {chosen.size} bytes")
         return logs, chosen, fetch_log(session, chosen, _teller(session.clock, watcher))
 
@@ -91,10 +91,10 @@ class RunLog:
                 runs = load_runs(self.path)
                 found = fit_axis(runs, dof=fit.dof, structure=fit.structure)
             except (DataError, UsageError) as error:
-                self.watcher.say(f"from {self.path.name} {fit.dof} is not identified: {error}")
+                self.watcher.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
                 continue
             self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
-            page = render_study(study_of(found, runs, f"{fit.dof} by the log on board", when))
+            page = render_study(study_of(found, runs, f"{fit.dof} from the onboard log", when))
             (self.record.path / f"onboard{stem}.html").write_text(page, encoding="utf-8")
             for line in beside_telemetry(fit, found):
                 self.watcher.say(line)
@@ -120,7 +120,7 @@ def log_of_run(
         yield kept
     except AutotuneError as error:
         if wanted and isinstance(error, (OperatorStopped, LinkError)):
-            watcher.say(f"the log on board was not fetched; {_BY_HAND}")
+            watcher.say(f"the onboard log was not fetched; {_BY_HAND}")
         elif wanted:
             _fetch(kept, craft, operator, before)
         raise
@@ -131,15 +131,16 @@ def log_of_run(
 def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     if craft.armed:
         raise PreconditionFailed(
-            "--fetch-log: the vehicle is armed already and stays so, and sends its logs disarmed only; disarm it "
-            "first, or leave out --fetch-log. Nothing was moved"
+            "--fetch-log: the vehicle is already armed and stays armed, but sends its logs only disarmed. Disarm it "
+            "first, or omit --fetch-log. Nothing was moved"
         )
     try:
         return list_logs(craft.session)
     except NoReply as error:
         raise PreconditionFailed(
-            f"--fetch-log: {error}. Has it a card, and is LOG_BACKEND_TYPE not 0? Leave out --fetch-log to go without "
-            "a log; nothing was armed"
+            f"--fetch-log: {error}. Check that an SD card is fitted and LOG_BACKEND_TYPE is not 0, or omit "
+            f"--fetch-log. "
+            "Nothing was armed"
         ) from error
 
 
@@ -159,20 +160,23 @@ def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequen
             logs = list_logs(session)
             log = next((log for log in reversed(logs) if log.size > sizes.get(log.number, 0)), None)
             if log is None:
-                say("the vehicle wrote no log of this run (LOG_BACKEND_TYPE, LOG_BITMASK, a full card?)")
+                say(
+                    "the vehicle wrote no log of this run. Check LOG_BACKEND_TYPE, LOG_BITMASK and the space on its SD "
+                    "card"
+                )
                 return
-            say(f"fetching log {log.number} from the vehicle, {log.size} bytes; a STOP ends the fetching only")
+            say(f"fetching log {log.number} from the vehicle, {log.size} bytes; a STOP ends only this download")
             data = fetch_log(session, log, go_on)
     except _Enough:
-        say(f"the log on board was not fetched to its end; {_BY_HAND}")
+        say(f"the onboard log was not fetched completely; {_BY_HAND}")
     except AutotuneError as error:
-        say(f"the log on board was not fetched: {error}; {_BY_HAND}")
+        say(f"the onboard log was not fetched: {error}; {_BY_HAND}")
     else:
         path = kept.record.path / f"onboard-{log.number}.bin"
         try:
             path.write_bytes(data)
         except OSError as error:
-            say(f"the log on board could not be kept in {path}: {error.strerror or error}")
+            say(f"the onboard log could not be stored in {path}: {error.strerror or error}")
             return
         kept.path = path
         say(f"log {log.number} of the vehicle: {path}")

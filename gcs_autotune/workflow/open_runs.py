@@ -36,8 +36,8 @@ class OpenRun:
     def __str__(self) -> str:
         debts = ", ".join(f"{name} (was {value:g})" for name, value in self.state.debts.items())
         vehicle = self.state.vehicle.get("firmware", "a vehicle")
-        owed = f"trial values of {debts} may be aboard" if debts else "its mode or armed state may not be restored"
-        how = "is going on" if self.is_going_on else "was cut off"
+        owed = f"{debts} may have trial values" if debts else "its mode or armed state may not be restored"
+        how = "is in progress" if self.is_going_on else "was interrupted"
         return f"the run {self.path} on {vehicle} ({self.state.link}) {how}: {owed}"
 
 
@@ -102,15 +102,15 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
     other = craft.other_stations.at_work
     if other:
         raise PreconditionFailed(
-            f"a run of gcs-autotune on another computer is going on with this vehicle: {other}. Wait until it ends, or "
-            "stop it there; nothing was armed or written"
+            f"another computer is running gcs-autotune on this vehicle: {other}. Wait for its end, or "
+            "stop it there. Nothing was armed or written"
         )
     for run in open_runs():
         if difference(run.state.vehicle, run.state.fingerprint, vehicle, craft.parameters):
             continue
         cure = (
-            "Wait until it ends, or stop it (Ctrl-C there)"
+            "Wait for its end, or stop it with Ctrl-C there"
             if run.is_going_on
             else f"Run `gcs-autotune restore {run.path}` first"
         )
-        raise PreconditionFailed(f"{run}. {cure}; nothing was armed or written")
+        raise PreconditionFailed(f"{run}. {cure}. Nothing was armed or written")

@@ -85,7 +85,7 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
     if unit != "1" and full_scale is None:
-        raise UsageError(f"the model's input is in {unit}: say with --full-scale how many {unit} full output gives")
+        raise UsageError(f"the model's input is in {unit}. Use --full-scale with its value in {unit} at full output")
     return in_fractions(reduction.model, np.zeros((5, 5)), full_scale)[0]
 
 
@@ -110,7 +110,7 @@ def paper_craft(
     yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
     if settings.kind.axis:
-        words = f"an assumed {settings.kind.axis} loop that is damped well"
+        words = f"an assumed well damped {settings.kind.axis} loop"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
@@ -119,7 +119,7 @@ def paper_craft(
             f"its cruise of {speed:g} m/s at {throttle:.0%} throttle"
             if cruise
             else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output "
-            "(a --model file tells better)"
+            "(more accurate with a --model file)"
         )
     if "Z" in drives:
         sinks = kin is None or kin.sinks
@@ -154,7 +154,10 @@ def assumed_craft(
     else:
         rate, lag = max(speed, 0.1) / kin.radius if under_way else kin.rate, kin.lag
         yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate) if under_way else _lively("yaw", rate, lag, _BY_SQUARE)
-        words = f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (a --model file tells better)"
+        words = (
+            f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (more accurate with a "
+            f"--model file)"
+        )
     ahead = speed / math.sqrt(throttle) if speed and throttle else kin.ahead
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
     if kin.gains != SPEED_TIME:

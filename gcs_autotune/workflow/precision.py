@@ -45,7 +45,7 @@ class Precision:
     def told(self, relative: Mapping[str, float]) -> str:
         """Return where each stands, in words."""
         return ", ".join(
-            f"{self.called(n)} {_shown(relative[n])} (wanted {_shown(share)})" for n, share in self.wanted.items()
+            f"{self.called(n)} {_shown(relative[n])} (required {_shown(share)})" for n, share in self.wanted.items()
         )
 
     def called(self, name: str) -> str:
@@ -72,14 +72,16 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
     for item in text.split(","):
         found = _ITEM.fullmatch(item)
         if found is None:
-            raise UsageError(f"{shown(item.strip())} is no parameter with a precision: write --until 'N_r 5%, Y_v 10%'")
+            raise UsageError(
+                f"{shown(item.strip())} is not a parameter with a precision. Write e.g. --until 'N_r 5%, Y_v 10%'"
+            )
         try:
             asked[found[1]] = number(found[2]) / 100.0
         except Refused as error:
-            raise UsageError(f"{error}: write --until 'N_r 5%, Y_v 10%'") from None
+            raise UsageError(f"{error}. Write e.g. --until 'N_r 5%, Y_v 10%'") from None
     wrong = [n for n, share in asked.items() if not 0.0 < 100.0 * share <= MOST_PERCENT]
     if wrong:
-        raise UsageError(f"the precision of {wrong[0]} is above 0 and at most {MOST_PERCENT:g} %")
+        raise UsageError(f"the precision of {wrong[0]} must be above 0 and at most {MOST_PERCENT:g} %")
     if form:
         known = {name: name for name in (*DOFS, *FORMS_FLOWN)}
         chosen = lookup(known, form, "form")
@@ -90,7 +92,9 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
     everything = {n: n for candidate in (*DOFS, *FORMS_FLOWN) for n in _names(candidate)}
     for name in asked:
         lookup(everything, name, "parameter")
-    raise UsageError(f"no one form has all of {', '.join(asked)}; ask for those of one: {', '.join(FORMS_FLOWN)}")
+    raise UsageError(
+        f"no single form has all of {', '.join(asked)}. Use the parameters of one form: {', '.join(FORMS_FLOWN)}"
+    )
 
 
 def _asked(typed: Mapping[str, str], asked: Mapping[str, float], form: str, seconds: float) -> Precision:

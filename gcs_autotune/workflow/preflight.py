@@ -149,7 +149,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
         return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
     settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
-    return f"Set {settings}, or turn the propeller round; if to the eye it went ahead, AHRS_ORIENTATION is wrong"
+    return f"Set {settings}, or reverse the propeller. If the craft visibly went ahead, correct AHRS_ORIENTATION"
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
@@ -157,10 +157,10 @@ def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
-            f"one of the thrusters on {channels} is dead or runs the wrong way: look which, and set its "
-            f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or mend it"
+            f"one of the thrusters on {channels} is dead or reversed. Find it, and set its "
+            f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or repair it"
         )
-    return f"trim the rudder (its SERVOn_TRIM), and look whether the propeller on {channels} runs the right way"
+    return f"trim the rudder (its SERVOn_TRIM), and check the direction of the propeller on {channels}"
 
 
 def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
@@ -168,14 +168,14 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     channels = [f"SERVO{o.channel}" for o in outputs]
     if firmware.frame_parameter:
         return (
-            f"Motors on {', '.join(channels)} are turned round or in each other's place: check MOT_n_DIRECTION, the "
+            f"Motors on {', '.join(channels)} are reversed or swapped: check MOT_n_DIRECTION, the "
             f"wiring against {firmware.frame_parameter}, and AHRS_ORIENTATION"
         )
     if len(outputs) == 1:
         now = int(outputs[0].sign < 0.0)
         return (
-            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or turn the linkage round; if to the eye it "
-            "turned the right way, AHRS_ORIENTATION is wrong"
+            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or reverse the linkage. If the craft visibly "
+            "turned the right way, correct AHRS_ORIENTATION"
         )
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
@@ -230,9 +230,9 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
     cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
     if 0.0 < cap < throttle - _ROUNDING:
         raise PreconditionFailed(
-            f"{_CAP} is {100.0 * cap:.0f} %: the autopilot passes no more, and the throttle steps go up to "
-            f"{throttle:.0%}, saturated for most of their time. Give --throttle {cap:.2f}, or set {_CAP} to 100; "
-            "nothing was armed"
+            f"{_CAP} is {100.0 * cap:.0f} %, so the autopilot would saturate the throttle steps, which go up to "
+            f"{throttle:.0%}. Use --throttle {cap:.2f}, or set {_CAP} to 100. "
+            "Nothing was armed"
         )
 
 
@@ -257,9 +257,9 @@ def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
     pressure = told.get("pressure", math.nan)
     if pressure <= 0.0:
         raise PreconditionFailed(
-            f"the water-pressure sensor tells {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), less than nothing: the "
-            "autopilot cannot tell depth by it. ArduPilot's simulator does so where its --home is higher than 10 m "
-            "above the sea: start it with an altitude of 0; nothing was armed"
+            f"the water-pressure sensor reports {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), a negative pressure, so "
+            "the autopilot has no depth. ArduPilot's simulator does this if its --home is higher than 10 m "
+            "above the sea. Start it with an altitude of 0. Nothing was armed"
         )
 
 
@@ -270,11 +270,11 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
     values, found = names.to_canonical(own), []
     if values.get("ARMING_CHECK") == 0.0:
         name = names.own("ARMING_CHECK")
-        found.append(f"{name} is {own[name]:g}: this vehicle arms without any check of its own")
+        found.append(f"{name} is {own[name]:g}: this vehicle arms without its own checks")
     if int(values.get("MANUAL_OPTIONS", 0.0)) & _MANUAL_SCALES:
         found.append(
-            "MANUAL_OPTIONS scales the steering by speed in MANUAL too: relays come out smaller than asked for; what "
-            "the servo really did is measured and used"
+            "MANUAL_OPTIONS scales the steering by speed in MANUAL too, so relays are smaller than commanded. The "
+            "measured servo output is used"
         )
     return found
 
@@ -348,8 +348,8 @@ def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, without which it refuses "
-                    f"{craft.firmware.hold_mode}: check the GPS (sky view, fix type) and compass, and try again"
+                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, and rejects "
+                    f"{craft.firmware.hold_mode} without one. Check GPS (sky view, fix type) and compass, and try again"
                 )
             craft.observe()
     finally:
@@ -358,7 +358,7 @@ def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
 
 def _reasons(craft: MavlinkCraft) -> str:
     said = dict.fromkeys(t.text for t in craft.session.texts if t.text.startswith("PreArm:"))
-    return f" (it says: {quoted(list(said)[-3:])})" if said else ""
+    return f" (its message: {quoted(list(said)[-3:])})" if said else ""
 
 
 def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
@@ -372,21 +372,19 @@ def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     kind, firmware = settings.kind, craft.firmware
     if kind.axis and kind.axis not in firmware.axes:
         loops = ", ".join(firmware.axes)
-        raise WrongVehicle(f"this vehicle ({firmware.name}) has no {kind.axis} loop to swing; it has: {loops}")
+        raise WrongVehicle(f"this vehicle ({firmware.name}) has no {kind.axis} loop to test. It has: {loops}")
     if not kind.suits(firmware):
-        other = "thrust either way" if kind.stays else "way on"
+        other = "thrust in both directions" if kind.stays else "way on"
         wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
         fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
         raise WrongVehicle(
-            f"this vehicle ({firmware.name}) cannot fly {kind.name}, which takes {wanted}; it can: {fits}"
+            f"this vehicle ({firmware.name}) cannot fly {kind.name}, which needs {wanted}. It can fly: {fits}"
         )
     idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
     if idle:
-        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} takes")
+        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
-        raise UsageError(
-            "this vehicle steers by its thrusters and has no rudder: give --steering, a share of full output"
-        )
+        raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
 
 
 _TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
@@ -414,7 +412,7 @@ def see_it_tells(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
     while not math.isfinite(now.value(kind.needs)):
         if now.t > until:
             raise PreconditionFailed(
-                f"{kind.name} needs a rangefinder that looks ahead, and the vehicle tells no distance ({message}, "
-                "orientation 0) within its reach; nothing was armed"
+                f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance ({message}, "
+                "orientation 0) in its range. Nothing was armed"
             )
         now = craft.observe()

@@ -83,7 +83,7 @@ class Recheck:
     sizes of a second flight, 0 without one. ``sheet`` was read off the flight ``shown``; ``why`` there is none.
     """
 
-    words = "fly it once more at half these sizes, or twice, where they do not show how the loop is damped"
+    words = "fly once more at half or twice these sizes, if they do not determine the damping of the loop"
 
     def __init__(self, axis: AxisKind, runs: Path, watcher: Watcher) -> None:
         self._axis, self._runs, self._watcher = axis, runs, watcher
@@ -104,12 +104,12 @@ class Recheck:
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
         if self.tune is None:
-            self._watcher.say(f"no earlier tune of {self._axis.name} of this vehicle in {self._runs}/ to compare with")
+            self._watcher.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
             return
         present = craft.parameters.read_existing(list(self.tune.gains))
         self.changed = self.tune.changed(present)
         others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
-        self._watcher.say(f"the last tune of {self._axis.name} is {self.tune.directory}{others}")
+        self._watcher.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
         """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
@@ -131,7 +131,7 @@ class Recheck:
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
-        self._watcher.say(f"these sizes do not show how the loop is damped: flying again at {half} them")
+        self._watcher.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
         return PlannedRun(f"{run.name}-again", other)
 
 
@@ -166,7 +166,7 @@ def _why_not(check: Recheck) -> str:
             return doubt.cause
     told = {f.slug: f.reading for f in check.sheet.figures}
     if "damping" not in told:
-        return "its damping ratio is less certain than it is large"
+        return "the standard error of its damping ratio exceeds the value"
     return f"its damping ratio is {told['damping'].value:.2f} +- {told['damping'].std:.2f}"
 
 
@@ -187,17 +187,17 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     note: tuple[str, ...] = ()
     if check.factor:
         changed = "halved" if check.factor < 1.0 else "doubled"
-        note = (f"The first sizes did not show it, so they were {changed} and it was flown again.",)
+        note = (f"The first sizes gave no clear result, so they were {changed} and flown again.",)
     if check.changed:
-        note = (*note, f"The gains are no longer those of the tune: {', '.join(check.changed)} changed since.")
+        note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
         return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
     if sheet is None or not _is_telling(sheet):
         why = check.why or next(
             (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
         )
-        text = f"Not identifiable: these relays do not show how the {axis} loop is damped ({why})."
-        cure = f"Look at the picture, fly in calmer water or with other sizes (--set-point), or run {again}."
+        text = f"Not identifiable: these relays do not determine the damping of the {axis} loop ({why})."
+        cure = f"Check the plot, fly in calmer water or with other sizes (--set-point), or run {again}."
         return verdict("not identifiable", text, "neutral", (*note, cure))
     zeta, zeta_std = told["damping"].value, told["damping"].std
     over, over_std = told["overshoot"].value, told["overshoot"].std
@@ -209,10 +209,10 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         return verdict("poorly damped", text, "bad", note)
     if over + over_std > LARGE_OVERSHOOT:
         shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"
-        text = f"Undecided: a step overshoots by {shown}, and more than {100.0 * LARGE_OVERSHOOT:.0f} % is too much."
+        text = f"Undecided: a step overshoots by {shown}; the limit is {100.0 * LARGE_OVERSHOOT:.0f} %."
         return verdict("undecided", text, "neutral", note)
     if zeta < POORLY_DAMPED:
-        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}, less than {POORLY_DAMPED} is too little."
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}; the minimum is {POORLY_DAMPED}."
         return verdict("undecided", text, "neutral", note)
     if then is None:
         well = " well" if zeta - zeta_std > WELL_DAMPED else ""
@@ -226,9 +226,9 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
     if then is None:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
-        return f"a step overshoots by {100.0 * now.overshoot:.0f} %, and did by {100.0 * then.overshoot:.0f} %"
+        return f"a step overshoots by {100.0 * now.overshoot:.0f} %, before by {100.0 * then.overshoot:.0f} %"
     if now.settling > SLOWER * then.settling and now.rise > SLOWER * then.rise:
-        return f"it is slower: a step settles in {now.settling:.1f} s, and did in {then.settling:.1f} s"
+        return f"a step settles in {now.settling:.1f} s, before in {then.settling:.1f} s"
     return ""
 
 

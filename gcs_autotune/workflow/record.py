@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from gcs_autotune.documents import see_run_folder
+from gcs_autotune.documents import check_run_folder
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.plain_json import json_text
@@ -41,7 +41,7 @@ class RunDirectory:
         self.path = path
         self.is_made = False
         self._count = 0
-        see_run_folder(path)
+        check_run_folder(path)
 
     def make(self) -> None:
         """Make the directory.
@@ -54,9 +54,9 @@ class RunDirectory:
         try:
             (self.path / "trials").mkdir(parents=True)
         except FileExistsError:
-            raise UsageError(f"{self.path} already holds a run; give another --out") from None
+            raise UsageError(f"{self.path} already contains a run. Use another --out") from None
         except OSError as error:
-            raise UsageError(f"cannot make the run directory {self.path}: {error}; give another --out") from error
+            raise UsageError(f"cannot create the run directory {self.path}: {error}. Use another --out") from error
         self.is_made = True
 
     def discard(self) -> None:
@@ -150,6 +150,6 @@ class RunDirectory:
 
     def _unwritable(self, error: OSError) -> BadFile:
         return BadFile(
-            f"the run directory {self.path} cannot be written ({error.strerror or error}): free some disk space or "
-            "give another --out"
+            f"the run directory {self.path} cannot be written ({error.strerror or error}). Free some disk space or "
+            "use another --out"
         )

@@ -65,7 +65,7 @@ def link_of(run: Path | None) -> str:
     path = _journal_of(folder) if folder is None or folder.name == JOURNAL or (folder / JOURNAL).exists() else None
     link = Journal.read(path).link if path is not None else ""
     if not link:
-        raise UsageError("no journal tells which vehicle this belongs to: say with --connect URI")
+        raise UsageError("no journal with the vehicle's link. Use --connect URI")
     return link
 
 
@@ -114,7 +114,7 @@ def restore_run(
     journal = Journal.resume(path)
     try:
         state = Journal.read(path)
-        watcher.say(f"journal {path}: {_owed(state)} still to be put back on {state.vehicle.get('firmware', '?')}")
+        watcher.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
         with connect(connection, operator, watcher) as session:
             changes = _Restoring(session, state, operator, watcher, journal).run()
         journal.close()
@@ -125,7 +125,7 @@ def restore_run(
 
 
 def _owed(state: JournalState) -> str:
-    return ", ".join(state.debts) or "no parameter, perhaps the mode or the armed state"
+    return ", ".join(state.debts) or "no parameter, possibly the mode or the armed state"
 
 
 class _Restoring:
@@ -150,15 +150,15 @@ class _Restoring:
     def run(self) -> dict[str, tuple[float, float]]:
         found = self._parameters.read_confirmed(self._state.debts)
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
-        foreign = {n: f"it is {now:g}, which the run did not write" for n, (now, _) in changes.items()}
+        foreign = {n: f"its value {now:g} was not written by the run" for n, (now, _) in changes.items()}
         self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
         self._left |= self._foreign_state(self._state.left_in, armed_by_us=self._state.armed_by_us)
         decided = self._decide(changes)
         changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
-        if wanted and not self._operator.ask(f"As it was found: {' and '.join(wanted)}?", self._session.pump):
+        if wanted and not self._operator.ask(f"Restore: {' and '.join(wanted)}?", self._session.pump):
             raise OperatorStopped(
-                f"nothing was done: {' and '.join(wanted)} was not wanted; the vehicle is as it was left"
+                f"nothing was done: the answer to {' and '.join(wanted)} was no. The vehicle is unchanged"
             )
         if self._disarms:
             self._try("armed state", self._command().disarm)
@@ -170,7 +170,7 @@ class _Restoring:
         if not self._differences and (self._disarms or self._changes_mode):
             self._left |= self._foreign_state((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
-            self._watcher.say(f"it is in {self._command().mode} now (restarted?): once more")
+            self._watcher.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
             self._put_back_state()
         for name, value in self._state.debts.items():
             if name in decided and name in self._left:
@@ -181,16 +181,17 @@ class _Restoring:
         if self._differences:
             shown = "; ".join(f"{what}: {why}" for what, why in self._differences.items())
             raise NotAsFound(
-                f"could not be put back: {shown}. Run `gcs-autotune restore` again when that is cured",
+                f"could not be restored: {shown}. Fix this, then run `gcs-autotune restore` again",
                 differences=self._differences,
             )
         if wanted:
-            self._watcher.say(f"done: {' and '.join(wanted)}; read back and confirmed")
+            self._watcher.say(f"done: {' and '.join(wanted)}; verified by reading back")
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
-                f"left as another operator may want it: {shown}. Run `gcs-autotune restore` without --yes, which asks "
-                "about each",
+                f"left unchanged, possibly set by another operator: {shown}. Run `gcs-autotune restore` without --yes "
+                f"to "
+                "decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
@@ -239,7 +240,7 @@ class _Restoring:
         if restarted:
             outcomes.append(self._booted_mode())
         if self._is_in_another_mode and mode not in (*left_in, *outcomes):
-            left["mode"] = f"it is in {mode}, which neither the run nor a failsafe ordered"
+            left["mode"] = f"its mode is {mode}, set by neither the run nor a failsafe"
         drives = "mode" in left and mode not in self._firmware.stops_in
         if self._state.armed is False and self._session.armed and (drives or restarted or not armed_by_us):
             left[_ARMED] = f"it is armed in {mode}" + ("" if drives else ", and not by the run")
@@ -295,7 +296,7 @@ class _Restoring:
         asked = dict(self._left)
         for what, why in asked.items():
             undo = {"mode": f"go to {self._state.mode}", _ARMED: "disarm"}.get(what) or f"write {changes[what][1]:g}"
-            if self._operator.ask(f"{what}: {why}. Another operator may want it so. Overrule: {undo}?", self._serve):
+            if self._operator.ask(f"{what}: {why}. Another operator may have set it. Overrule: {undo}?", self._serve):
                 del self._left[what]
         return set(asked)
 
@@ -338,8 +339,8 @@ class _Restoring:
         outputs = read_outputs(self._session, read_servo_map(self._parameters, self._firmware))
         off = {name: force for name, force in outputs.items() if not abs(force) <= _NEUTRAL}
         if off or not outputs:
-            shown = ", ".join(f"{n} {f:+.2f} of full output" for n, f in off.items()) or "outputs are not heard"
-            raise NotAsFound(f"not neutral ({shown}); take over by hand", differences=dict.fromkeys(off, "not neutral"))
+            shown = ", ".join(f"{n} {f:+.2f} of full output" for n, f in off.items()) or "outputs are not reported"
+            raise NotAsFound(f"not neutral ({shown}). Take over by hand", differences=dict.fromkeys(off, "not neutral"))
 
 
 def _seconds_since(stamp: str) -> float:
@@ -355,9 +356,9 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
     strange = difference(state.vehicle, state.fingerprint, session.vehicle, parameters)
     if strange:
         raise WrongVehicle(
-            f"the journal is of another vehicle than the one on this link ({strange}); nothing was written. Give the "
-            "right --connect; if it is the same hull with another board, `gcs-autotune params restore` with the run's "
-            "parameters_before.param asks no questions"
+            f"the journal is of another vehicle than the one on this link ({strange}). Nothing was written. Use the "
+            "right --connect. For the same hull with another board use `gcs-autotune params restore` with the run's "
+            "parameters_before.param"
         )
 
 
@@ -367,7 +368,7 @@ def _journal_of(run: Path | None) -> Path | None:
         return next((p for p in journals if not _is_finished(p)), None)
     path = run / JOURNAL if run.is_dir() else run
     if not path.exists():
-        raise UsageError(f"{path} does not exist; name a run directory made by `gcs-autotune tune`")
+        raise UsageError(f"{path} does not exist. Give a run directory of `gcs-autotune tune`")
     return path
 
 
@@ -418,6 +419,6 @@ def _put_back(session: Session, wanted: Mapping[str, float], operator: Operator)
             failed[name] = str(error)
     if failed:
         raise NotAsFound(
-            "could not be put back: " + "; ".join(f"{n}: {why}" for n, why in failed.items()), differences=failed
+            "could not be restored: " + "; ".join(f"{n}: {why}" for n, why in failed.items()), differences=failed
         )
     return changes

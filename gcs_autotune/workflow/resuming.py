@@ -58,7 +58,7 @@ def same_options(error: BaseException) -> str:
     """Return in words with which options to go on after *error*: a limit that tripped would trip again."""
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
-    return f"with another --{option}, else the same options" if option else "with the same options"
+    return f"with another --{option}, otherwise the same options" if option else "with the same options"
 
 
 def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
@@ -68,7 +68,7 @@ def way_on(settings: TuneSettings, finished: list[str], error: BaseException) ->
         return ""
     link, run = shlex.quote(settings.connection.uri), shlex.quote(str(settings.directory))
     return (
-        f"of this run {', '.join(kept)} can be used again, the rest is lost; to go on from there, "
+        f"of this run only {', '.join(kept)} can be used again. To continue from there, "
         f"{same_options(error)}: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
     )
 
@@ -106,14 +106,14 @@ class Earlier:
             return
         path = self._run / SETTING_OUT
         if not path.exists():
-            raise UsageError(f"{self._run} is no run to go on from: there is no {SETTING_OUT} in it")
-        self._told = conformed(load_json(path, "what a run set out with"), _SetOut, path)
+            raise UsageError(f"{self._run} cannot be resumed: it has no {SETTING_OUT}")
+        self._told = conformed(load_json(path, "the start settings of a run"), _SetOut, path)
         if alike:
             self._check_settings(_shape(settings))
         journal = self._run / JOURNAL
         if journal.exists() and not Journal.read(journal).is_settled:
             raise PreconditionFailed(
-                f"{self._run} left something to be put back: first run `gcs-autotune restore "
+                f"{self._run} has not restored everything. First run `gcs-autotune restore "
                 f"{shlex.quote(str(self._run))}`"
             )
         for path in sorted((self._run / "trials").glob("*.csv")):
@@ -127,9 +127,7 @@ class Earlier:
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
             shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} there, {wanted[name]} here" for name in other)
-            raise UsageError(
-                f"{self._run} was flown with other settings ({shown}): give the same, or leave out --resume"
-            )
+            raise UsageError(f"{self._run} was flown with other settings ({shown}). Use the same, or omit --resume")
 
     @property
     def names(self) -> list[str]:
@@ -159,16 +157,16 @@ class Earlier:
         then = self._told.vehicle
         strange = difference(then, self._told.fingerprint, here, craft.parameters)
         if not strange and then.get("version") != here.version:
-            strange = f"its firmware is {then.get('version') or 'untold'} there, {here.version or 'untold'} here"
+            strange = f"its firmware is {then.get('version') or 'unknown'} there, {here.version or 'unknown'} here"
         if strange:
-            raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}): start anew, without --resume")
+            raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}). Start again without --resume")
         held = self._told.parameters
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
             shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
             raise PreconditionFailed(
-                f"the vehicle has other parameters than when {self._run} was flown ({shown}): what was flown then "
-                "tells nothing about it now. Start anew, without --resume, or put them back"
+                f"the vehicle has other parameters than when {self._run} was flown ({shown}), so its "
+                "experiments are not valid now. Start again without --resume, or restore the parameters"
             )
 
 

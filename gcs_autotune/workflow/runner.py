@@ -121,7 +121,7 @@ class ManoeuvreRunner:
                 if not self.bear(error):
                     self._explain(error)
                     raise
-            self._watcher.say(f"going on: {stage or again.name} is flown again from its beginning")
+            self._watcher.say(f"continuing: {stage or again.name} is flown again from its start")
             self._come_down(again)
             manoeuvre = deepcopy(again)
 
@@ -139,11 +139,9 @@ class ManoeuvreRunner:
         if pause < LEFT_ALONE:
             return False
         self._spoilt += 1
-        told = (
-            f"this computer paused for {pause:.1f} s and sent no commands meanwhile, so the vehicle let its sticks go"
-        )
+        told = f"this computer paused for {pause:.1f} s without sending commands, so the vehicle released the overrides"
         if self._spoilt > MOST_SPOILT:
-            raise PreconditionFailed(f"{reason}. But {told}: close other programs or use a faster computer")
+            raise PreconditionFailed(f"{reason}. But {told}. Close other programs or use a faster computer")
         self._watcher.say(f"{reason}. But {told}")
         return True
 
@@ -173,7 +171,7 @@ class ManoeuvreRunner:
             return
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
             self.contradicted = True
-            raise PreconditionFailed(f"{manoeuvre.name}: {found}. Nothing more is flown")
+            raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run ends here")
         self._watcher.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
@@ -286,8 +284,8 @@ class Patience:
         if left <= 0.0:
             return False
         self._say(
-            f"silent for {session.liveness.unheard:.0f} s: waiting {left:.0f} s more (--patience) to go on; "
-            "Ctrl-C ends it"
+            f"no messages for {session.liveness.unheard:.0f} s: waiting {left:.0f} s more (--patience); "
+            "Ctrl-C ends the run"
         )
         with suppress(LinkLost):
             return session.await_return(left)
@@ -314,7 +312,7 @@ class Patience:
         seen = craft.mode, craft.armed
         if not change.may_go_on or (self._found_armed and not craft.armed):
             return False
-        how = "Arm it again and go on" if not craft.armed else f"Leave {craft.mode} again and go on"
+        how = "Arm the vehicle again and continue" if not craft.armed else f"Leave {craft.mode} again and continue"
         if not self._ask(f"{change.what[:1].upper()}{change.what[1:]}. {how}?"):
             return False
         craft.await_heartbeat()

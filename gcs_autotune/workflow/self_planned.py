@@ -250,14 +250,14 @@ def see_it_can_be_told(precision: Precision, first: ManoeuvreKind, firmware: Fir
     asked, able = precision.title, driven(precision, firmware)
     if not able:
         raise UsageError(
-            f"{asked}: nothing aboard drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
-            f"{', '.join(firmware.channels)}), so no run can tell it; nothing was flown"
+            f"{asked}: no actuator drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
+            f"{', '.join(firmware.channels)}), so no run can identify it. Nothing was flown"
         )
     forces = {DOFS[dof].force for dof in able}
     if not forces & first.drives:
         raise UsageError(
-            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and tells nothing of it; leave the "
-            f"manoeuvre out, or name one that drives {' or '.join(sorted(forces))}; nothing was flown"
+            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and does not excite it. Omit the "
+            f"manoeuvre, or use one that drives {' or '.join(sorted(forces))}. Nothing was flown"
         )
 
 
@@ -335,15 +335,16 @@ class SelfPlanner:
         """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
         until = self._until
         if until.reached(seen.relative):
-            return None, "what was asked for is reached"
+            return None, "the required precision is reached"
         away = [shortfall(s.outlook.relative, until.wanted) for s in self.steps] + [
             shortfall(seen.relative, until.wanted)
         ]
         best = min(away[:-IN_VAIN], default=math.inf)
         if min(away[-IN_VAIN:]) > best - _noticed(best):
             return None, (
-                f"not reached: the last {IN_VAIN} runs brought it no nearer, for the model misses something that they "
-                "show (see what to doubt; gcs-autotune diagnose looks for the cause)"
+                f"not reached: the last {IN_VAIN} runs brought no improvement, since the model lacks an effect that "
+                f"they "
+                "contain (see the doubts; gcs-autotune diagnose searches for the cause)"
             )
         if seen.choices is None:
             return self._blindly(number, leg_of)
@@ -351,21 +352,21 @@ class SelfPlanner:
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
             what = f" about {' and '.join(hopeless)}" if hopeless else ""
-            return None, f"not reached: no manoeuvre of the table tells more{what} from here"
+            return None, f"not reached: no manoeuvre of the table adds information{what}"
         troubles = []
         for choice in worth:
             offer = self._offers[choice.offer]
             if choice.seconds > self._left:
-                troubles.append(f"{offer.title} takes longer than the time left (--total-time)")
+                troubles.append(f"{offer.title} takes longer than the remaining time (--total-time)")
                 continue
             leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
             guessed = leg.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
             trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble) or leg.why_not
             if not trouble:
                 expected = until.told(choice.relative)
-                return leg, f"{offer.title} is expected to bring {expected} in {choice.seconds:.0f} s"
+                return leg, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
-        return None, f"not reached: nothing that would help can be flown: {troubles[0]}"
+        return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, leg_of: Callable[[PlannedRun], FlightLeg]) -> tuple[FlightLeg | None, str]:
         """Return the gentlest run of a manoeuvre not flown yet, where the model runs away and foretells nothing."""
@@ -376,8 +377,8 @@ class SelfPlanner:
             self._tried.append(name)
             leg = leg_of(PlannedRun(f"{number}-{name}", offer.settings))
             if leg.preview.seconds <= self._left and not leg.preview.trouble and not leg.why_not:
-                return leg, f"{offer.title}, another manoeuvre, for the model of the runs so far runs away by itself"
-        return None, "not reached: the model of these runs runs away, and no other manoeuvre can be flown"
+                return leg, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
+        return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"
 
 
 def _noticed(away: float) -> float:
@@ -388,9 +389,9 @@ def _noticed(away: float) -> float:
 def _beyond(choice: Choice, envelope: Envelope) -> str:
     """Return which safety limit the flight by the identified model comes to, in words; empty for none."""
     if choice.room > envelope.distance_limit:
-        return f"it takes {choice.room:.0f} m"
+        return f"it needs {choice.room:.0f} m"
     if choice.depth > envelope.depth_excursion:
-        return f"it takes {choice.depth:.1f} m of depth"
+        return f"it needs {choice.depth:.1f} m of depth"
     if choice.turned > envelope.heading_excursion:
         return f"it turns by {math.degrees(choice.turned):.0f} deg"
     return ""

@@ -128,4 +128,4 @@ class TuneSettings:
         """See that the numbers may be used, and that there is such a rule."""
         _see_limits(self, _NUMBERS, self.axis)
         if self.stop_rule not in STOP_RULES:
-            raise UsageError(f"there is no stop rule '{self.stop_rule}'; there are {' and '.join(STOP_RULES)}")
+            raise UsageError(f"unknown stop rule '{self.stop_rule}'. Use {' or '.join(STOP_RULES)}")

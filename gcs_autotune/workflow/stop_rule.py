@@ -114,7 +114,7 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
     if fit is None or unexplained(fit) >= UNEXPLAINED:
         alone = None if question.axis.needs_speed or run is None else _fit(question, run)
         by_itself = alone is not None and unexplained(alone) < BY_ITSELF
-        much = "not" if fit is None else f"by {fit.fit_percent:.0f} % only"
+        much = "not" if fit is None else f"only by {fit.fit_percent:.0f} %"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
     covariance, m = fit.craft_covariance, fit.model
     values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
@@ -126,7 +126,7 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
         wished = not question.spec.is_automatic
         return Assessment(f"no gains can be designed yet ({refusal})", refused=wished, values=values, stds=stds)
     wide = gains.spread > SPREAD
-    lacks = f"the predicted error over time is uncertain by {gains.spread:.0%}" if wide else ""
+    lacks = f"the predicted ITAE is uncertain by {gains.spread:.0%}" if wide else ""
     return Assessment(lacks, values=values, stds=stds, gains=gains)
 
 
@@ -257,13 +257,13 @@ class KnownDesign:
             return ""
         if self._times >= TWICE and now.refused:
             self.known = True
-            return "no gains do what was asked for, by the model known so far"
+            return "no gains meet the specification with the present model"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return f"the gains are known: what is unknown of the craft changes their error by {now.gains.spread:.0%}"
+            return f"the gains are known: the model's uncertainty changes their error by {now.gains.spread:.0%}"
         if now.another_size:
             self.another_size = True
-            return "this size of oscillation is explained, and not the step: small and large commands act differently"
+            return "the model explains this oscillation but not the step: small and large commands act differently"
         return ""
 
     def weigh(self, whole: Assessment) -> None:

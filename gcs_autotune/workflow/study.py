@@ -116,7 +116,7 @@ def study(
     outcomes = [_outcome(name, runs, unseen, settings, pieces, lenient=len(methods) > 1) for name in methods]
     fitted = [o.fit for o in outcomes if o.fit is not None]
     if not fitted:
-        raise UsageError(f"no method could identify these runs; output-error says: {outcomes[0].refusal}")
+        raise UsageError(f"no method could identify these runs. Reason of output-error: {outcomes[0].refusal}")
     outcomes.sort(key=lambda o: o.fit is None)
     if settings.dof is None:
         outcomes[0] = _naming_what_moved_too(outcomes[0], runs)
@@ -125,10 +125,10 @@ def study(
     drags = Weighed()
     plain = whole_model(answer.fit) is answer.fit.model
     if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None and plain:
-        stage("weighing kinds of drag", 0, 1)
+        stage("comparing damping structures", 0, 1)
         drags = drags_weighed(answer.fit, runs)
     if settings.plan_next is not None:
-        stage("planning what to fly next", 0, 1)
+        stage("planning the next manoeuvre", 0, 1)
     stated = Intervals()
     if settings.profile:
         stage("profiling the likelihood", 0, 1)
@@ -213,12 +213,10 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
     if not settings.known:
         return settings.structure
     if settings.begin is not None:
-        raise UsageError("what is known comes from the model to start at: leave --known out")
+        raise UsageError("the start model already has the known constants. Omit --known")
     form = form_of(settings.structure, settings.dof)
     if form is None:
-        raise UsageError(
-            "constants (--known) belong to a coupled model: give --dof horizontal, 6dof or a form's TOML file"
-        )
+        raise UsageError("--known applies to coupled models. Use --dof horizontal, 6dof or a form's TOML file")
     return form.knowing(settings.known)
 
 
@@ -227,7 +225,7 @@ def _methods(settings: StudySettings) -> list[str]:
     if settings.method != ALL:
         return [settings.method]
     if settings.effects or settings.begin is not None:
-        raise UsageError("effects and start values are for the method output-error: leave --method all out")
+        raise UsageError("effects and start values need the method output-error. Omit --method all")
     coupled = form_of(settings.structure, settings.dof) is not None
     return [m.name for m in METHODS.values() if (m.coupled if coupled else m.axis) is not None]
 
@@ -344,7 +342,7 @@ def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial])
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:
     """Return which data the check used, and what could not be checked."""
-    said = _checked_on(runs, unseen) if answer.unseen is not None else "Nothing could be checked."
+    said = _checked_on(runs, unseen) if answer.unseen is not None else "No held-out check was possible."
     return said + (f" Not checked: {answer.objections}." if answer.objections else "")
 
 
@@ -354,12 +352,12 @@ def _checked_on(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
     if len(runs) == 1:
         share = round(100 * HELD_BACK)
         return (
-            f"One run only: identified once more without its last {share} %, which that model then predicts "
-            "(the answer above uses the whole run)."
+            f"Single run: a second model is identified without its last {share} % and predicts that part "
+            "(the model above uses the whole run)."
         )
     return (
-        "Each run predicted by a model identified from the others (the answer above uses all of them). "
-        "Only the initial state is fitted to the run predicted."
+        "Each run is predicted by a model identified from the others (the model above uses all of them). "
+        "Only the initial state is fitted to the predicted run."
     )
 
 

@@ -56,7 +56,7 @@ SHOWN = 6
 WELL_KNOWN = 0.02
 """Relative standard error below which a parameter needs no further run: any design tolerates more."""
 
-ENOUGH = "These runs tell every parameter of this model to 2 % or better; more would only sharpen it"
+ENOUGH = "These runs determine every parameter of this model to 2 % or better; more runs are not necessary"
 
 Rows = tuple[tuple[str, ...], ...]
 
@@ -117,8 +117,11 @@ def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals
     """
     found = [profile(fit, runs, name) for name in names]
     pictures = (
-        ("Rise of the deviance with each parameter; the line is where the 95 % interval ends.", profile_plot(found)),
-        ("Correlation of the estimates: dark squares move together.", correlation_plot(identifiability(fit, runs))),
+        ("Rise of the deviance with each parameter; the line marks the end of the 95 % interval.", profile_plot(found)),
+        (
+            "Correlation of the estimates; dark squares are strongly correlated pairs.",
+            correlation_plot(identifiability(fit, runs)),
+        ),
     )
     return Intervals(tuple(f"{f.words}." for f in found), pictures)
 
@@ -158,7 +161,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
         No coupled form was asked for.
     """
     if form is None:
-        raise UsageError("--choose drops terms of a coupled model: give --dof horizontal, 6dof or a form's TOML file")
+        raise UsageError("--choose drops terms of a coupled model. Use --dof horizontal, 6dof or a form's TOML file")
     form = form.knowing(settings.known).driven_by({name for run in runs for name in run.channels})
     form, _ = scaled_form(form, runs)
     method = settings.method if settings.method in METHODS else "output-error"

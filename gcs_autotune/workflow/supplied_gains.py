@@ -49,18 +49,18 @@ def load_gains(path: Path, axis: str) -> SuppliedGains:
     """
     file = path / PROPOSED if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise BadFile(f"{path} holds no {PROPOSED}: only a run that proposed gains and did not write them leaves one")
+        raise BadFile(f"{path} has no {PROPOSED}. Use a run that proposed gains without writing them")
     values, flown = load_params(file), _proof_in(file.parent / TRIALS_FOLDER)
     stepped = AXES[axis].stepped
     if flown is not None and flown.meta.get("signal") != stepped:
         raise UsageError(
-            f"the run beside {file} steps {flown.meta.get('signal')}, a tune of {axis} steps {stepped}: give the "
-            "axis that run was about"
+            f"the run of {file} steps {flown.meta.get('signal')}, but a tune of {axis} steps {stepped}. Use the "
+            "axis of that run"
         )
     if flown is None and stepped in ("u", "r"):
         raise UsageError(
-            f"{file} lies in no run that has flown a step of {axis}, and without one it is not known what this craft "
-            "keeps: give the directory of a dry run (`tune ... --dry-run`)"
+            f"{file} is not in a run with a {axis} step, which sets the step for the proof. "
+            "Use the directory of a dry run (`tune ... --dry-run`)"
         )
     if flown is None:
         return SuppliedGains(file, values, None)
@@ -81,7 +81,7 @@ def _settings_of(flown: Trial) -> StepSettings:
         numbers = {n: float(v) for n, v in known.items() if n != "signal"}
         return StepSettings(signal=str(known["signal"]), **numbers)
     except (KeyError, TypeError, ValueError) as error:
-        raise BadFile(f"the side file of '{flown.name}' does not tell the step that was flown: {error}") from error
+        raise BadFile(f"the meta file of '{flown.name}' does not contain the step: {error}") from error
 
 
 def step_of(given: SuppliedGains, asked: StepSettings) -> StepSettings:
@@ -104,14 +104,14 @@ def changes_of(context: TuneContext, given: SuppliedGains) -> tuple[Change, ...]
         gain = gains.get(own)
         if gain is None:
             raise UsageError(
-                f"{given.file} sets {own}, which is no gain of the {context.axis.name} loop of this vehicle; those are "
-                f"{', '.join(gains)}"
+                f"{given.file} sets {own}, which is not a gain of the {context.axis.name} loop of this vehicle. Its "
+                f"gains are {', '.join(gains)}"
             )
         low, high = sorted(names.own_value(gain.parameter, limit) for limit in (gain.low, gain.high))
         if not low <= new <= high and not context.settings.beyond_ranges:
             raise UsageError(
-                f"{given.file} sets {own} to {new:g}; its documented range is {low:g} to {high:g} (--beyond-ranges "
-                "allows it)"
+                f"{given.file} sets {own} to {new:g}, outside its documented range {low:g} to {high:g}. Use "
+                "--beyond-ranges to allow it"
             )
         old = names.own_value(gain.parameter, context.present[gain.parameter])
         if not same_float32(old, new):

@@ -43,11 +43,11 @@ def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Suppl
     unit = reduction.model.input_unit
     if unit != "1" and full_scale is None:
         raise UsageError(
-            f"the input {reduction.channel} of '{file.name}' is in {unit}: say with --full-scale how many {unit} full "
-            f"output gives{_hint(file, reduction.channel)}, or identify from runs with the input as a fraction"
+            f"the input {reduction.channel} of '{file.name}' is in {unit}. Use --full-scale with its value in {unit} "
+            f"at full output{_hint(file, reduction.channel)}, or identify from runs with normalised input"
         )
     if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
-        raise UsageError(f"--full-scale {full_scale:g}: give the input at full output, not zero")
+        raise UsageError(f"--full-scale {full_scale:g}: the input at full output must not be zero")
     moving = lookup(LAWS, axis.law, "control law").controls_velocity
     noise = file.noise.get(reduction.model.axis.velocity if moving else reduction.model.axis.position, 0.0)
     return SuppliedModel(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
@@ -55,7 +55,7 @@ def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Suppl
 
 def _hint(file: ModelFile, channel: str) -> str:
     largest = file.model.amplitude.get(channel, 0.0)
-    return f" (its runs went up to {largest:.3g})" if largest else ""
+    return f" (largest in its runs: {largest:.3g})" if largest else ""
 
 
 def explained(given: SuppliedModel, step: Trial) -> float:

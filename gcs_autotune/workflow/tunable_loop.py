@@ -156,7 +156,7 @@ def _prove(loop: TunableLoop, offer: Offer, watcher: TuneWatcher, journal: Journ
                 watcher.say(remark)
             watcher.end("kept", "the new gains are better and stay")
     if not better:
-        watcher.end("restored", "the new gains are not better; the old ones are back, verified by reading them")
+        watcher.end("restored", "the new gains are not better; the old ones were restored, verified by reading back")
 
 
 def _shown(changes: Sequence[Change]) -> str:

@@ -94,7 +94,7 @@ def _leave_report(log: TuneLog, record: RunDirectory) -> None:
     story = log.story()
     try:
         if story.awaits_proof and story.proposal is not None:
-            comment = f"proposed by gcs-autotune {story.title}, {story.when}; not written and not proved. To prove:"
+            comment = f"proposed by gcs-autotune {story.title}, {story.when}, neither written nor proved. To prove:"
             record.save_proposed(story.proposal.new, *log.parameter_types(), f"{comment}\n{proof_command(story)}")
         write_story(story, record.path)
     except (OSError, BadFile) as error:
@@ -129,8 +129,8 @@ def _set_out(
     runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, ask, gains=True)
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
-        names = ", ".join(earlier.names) or "nothing was flown to its end there"
-        log.say(f"of {settings.resume} will be used: {names}; the vehicle and its parameters are the same")
+        names = ", ".join(earlier.names) or "no completed experiment there"
+        log.say(f"using from {settings.resume}: {names}; vehicle and parameters are unchanged")
     for remark in remarks_on(craft):
         log.say(remark)
     about = axis, given, present, throttle, speed
@@ -138,7 +138,7 @@ def _set_out(
     if settings.gains is not None:
         log.given_changes = changes_of(context, settings.gains)
         if not log.given_changes:
-            raise UsageError(f"the vehicle has the gains of {settings.gains.file} already: there is nothing to prove")
+            raise UsageError(f"the vehicle already has the gains of {settings.gains.file}; nothing to prove")
     return context
 
 
@@ -156,12 +156,12 @@ def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axi
     gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
     if gains:
         raise ParameterMissing(
-            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor under any newer name we know; "
-            "its firmware is older, newer or built without that feature",
+            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
+            "Its firmware is too old, too new or lacks that feature",
             name=gains[0],
         )
     if missing:
-        log.say(f"this firmware has no {', '.join(missing)}; the design does without")
+        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
     return axis.called(names), found
 
 
@@ -171,7 +171,7 @@ def read_again(craft: MavlinkCraft, log: TuneLog, record: RunDirectory) -> None:
         with craft.shielded():
             after = craft.parameters.read_existing(log.parameters_before, as_is=True)
     except AutotuneError as error:
-        log.say(f"the parameters could not be read again: {error}")
+        log.say(f"the parameters could not be read back: {error}")
     else:
         log.parameters_after = after
         record.save_parameters("after", after)

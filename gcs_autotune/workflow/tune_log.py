@@ -33,7 +33,7 @@ class TuneLog:
         self._rates: dict[str, tuple[float, float]] = {}
         self._craft: MavlinkCraft | None = None
         self._announced: tuple[str, ...] = ()
-        self._ending, self._reason = "aborted", "it never got under way"
+        self._ending, self._reason = "aborted", "the run did not start"
         self.itinerary: Itinerary | None = None
         self.fit: AxisFit | None = None
         self.proposal: Proposal | None = None

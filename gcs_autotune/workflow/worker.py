@@ -163,8 +163,8 @@ def _lost(process: subprocess.Popen[bytes], error: Exception) -> AutotuneError:
     with suppress(subprocess.TimeoutExpired):
         process.wait(_GRACE)
     return AutotuneError(
-        f"the process that computes has ended by itself (code {process.returncode}; {error or type(error).__name__}); "
-        "was there too little memory? Try again with other programs closed"
+        f"the computing process ended unexpectedly (code {process.returncode}; {error or type(error).__name__}). "
+        "Check the free memory, close other programs and try again"
     )
 
 

@@ -53,8 +53,8 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
         to, steered = ("starboard", "port") if late.turned > 0.0 else ("port", "starboard")
         cure = cure_of(firmware, [o for o, _ in servos.driving("N")])
         return PreconditionFailed(
-            f"{trial.name}: the craft turned {_degrees(late.turned)} to {to} in {late.seconds:.0f} s while it was "
-            f"steered to {steered}: it turns away from where it is steered. {cure}. {limit}"
+            f"{trial.name}: the craft turned {_degrees(late.turned)} to {to} in {late.seconds:.0f} s while "
+            f"steered to {steered}, the opposite direction. {cure}. {limit}"
         )
     idle = np.abs(whole.throttle) > IDLE
     if not by_thrust:
@@ -91,7 +91,7 @@ def _turned_by_thrust(s: _Stretch) -> bool:
 
 def tripped(error: GuardTripped) -> str:
     """Return which limit tripped for a reason that was named: no larger one is advised."""
-    return f"Safety limit '{error.guard}' tripped because of that. The actuators were brought to neutral"
+    return f"This tripped the safety limit '{error.guard}'. The actuators were brought to neutral"
 
 
 def _degrees(angle: float) -> str:
@@ -108,8 +108,8 @@ def _wrong_thruster(firmware: Firmware, servos: ServoMap, turned: float) -> str:
     output = pulls[0]
     now = int(output.sign < 0.0)
     return (
-        f"one of the two thrusters runs the wrong way or is dead, most likely the one on SERVO{output.channel}: set "
-        f"SERVO{output.channel}_REVERSED to {1 - now} (it is {now}), or mend it"
+        f"one of the two thrusters is reversed or dead, most likely the one on SERVO{output.channel}. Set "
+        f"SERVO{output.channel}_REVERSED to {1 - now} (it is {now}), or repair it"
     )
 
 

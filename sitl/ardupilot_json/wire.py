@@ -64,7 +64,7 @@ def read_servos(datagram: bytes) -> Servos:
     if form is None:
         raise BadPacket(f"magic number {magic}, not {_MAGIC_16} or {_MAGIC_32}: not from ArduPilot's JSON interface")
     if len(datagram) != form.size:
-        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}, which goes with {form.size}")
+        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}; its size must be {form.size}")
     _, rate, count, *pwm = form.unpack(datagram)
     return Servos(rate, count, tuple(pwm[:_OUTPUTS]))
 

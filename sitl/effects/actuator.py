@@ -131,7 +131,7 @@ class TwoInputs(HiddenEffect):
         names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
         if len(set(names)) != 2 or not set(names) <= set(there):
             known = ", ".join(there) or "none"
-            raise BadEffect(f"{self.slug} needs two inputs as its place, e.g. N+X; this craft has {known}")
+            raise BadEffect(f"{self.slug} needs two inputs, e.g. N+X; this craft has {known}")
         self._here, self._other = names
 
 

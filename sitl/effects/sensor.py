@@ -39,7 +39,7 @@ class SimulatedSensorPosition(HiddenEffect):
         usual: tuple[str, ...] = ("u", "v", "x", "y")
         if not self.place and not set(usual) & set(setting.signals):
             raise BadEffect(
-                f"sensor-position: neither speed nor position is measured here; {', '.join(setting.signals)}"
+                f"sensor-position: neither speed nor position is measured here. Measured: {', '.join(setting.signals)}"
             )
         self._names = find_signals(self, setting, "") if self.place else usual
         strange = [name for name in self._names if name not in (*usual, "z", "w")]

@@ -68,7 +68,7 @@ def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
         (114, "NotAsFound", "not by us"),
         (91, "GuardTripped", "its radio failsafe does this"),
         (96, "TelemetryFault", "the autopilot has restarted"),
-        (37, "LinkLost", "has been silent"),
+        (37, "LinkLost", "Lost contact with"),
         (68, "kept", ""),
     ],
 )
@@ -110,7 +110,7 @@ def test_an_order_is_undone_by_what_comes_after_it_while_it_is_in_force(own: Ord
 
 
 def test_a_cause_that_was_not_there_is_misattributed() -> None:
-    said = "this computer paused for 0.6 s and sent no overrides meanwhile"
+    said = "this computer paused for 0.6 s without sending overrides"
     assert "this computer paused" in misattributed(said, ["station-mode"])
     assert misattributed(said, ["stall"]) == ""
     assert misattributed("it stopped", ["station-mode"]) == "names nothing of station-mode"

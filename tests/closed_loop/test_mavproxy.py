@@ -185,7 +185,7 @@ def a_module(signs: bool = False, override: int = 0):
     ("typed", "words", "with_what"),
     [
         ("", "usage: autotune AXIS", {}),
-        ("yes", "nothing was asked", {}),
+        ("yes", "there is no open question", {}),
         ("stop", "nothing is running", {}),
         ("status", "nothing is running", {}),
         ("headding", "invalid choice: 'headding'", {}),

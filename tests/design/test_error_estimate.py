@@ -1,4 +1,4 @@
-"""The error over time that is read through noise, against that of the motion behind it."""
+"""The tracking error that is read through noise, against that of the motion behind it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SHAPES = (lag, swing, standing, creeping, slow)
 
 
 def read(t: Array, error: Array, assumed: float, noise_time: float = 0.0) -> float:
-    """Return the error over time of a unit step whose *error* (n,) is known from *t* = 0 on, *assumed* its noise."""
+    """Return the tracking error of a unit step whose *error* (n,) is known from *t* = 0 on, *assumed* its noise."""
     t, position = np.concatenate([[-PERIOD], t]), np.concatenate([[0.0], 1.0 - error])
     found = step_metrics(
         t, np.where(t < 0.0, 0.0, 1.0), position, np.zeros_like(t), noise_std=assumed, noise_time=noise_time
@@ -85,7 +85,7 @@ def test_a_simulated_step_is_read_as_the_flown_one_is_on_the_mean(shape: Callabl
 
 
 def test_a_tenth_more_noise_assumed_changes_little() -> None:
-    """A floor under single readings lost a quarter of a quick ROV's error over time by that."""
+    """A floor under single readings lost a quarter of a quick ROV's tracking error by that."""
     t = np.arange(0.0, 3.0 * SECONDS + PERIOD / 2.0, PERIOD)
     exact, more = (float(np.mean(readings(creeping(t), GOOD_COMPASS, s * GOOD_COMPASS))) for s in (1.0, 1.1))
     assert more == pytest.approx(exact, rel=0.1)

@@ -49,7 +49,7 @@ def test_another_system_kind_or_board_is_another_vehicle(change: dict[str, objec
 
 def test_a_board_that_does_not_tell_its_id_here_is_not_taken_for_the_one_that_did() -> None:
     mute = replace(HERE, uid="")
-    assert difference(HERE.to_dict(), PRINT, mute, told(PRINT)) == "its board is c0ffee there, untold here"
+    assert difference(HERE.to_dict(), PRINT, mute, told(PRINT)) == "its board is c0ffee there, unknown here"
 
 
 def test_a_vehicle_without_an_id_is_known_by_what_was_calibrated() -> None:
@@ -62,9 +62,9 @@ def test_a_vehicle_without_an_id_is_known_by_what_was_calibrated() -> None:
 
 def test_a_fingerprint_parameter_that_is_missing_here_speaks_against_it() -> None:
     known = {**HERE.to_dict(), "uid": ""}
-    assert difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": 0.012})) == "COMPASS_DEV_ID is not here"
+    assert difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": 0.012})) == "COMPASS_DEV_ID does not exist here"
     said = difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": -0.5}))
-    assert said == "INS_ACCOFFS_X 0.012 there, -0.5 here; COMPASS_DEV_ID is not here"
+    assert said == "INS_ACCOFFS_X 0.012 there, -0.5 here; COMPASS_DEV_ID does not exist here"
 
 
 def test_a_value_that_went_through_a_float32_is_the_same() -> None:

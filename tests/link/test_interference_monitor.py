@@ -94,8 +94,8 @@ def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVe
     boat.say("Radio Failsafe")
     pause(craft, 2.1)
     said = trip(craft, "pause")
-    assert 'from MANUAL to HOLD (it says: "Radio Failsafe"): this computer paused for 2.1 s' in said
-    assert "after 2 s without overrides its radio failsafe does this" in said and "nobody else" not in said
+    assert 'from MANUAL to HOLD (its message: "Radio Failsafe"): this computer paused for 2.1 s' in said
+    assert "its radio failsafe does this after 2 s without overrides" in said and "no other station" not in said
     found = craft._interference.found
     assert found is not None and found.may_go_on and not found.stands
 
@@ -110,7 +110,7 @@ def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_station_s_orde
     boat.mode = 4
     pause(craft, paused)
     said = trip(craft, "mode")
-    assert "from MANUAL to HOLD, not by us" in said and "nobody else is heard on this link" in said
+    assert "from MANUAL to HOLD, not by us" in said and "no other station is on this link" in said
     assert ("pause of" in said) is (paused > 0.5)
     assert craft._interference.found is not None and craft._interference.found.mode_stands
 
@@ -120,7 +120,7 @@ def test_a_hold_after_a_long_pause_that_no_text_explains_may_be_another_station_
     boat.mode = 4
     pause(craft, 2.5)
     said = trip(craft, "mode")
-    assert "The vehicle was not heard to say so: another station may have ordered it meanwhile" in said
+    assert "The vehicle did not report it, so another station may have ordered it" in said
     found = craft._interference.found
     assert found is not None and found.mode_stands and not found.is_certain
 
@@ -226,7 +226,7 @@ def test_a_late_copy_of_our_own_order_is_known_by_its_second_answer(boat: Script
     craft.set_mode("GUIDED")
     copy = next(m for m in boat.heard if m.get_type() == "COMMAND_LONG" and m.command == 176 and m.param2 == 0)
     boat._on_command_long(copy)
-    assert "a copy of our own order arrived late" in trip(craft, "mode")
+    assert "a late copy of our own command" in trip(craft, "mode")
     assert craft._interference.found is not None and not craft._interference.found.stands
 
 
@@ -247,8 +247,9 @@ def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: Scr
     boat.say("EKF failsafe")
     boat.mode = 4
     said = trip(craft, "mode")
-    assert '(it says: "EKF variance"; "EKF failsafe"): it was a failsafe of its own. Look after what it names' in said
-    assert "nobody else" not in said
+    assert '(its message: "EKF variance"; "EKF failsafe"): it was ' in said
+    assert "the vehicle's own failsafe. Fix its cause" in said
+    assert "no other station" not in said
 
 
 def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_one(rov: ScriptedVehicle) -> None:
@@ -264,7 +265,7 @@ def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_o
     rov.armed = False
     said = trip(craft, "armed")
     assert "it reports its pilot input failsafe, which does this after 1 s without overrides" in said
-    assert "lost on the way" in said and "nobody else" not in said
+    assert "lost on the way" in said and "no other station" not in said
 
 
 def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
@@ -278,7 +279,7 @@ def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
     pause(craft, 2.2)
     fly(craft, 60)
     boat.mode = 4
-    assert "nobody else is heard on this link" in trip(craft, "mode")
+    assert "no other station is on this link" in trip(craft, "mode")
 
 
 def test_an_order_that_was_heard_comes_before_a_pause_of_ours(flying: MavlinkCraft, router: Router) -> None:
@@ -366,11 +367,11 @@ def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: S
     boat.send(control_status(252, form=form))
     fly(craft)
     assert any("GCS (system 252, component 190) is in control of it" in note for note in craft.session.notes)
-    assert any("does not give it away" in note for note in craft.session.notes)
+    assert any("does not release control" in note for note in craft.session.notes)
     boat.on["MANUAL_CONTROL"] = lambda m: boat.overrides.update({1: (1500 + m.y // 2, boat.time)})
     router.every(other, 0.034, lambda: mavlink.MAVLink_manual_control_message(1, 0, 400, 0, 0, 0))
     said = trip(craft, "sticks")
-    assert "the vehicle says that GCS (system 252, component 190) is in control of it (CONTROL_STATUS)" in said
+    assert "the vehicle reports that GCS (system 252, component 190) is in control of it (CONTROL_STATUS)" in said
 
 
 def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(flying: MavlinkCraft, boat: Any) -> None:
@@ -383,9 +384,9 @@ def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(f
     assert any("nobody is in control of it now" in note for note in flying.session.notes)
     boat.send(control_status(252, flags=3))
     fly(flying)
-    assert any("gives it away for asking" in note for note in flying.session.notes)
+    assert any("releases control on request" in note for note in flying.session.notes)
     boat.mode = 4
-    assert "says that GCS (system 252, component 190) is in control" in trip(flying, "mode")
+    assert "reports that GCS (system 252, component 190) is in control" in trip(flying, "mode")
 
 
 def test_whose_sticks_the_vehicle_says_count_is_told_beside_who_overrides(flying: MavlinkCraft, boat: Any) -> None:
@@ -395,7 +396,7 @@ def test_whose_sticks_the_vehicle_says_count_is_told_beside_who_overrides(flying
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.overrides.update({1: (1700, boat.time + 60.0)})
     said = trip(flying, "sticks")
-    assert "says that GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in said
+    assert "reports that GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in said
 
 
 def test_a_station_that_shares_our_system_id_is_told_apart_by_its_component(flying: MavlinkCraft, boat: Any) -> None:
@@ -411,7 +412,7 @@ def test_a_vehicle_that_says_its_own_receiver_steers_is_quoted_when_our_override
     fly(flying)
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters["RC_OVERRIDE_TIME"] = 1.0
-    assert "the vehicle says that its own RC receiver steers it (MANUAL_INPUT_STATUS)" in trip(flying, "sticks")
+    assert "the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)" in trip(flying, "sticks")
 
 
 def test_sticks_that_are_ours_or_told_by_a_damaged_message_are_no_matter(flying: MavlinkCraft, boat: Any) -> None:
@@ -426,7 +427,7 @@ def test_sticks_that_are_ours_or_told_by_a_damaged_message_are_no_matter(flying:
 def test_another_station_s_wish_for_control_is_told_and_nothing_given_away(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(order(255, 32100, 1, 0, 10, 252))
     fly(flying)
-    assert any("(system 252, component 190) asks for control" in note for note in flying.session.notes)
+    assert any("(system 252, component 190) requests control" in note for note in flying.session.notes)
     assert not any(m.get_type() == "COMMAND_LONG" and m.command == 32100 for m in boat.heard)
 
 
@@ -444,7 +445,7 @@ def test_what_nobody_here_did_came_by_another_link(boat: ScriptedVehicle) -> Non
     craft.arm()
     fly(craft)
     boat.mode = 4
-    assert "nobody else is heard on this link" in trip(craft, "mode")
+    assert "no other station is on this link" in trip(craft, "mode")
 
 
 # --- sticks --------------------------------------------------------------------------------
@@ -463,9 +464,9 @@ def test_another_stations_joystick_beside_ours_trips(boat: ScriptedVehicle, kind
     joystick = mavlink.MAVLink_manual_control_message(1, 0, 400, 0, 0, 0)
     router.every(twin, 0.034, lambda: stick if kind == "RC_CHANNELS_OVERRIDE" else joystick)
     said = trip(craft, "sticks")
-    assert "RC channel 1 shows 1700 us where" in said
+    assert "RC channel 1 shows 1700 us, but" in said
     assert f"GCS (system 255, component 100) sent {kind}" in said
-    assert any("also is system 255" in note for note in craft.session.notes)
+    assert any("also has system id 255" in note for note in craft.session.notes)
 
 
 @pytest.mark.parametrize(("every", "is_seen"), [(3, True), (20, False)])
@@ -484,8 +485,8 @@ def test_a_pilot_who_moves_a_stick_that_we_do_not_drive_trips(flying: MavlinkCra
     assert boat.receiver is not None
     boat.receiver[6] = 1850
     said = trip(flying, "sticks")
-    assert "RC channel 6, which we do not drive, went from 1500 to 1850 us" in said
-    assert "its RC transmitter, or overrides other than ours from a station that also is system 255" in said
+    assert "RC channel 6, which this tool does not drive, went from 1500 to 1850 us" in said
+    assert "its RC transmitter, or overrides of another station with system id 255" in said
 
 
 def test_a_jittering_receiver_is_no_pilot(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
@@ -516,7 +517,7 @@ def test_the_mode_switch_on_the_transmitter_is_named(flying: MavlinkCraft, boat:
 def test_overrides_that_cease_to_arrive_trip(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters["RC_OVERRIDE_TIME"] = 1.0
-    assert "our overrides do not get through" in trip(flying, "sticks")
+    assert "our overrides do not reach the vehicle" in trip(flying, "sticks")
 
 
 class Late(Router):
@@ -564,7 +565,7 @@ def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_p
     fly(craft)
     stick = mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 65535, 1500, *[65535] * 5)
     router.every(twin, 0.034, lambda: stick)
-    assert "overrides other than ours are in force" in trip(craft, "sticks")
+    assert "overrides other than ours are active" in trip(craft, "sticks")
 
 
 def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: ScriptedVehicle) -> None:
@@ -578,7 +579,7 @@ def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: Scr
         twin, 0.1, lambda: mavlink.MAVLink_rc_channels_override_message(1, 1, *[65535] * 5, 1850, 65535, 65535)
     )
     said = trip(craft, "sticks")
-    assert "RC channel 6, which we do not drive, went from 1500 to 1850 us: overrides other than ours" in said
+    assert "RC channel 6, which this tool does not drive, went from 1500 to 1850 us: overrides other than ours" in said
     assert "pilot" not in said
 
 
@@ -596,7 +597,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
     boat.parameters["MAV_GCS_SYSID"] = 42
     said = refused(craft)
     assert "RC_CHANNELS shows channel 1 1500 us for 1508" in said
-    assert "MAV_GCS_SYSID is 42, but we send as system 255: use --source-system 42" in said
+    assert "MAV_GCS_SYSID is 42, but our system id is 255. Use --source-system 42" in said
     assert not boat.armed
     assert boat.overrides == {}
 
@@ -606,9 +607,9 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
     [
         ({"RC_OPTIONS": 34}, "RC_OPTIONS is 34: its bit 1"),
         ({"RC_OVERRIDE_TIME": 0}, "RC_OVERRIDE_TIME is 0"),
-        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: that switch turns overrides off"),
+        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: that switch disables overrides"),
         ({"MAV_OPTIONS": 1}, "MAV_OPTIONS bit 0 is set"),
-        ({}, "its parameters do not say why"),
+        ({}, "its parameters show no reason"),
     ],
 )
 def test_the_cause_of_deafness_is_asked_for(boat: ScriptedVehicle, changes: dict[str, float], words: str) -> None:
@@ -622,7 +623,7 @@ def test_the_cause_of_deafness_is_asked_for(boat: ScriptedVehicle, changes: dict
 def test_a_vehicle_that_answers_nothing_is_out_of_reach(boat: ScriptedVehicle) -> None:
     craft = board(boat)
     boat.receive = lambda data: None  # type: ignore[method-assign]
-    assert "the way up to it is broken" in refused(craft)
+    assert "the uplink is broken" in refused(craft)
 
 
 def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: ScriptedVehicle) -> None:

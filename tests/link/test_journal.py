@@ -95,7 +95,7 @@ def test_one_that_is_gone_on_with_is_not_closed_any_more(path: Path) -> None:
     ],
 )
 def test_an_event_that_makes_no_sense_is_a_bad_file(path: Path, bad: dict[str, Any]) -> None:
-    with pytest.raises(BadFile, match="makes no sense"):
+    with pytest.raises(BadFile, match="has an invalid event"):
         told(path, *([] if bad["event"] == "opened" else [OPENED]), bad)
 
 
@@ -188,7 +188,7 @@ def test_a_tail_that_cannot_be_cut_off_lets_go_of_the_journal_too(path: Path, mo
 
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of this kind are POSIX's")
-@pytest.mark.parametrize(("number", "words"), [(errno.EACCES, "still going on"), (errno.EAGAIN, "still going on"),
+@pytest.mark.parametrize(("number", "words"), [(errno.EACCES, "still in progress"), (errno.EAGAIN, "still in progress"),
                                                (errno.EIO, "cannot be written (broken)")])  # fmt: skip
 def test_a_lock_that_somebody_holds_is_told_from_one_that_cannot_be_had(
     path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str

@@ -96,7 +96,7 @@ def test_a_journal_whose_first_line_never_reached_the_disk_owes_nothing(path: Pa
 
 def test_two_programs_cannot_write_one_journal(path: Path) -> None:
     journal = Journal(path)
-    with pytest.raises(PreconditionFailed, match="still going on"):
+    with pytest.raises(PreconditionFailed, match="still in progress"):
         Journal.resume(path)
     journal.leave()
     Journal.resume(path).close()

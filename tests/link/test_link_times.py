@@ -242,7 +242,7 @@ def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
 
 
 def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
-    lossy, slow = r"loses \d+ % of what .* more than it carries", r"it carries \d+ bytes/s.* Use a faster link"
+    lossy, slow = r"loses \d+ % of what .* is overloaded", r"it carries \d+ bytes/s.* Use a faster link"
     with pytest.raises(TelemetryFault, match=f"{lossy}|{slow}"):
         board(Narrow(boat, rate=250.0))
 
@@ -275,9 +275,9 @@ def test_rates_another_station_changed_are_asked_for_again_and_said(boat: Script
     router.say(other, mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 2, 1))
     swing(craft, 3)
     assert boat.intervals[number] == pytest.approx(0.1)
-    said = [note for note in craft.session.notes if "asked for again" in note]
+    said = [note for note in craft.session.notes if "requested again" in note]
     assert len(said) == 1
-    assert said[0].startswith("for a while ATTITUDE at")
+    assert said[0].startswith("low rates for a while, requested again: ATTITUDE at")
     assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
 
 

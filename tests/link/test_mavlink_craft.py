@@ -83,7 +83,7 @@ def test_the_id_the_vehicle_obeys_is_adopted_and_said(boat: ScriptedVehicle) -> 
     boat.parameters["MAV_GCS_SYSID"] = 252
     craft = board(boat)
     assert craft.session.port.system == 252
-    assert any("system 252" in note for note in craft.session.notes)
+    assert any("system id 252" in note for note in craft.session.notes)
     craft.arm()
     craft.send(Actuate(N=0.5))
     craft.observe()
@@ -231,10 +231,10 @@ def test_frozen_attitude_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle)
 def test_a_standing_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     stamp = round(flying.observe().t * 1000)
     spoil(boat, time_boot_ms=lambda _: stamp)
-    assert "stands" in observe_until_fault(flying)
+    assert "its clock stopped" in observe_until_fault(flying)
 
 
-@pytest.mark.parametrize(("jump", "words"), [(-3.0, "its clock ran back"), (30.0, "its clock jumped")])
+@pytest.mark.parametrize(("jump", "words"), [(-3.0, "its clock jumped back"), (30.0, "its clock jumped")])
 def test_a_jumping_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle, jump: float, words: str) -> None:
     boat.boot_offset = jump
     assert words in observe_until_fault(flying)
@@ -476,8 +476,8 @@ def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
 def test_no_attitude_and_no_word_is_a_lost_link_and_no_attitude_alone_a_fault(boat: ScriptedVehicle) -> None:
     craft = open_craft(Session(MemoryLink(boat)))
     boat.mute.add("ATTITUDE")
-    with pytest.raises(TelemetryFault, match="although the vehicle is heard"):
+    with pytest.raises(TelemetryFault, match="although the vehicle sends messages"):
         craft.observe()
     boat.alive = False
-    with pytest.raises(LinkLost, match=r"silent for [23]\.\d s"):
+    with pytest.raises(LinkLost, match=r"Lost contact with .* \([23]\.\d s\)"):
         craft.observe()

@@ -65,7 +65,7 @@ def test_a_vehicle_without_ftp_is_asked_one_by_one_and_that_is_said(boat: Script
 
 def test_a_file_that_is_not_there_is_refused_in_words():
     parameters = parameters_of(sitl.open_vehicle("charlie"))
-    with pytest.raises(BadFile, match="no file /etc/passwd that can be read: there is none"):
+    with pytest.raises(BadFile, match="no readable file /etc/passwd: the file does not exist"):
         read_remote_file(parameters.session, "/etc/passwd")
 
 

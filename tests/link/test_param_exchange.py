@@ -143,7 +143,7 @@ def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_
         mine.read_all(["A", "P", "B"])
     assert caught.value.name == "A"
     session.answer = lambda message: None
-    with pytest.raises(NoReply, match=r"no longer answers when asked for parameters \(A\)"):
+    with pytest.raises(NoReply, match=r"no longer answers parameter requests \(A\)"):
         mine.read("A")
 
 
@@ -166,7 +166,7 @@ def test_a_value_wins_that_was_heard_twice_and_more_often_than_any_other(
 ) -> None:
     assert _winner(votes) == winner
     if winner is None:
-        with pytest.raises(TelemetryFault, match="P is answered with contradicting values"):
+        with pytest.raises(TelemetryFault, match="contradicting values of P"):
             _decided("P", votes)
     else:
         assert _decided("P", votes) == winner
@@ -266,7 +266,7 @@ def test_a_write_that_does_not_last_is_repeated_three_times_and_then_said_with_t
 
     session.answer = undone
     with pytest.raises(
-        ParameterNotAccepted, match=r'P: wrote 0\.75, but the vehicle holds 0\.5 \(it says: "P: still'
+        ParameterNotAccepted, match=r'P: wrote 0\.75, but the vehicle holds 0\.5 \(its message: "P: still'
     ) as caught:
         parameters(session).write("P", 0.75)
     assert (caught.value.wanted, caught.value.found) == (0.75, 0.5)

@@ -222,7 +222,7 @@ def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(
 
 def test_a_journal_that_makes_no_sense_is_a_bad_file(path: Path) -> None:
     path.write_text('{"event": "writing", "name": "A", "value": 1}\n')
-    with pytest.raises(BadFile, match="no sense"):
+    with pytest.raises(BadFile, match="invalid event"):
         Journal.read(path)
     with pytest.raises(BadFile, match="cannot be read"):
         Journal.read(path.with_name("none"))
@@ -347,10 +347,10 @@ def test_what_a_late_write_of_ours_undoes_is_put_back_again_a_few_times(path: Pa
     assert parameters.held == OLD
     transaction, parameters = counted(path.with_name("again.jsonl"))
     parameters.undone = [{INT: 0.4}] * 9
-    with pytest.raises(NotAsFound, match="could not put back ATC_STR_RAT_I") as caught:
+    with pytest.raises(NotAsFound, match="could not restore ATC_STR_RAT_I") as caught:
         transaction.give_back()
     assert parameters.writes == [FF, INT, P, INT, INT]
-    assert "it holds 0.4 again after it was put back" in caught.value.differences[INT]
+    assert "it changed to 0.4 again after it was restored" in caught.value.differences[INT]
 
 
 def test_what_nobody_could_look_at_again_is_owed_though_it_was_written(path: Path) -> None:
@@ -393,7 +393,7 @@ def test_giving_back_writes_each_once_last_first_and_looks_once(path: Path) -> N
 def test_a_link_that_falls_silent_is_not_written_to_again_before_it_is_waited_for(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.lost = {INT}
-    with pytest.raises(NotAsFound, match="could not put back") as caught:
+    with pytest.raises(NotAsFound, match="could not restore") as caught:
         transaction.give_back()
     assert parameters.writes == [FF, INT, P]
     assert (parameters.looks, parameters.waited) == (0, 1)
@@ -415,7 +415,7 @@ def test_a_line_of_a_journal_that_is_json_but_no_event_is_damage(path: Path) -> 
 def test_leaving_after_an_error_says_what_went_wrong_and_what_could_not_be_put_back(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
-    with pytest.raises(NotAsFound, match="the worst moment; and could not put back " + INT) as caught, transaction:
+    with pytest.raises(NotAsFound, match="the worst moment; and could not restore " + INT) as caught, transaction:
         transaction.set(NEW)
         boat.read_only.add(INT)
         raise ParameterNotAccepted("the worst moment", name=P, wanted=0.0, found=1.0)
@@ -425,7 +425,7 @@ def test_leaving_after_an_error_says_what_went_wrong_and_what_could_not_be_put_b
 def test_leaving_in_peace_what_cannot_be_put_back_says_no_more_than_that(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
-    with pytest.raises(NotAsFound, match="^could not put back " + INT) as caught, transaction:
+    with pytest.raises(NotAsFound, match="^could not restore " + INT) as caught, transaction:
         transaction.set(NEW)
         boat.read_only.add(INT)
     assert caught.value.__cause__ is None
@@ -475,7 +475,7 @@ def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
     assert Journal.open_debts(path) == pytest.approx(OLD)
     transaction.give_back()
     assert held(boat) == pytest.approx({**OLD, name: 0.33}), "what another station wrote stands"
-    assert f"{name} stays at 0.33, which another station wrote" in transaction._session.notes[-1]
+    assert f"{name} stays at 0.33, written by another station" in transaction._session.notes[-1]
     assert Journal.open_debts(path) == {}
 
 

@@ -79,7 +79,7 @@ def test_what_comes_at_less_than_three_fifths_of_its_rate_is_asked_for_again(
     if thin:
         assert kept.sent[0].param2 == pytest.approx(1e6 / (2.0 * ALL[name])), "at the rate granted, in us"
         (note,) = kept.notes
-        assert f"for a while {name} at " in note
+        assert f"low rates for a while, requested again: {name} at " in note
         assert f"instead of {ALL[name]:.1f}" in note and "(nobody)" in note
         kinds, since = kept.blamed[0]
         assert "REQUEST_DATA_STREAM" in kinds
@@ -219,7 +219,7 @@ def test_a_disarm_is_no_work_of_a_failsafe_that_changes_the_mode() -> None:
     ours.session.armed = False
     tripped = ours.trips()
     assert tripped.guard == "armed"
-    assert 'the vehicle was disarmed, not by us (it says: "Failsafe"): somebody' in str(tripped)
+    assert 'the vehicle was disarmed, not by us (its message: "Failsafe"): somebody' in str(tripped)
     assert ("texts", 45.0) in ours.asked and ("ordered", 45.0) in ours.asked
 
 
@@ -256,7 +256,7 @@ def test_a_switch_moved_at_the_transmitter_is_who_did_it_but_wrote_no_parameter(
     ours = Ours()
     ours.session.custom_mode = 4
     ours.sticks.moved_by_hand = (5, 1000, 1900)
-    assert "RC channel 5 went from 1000 to 1900 us just now, which is a switch of the transmitter" in str(ours.trips())
+    assert "RC channel 5 went from 1000 to 1900 us, by a switch of the transmitter" in str(ours.trips())
     ours.parameters.intrusions = [("P", 0.2, 0.9), ("I", 0.1, 0.4)]
     tripped = ours.trips()
     assert (tripped.guard, tripped.value, tripped.limit) == ("parameters", 0.9, 0.2)
@@ -269,14 +269,14 @@ def test_a_hand_on_the_sticks_and_somebody_elses_are_told_apart_with_what_was_se
     ours.sticks.departed = (1, 1600, 1500)
     tripped = ours.trips()
     assert (tripped.guard, tripped.value, tripped.limit) == ("sticks", 1500.0, 1600.0)
-    assert "RC channel 1 shows 1500 us where 1600 us were sent: somebody" in str(tripped)
+    assert "RC channel 1 shows 1500 us, but 1600 us were sent: somebody" in str(tripped)
     ours.sticks.departed, ours.sticks.moved_by_hand = None, (3, 1500, 1200)
     tripped = ours.trips()
     assert (tripped.guard, tripped.value, tripped.limit) == ("sticks", 1200.0, 1500.0)
-    assert "RC channel 3, which we do not drive, went from 1500 to 1200 us: overrides other than ours" in str(tripped)
-    ours.sticks.has_receiver = True
-    assert "its RC transmitter, or overrides other than ours from a station that also is system 255" in str(
-        ours.trips()
+    assert "RC channel 3, which this tool does not drive, went from 1500 to 1200 us: overrides other than ours" in str(
+        tripped
     )
+    ours.sticks.has_receiver = True
+    assert "its RC transmitter, or overrides of another station with system id 255" in str(ours.trips())
     ours.others.steering = SimpleNamespace(is_receiver=True)
-    assert "a pilot's hand, for the vehicle says that its own RC receiver steers it" in str(ours.trips())
+    assert "a pilot, since the vehicle reports that its own RC receiver steers it" in str(ours.trips())

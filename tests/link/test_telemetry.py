@@ -155,7 +155,7 @@ def test_a_rovs_throttle_is_up_and_z_is_down(rov: ScriptedVehicle) -> None:
     assert [getattr(release, f"chan{n}_raw") for n in range(1, 9)] == [0, 0, 0, 0, 0, 0, 65535, 65535]
 
 
-@pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "for ever")])
+@pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "forever")])
 def test_overrides_that_never_work_or_never_end_are_refused(boat: ScriptedVehicle, expiry: float, words: str) -> None:
     boat.parameters["RC_OVERRIDE_TIME"] = expiry
     session = Session(MemoryLink(boat))
@@ -401,7 +401,7 @@ def test_a_clock_that_jumps_ahead_is_a_fault() -> None:
 
 
 def test_a_clock_that_runs_back_is_a_reboot_or_a_fault() -> None:
-    for back, word in ((2.0, "restarted"), (500.0, "ran back")):
+    for back, word in ((2.0, "restarted"), (500.0, "jumped back")):
         watchdog = watched()
         watchdog.see_stamp(1000.0)
         watchdog.see_stamp(back)
@@ -421,7 +421,7 @@ def test_a_clock_that_stands_still_is_a_fault() -> None:
     for _ in range(30):
         watchdog.see_stamp(10.0)
         clock.advance(0.1)
-    assert "stands at 10.00 s" in fault(watchdog)
+    assert "stopped at 10.00 s" in fault(watchdog)
 
 
 # --- rates --------------------------------------------------------------------------------
@@ -434,7 +434,7 @@ def rates(session: Session) -> Rates:
 
 def test_a_denied_rate_is_halved_until_it_is_granted(rates: Rates, session: Session) -> None:
     assert rates.request({"ATTITUDE": 100.0, "VFR_HUD": 4.0}) == {"ATTITUDE": 25.0, "VFR_HUD": 4.0}
-    assert any("asked for 100 Hz, the vehicle grants 25 Hz" in note for note in session.notes)
+    assert any("requested 100 Hz, the vehicle grants 25 Hz" in note for note in session.notes)
 
 
 def test_what_is_never_granted_is_zero_and_noted(rates: Rates, session: Session, boat: ScriptedVehicle) -> None:
@@ -478,9 +478,9 @@ def test_what_was_never_granted_is_not_told_as_not_put_back(
     monkeypatch.setattr(rates, "_set_interval", deny)
     assert rates.request({"DISTANCE_SENSOR": 10.0}) == {"DISTANCE_SENSOR": 0.0}
     rates.restore()
-    assert not [note for note in session.notes if "not put back" in note]
+    assert not [note for note in session.notes if "not restored" in note]
     monkeypatch.undo()
     rates.request({"ATTITUDE": 10.0})
     monkeypatch.setattr(rates, "_set_interval", deny)
     rates.restore()
-    assert [note for note in session.notes if "the rate of ATTITUDE was not put back" in note]
+    assert [note for note in session.notes if "the rate of ATTITUDE was not restored" in note]

@@ -83,7 +83,7 @@ def test_a_stick_that_is_driven_or_nowhere_is_not_held_besides(pitch: int, held:
 def test_a_side_of_neutral_that_the_dead_zone_takes_up_is_no_room(low: float, trim: float, high: float) -> None:
     """A dead zone of 30 us: one microsecond more on either side, and there is room."""
     narrow = {"RC1_MIN": low, "RC1_TRIM": trim, "RC1_MAX": high}
-    with pytest.raises(PreconditionFailed, match=r"RC1_MIN .* DZ 30 leave no room on both sides"):
+    with pytest.raises(PreconditionFailed, match=r"RC1_MIN .* DZ 30 leave no travel on both sides"):
         read_override_map(told(**narrow), ROVER)
     wide = {"RC1_MIN": low - 2.0 * (low > 1400), "RC1_TRIM": trim, "RC1_MAX": high + 2.0 * (high < 1600)}
     assert read_override_map(told(**wide), ROVER).channels["N"][1].dead_zone == 30.0
@@ -106,8 +106,8 @@ def test_a_reversed_channel_turns_the_sign_about() -> None:
     ("expiry", "words"),
     [
         (0.0, "ignores overrides"),
-        (-1.0, "for ever"),
-        (10.5, "for 10.5 s if the link broke"),
+        (-1.0, "forever"),
+        (10.5, "for 10.5 s after a loss of the link"),
     ],
 )
 def test_overrides_that_would_outlive_the_link_or_never_count_are_refused(expiry: float, words: str) -> None:
@@ -152,15 +152,15 @@ def test_a_turn_rate_is_asked_for_beyond_the_sticks_dead_zone_at_the_gain_in_for
 @pytest.mark.parametrize(
     ("aboard", "words"),
     [
-        ({}, "it answers no question either"),
-        ({"MAV_GCS_SYSID": 42.0}, "MAV_GCS_SYSID is 42, but we send as system 255: use --source-system 42"),
-        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "MAV_GCS_SYSID is 250, but we send"),
-        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 255.0}, "do not say why (MAV_GCS_SYSID 250, RC_OPTIONS 0)"),
+        ({}, "it does not answer requests either"),
+        ({"MAV_GCS_SYSID": 42.0}, "MAV_GCS_SYSID is 42, but our system id is 255. Use --source-system 42"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "MAV_GCS_SYSID is 250, but our system id"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 255.0}, "show no reason (MAV_GCS_SYSID 250, RC_OPTIONS 0)"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 6.0}, "RC_OPTIONS is 6: its bit 1"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 5.0}, "RC_OPTIONS 5)"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OVERRIDE_TIME": 0.0}, "RC_OVERRIDE_TIME is 0"),
-        ({"MAV_GCS_SYSID": 255.0, "RC1_OPTION": 46.0}, "RC1_OPTION is 46: that switch turns overrides off"),
-        ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 46.0}, "RC16_OPTION is 46: that switch turns overrides off"),
+        ({"MAV_GCS_SYSID": 255.0, "RC1_OPTION": 46.0}, "RC1_OPTION is 46: that switch disables overrides"),
+        ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 46.0}, "RC16_OPTION is 46: that switch disables overrides"),
         ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 45.0, "MAV_OPTIONS": 3.0}, "RC_OPTIONS 0; MAV_OPTIONS bit 0 is set)"),
         ({"MAV_GCS_SYSID": 255.0, "MAV_OPTIONS": 2.0}, "RC_OPTIONS 0)"),
     ],

@@ -88,7 +88,7 @@ def swings(own: HeadingHold, *peaks: float) -> float:
         ((20, -19, 18, -18, 17), CALMING**3),
         ((20, -20) * 8, LEAST_SHARE),
     ],
-    ids=["swinging", "dying away", "small", "goes on", "for ever"],
+    ids=["swinging", "dying away", "small", "goes on", "forever"],
 )
 def test_it_calms_down_by_every_swing_that_is_not_clearly_smaller_than_the_one_before(peaks, share: float) -> None:
     own = HeadingHold()

@@ -56,13 +56,13 @@ def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
     ("vehicle", "twitched"),
     [
         ("charlie", "the steering by 5 %, without thrust,"),
-        ("blueboat", "the thrusters that turn it by 5 % to see"),
-        ("bluerov2", "the thrusters that turn it by 5 % to see"),
+        ("blueboat", "the turning thrusters by 5 % to check"),
+        ("bluerov2", "the turning thrusters by 5 % to check"),
     ],
 )
 def test_a_craft_that_steers_by_thrust_is_not_promised_to_be_twitched_without(vehicle: str, twitched: str) -> None:
     with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
         craft = open_craft(session)
         said = connection.arming(craft, craft.observe())
-    assert said.startswith("arm the vehicle, and disarm it at the end; twitch ")
+    assert said.startswith("arm the vehicle, and disarm it at the end; move ")
     assert twitched in said

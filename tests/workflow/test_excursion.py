@@ -83,7 +83,7 @@ def test_a_limit_that_was_set_and_cannot_be_kept_is_refused_with_the_nearest_tha
     assert not whole.beyond(Envelope(), "zig-zag")
     assert not whole.beyond(Envelope(distance=60.0), "zig-zag")
     refused = whole.beyond(Envelope(distance=59.0), "zig-zag")
-    assert refused.startswith("not started: zig-zag needs --max-distance 60, and the limit is 59 m. Nothing was armed.")
+    assert refused.startswith("not started: zig-zag needs --max-distance 60, but the limit is 59 m. Nothing was armed.")
     assert "--max-time 48" in whole.beyond(Envelope(time=30.0), "zig-zag")
     assert "--max-speed 1.2" in whole.beyond(Envelope(speed=0.5), "zig-zag")
     assert not whole.beyond(Envelope(turn_rate=0.3), "zig-zag"), "a craft that turns slowly keeps it"
@@ -99,15 +99,13 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
     told = whole_of(whole, Envelope(), "a test")
     assert told == (
-        "need up to 90 m from where it lies, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; by a test"
+        "need up to 90 m from the start, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; predicted from a test"
     )
-    assert "up to 80 m from where it lies (the run is ended there: --max-distance)" in whole_of(
-        whole, Envelope(distance=80.0)
-    )
+    assert "up to 80 m from the start (the run ends there: --max-distance)" in whole_of(whole, Envelope(distance=80.0))
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert whole_of(loop, Envelope(), "a test") == (
-        "need usually about 40 m from where it lies and 1 min 10 s (by a test). "
-        "A loop that hardly damps takes up to 90 m and up to 2 min 20 s"
+        "need usually about 40 m from the start and 1 min 10 s (predicted from a test). "
+        "A poorly damped loop needs up to 90 m and up to 2 min 20 s"
     )
     assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]
     assert [exactly(t) for t in (3.0, 31.0, 36.0, 56.0)] == ["5 s", "35 s", "40 s", "1 min"]

@@ -63,24 +63,27 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("[[run]]\nmanoeuvre = 'zig-zag'\nheadin = 3\n", "zig-zag: unknown key 'headin'. Did you mean heading?"),
         ("[[run]]\nmanoeuvre = 'spiral'\nheading = 3\n", "spiral: unknown key 'heading'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 100\n", "run 1: heading: 100 is out of range"),
-        ("[[run]]\nmanoeuvre = 'zig-zag'\nheading = 'ten'\n", "heading is a number, or a list of numbers, not 'ten'"),
-        ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "say with --full-rudder"),
+        (
+            "[[run]]\nmanoeuvre = 'zig-zag'\nheading = 'ten'\n",
+            "heading must be a number or a list of numbers, not 'ten'",
+        ),
+        ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "needs --full-rudder"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = ['port', 1]\n", "unknown side '1'"),
-        ("[[run]]\nmanoeuvre = 'step'\n", "by tune AXIS"),
-        ("[[run]]\nheading = 3\n", "names no manoeuvre"),
+        ("[[run]]\nmanoeuvre = 'step'\n", "step is flown only by tune AXIS"),
+        ("[[run]]\nheading = 3\n", "no manoeuvre given"),
         ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),
-        ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm is true or false"),
+        ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm must be true or false"),
         ("[conditions]\nmin-depth = -1\n" + ZIG_ZAG, "min-depth: -1 is out of range"),
         ("[defaults]\nexecute = 3\n" + ZIG_ZAG, "[defaults]: unknown key 'execute'. Did you mean executes"),
         ("oder = 'listed'\n" + ZIG_ZAG, "the plan: unknown key 'oder'. Did you mean order?"),
         ("order = 'random'\n" + ZIG_ZAG, "unknown order 'random'"),
-        ("title = 'empty'\n", "this has 0"),
+        ("title = 'empty'\n", "this one has 0"),
         ("[[run]\n", "cannot be read as a plan"),
-        (ZIG_ZAG + "repeat = 101\n", "repeat is a whole number from 1 to 100"),
-        (ZIG_ZAG + "repeat = true\n", "repeat is a whole number from 1 to 100"),
-        (ZIG_ZAG.replace("10", "true"), "heading is a number, or a list of numbers"),
-        (ZIG_ZAG.replace("10", '"10"'), "heading is a number, or a list of numbers"),
+        (ZIG_ZAG + "repeat = 101\n", "repeat must be a whole number from 1 to 100"),
+        (ZIG_ZAG + "repeat = true\n", "repeat must be a whole number from 1 to 100"),
+        (ZIG_ZAG.replace("10", "true"), "heading must be a number or a list of numbers"),
+        (ZIG_ZAG.replace("10", '"10"'), "heading must be a number or a list of numbers"),
         (ZIG_ZAG.replace("10", "[10, 20]") + "throttle = 0.5\nrepeat = 51\n", "make 102 runs"),
         (
             ZIG_ZAG.replace("10", str([10 + k / 1000 for k in range(2000)]))
@@ -117,7 +120,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found
     (way_on,) = [text for text in harness.said if "--resume" in text]
-    assert way_on.startswith("2 of 3 runs of the plan are flown; to fly the rest")
+    assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
     assert any(text.startswith("coming back: back, ") for text in harness.said)
 
     said: list[str] = []
@@ -128,7 +131,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     result = fly_plan(
         load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
     )
-    assert "1 run (2 are flown already): doublets" in " ".join(said)
+    assert "1 run (2 already flown): doublets" in " ".join(said)
     flown = [load_trial(path) for path in sorted((again / "trials").glob("*.csv"))]
     assert [t.name for t in flown if t.purpose == "identification"] == [*three.names]
     (model,) = result.models
@@ -169,7 +172,7 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
         load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(said), WHEN
     )
     assert nobody.questions == []
-    assert "every run is flown already: nothing is armed or moved, figures and models are read again" in said
+    assert "every run is complete: nothing is armed or moved; figures and models are computed again" in said
     assert not any(text.startswith("State before the run: mode") for text in said)
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 

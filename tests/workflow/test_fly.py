@@ -122,7 +122,13 @@ def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_on
 def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[SitlHarness, Any]) -> None:
     harness, result = charlie
     said = " ".join(harness.said)
-    for words in ("m from where it lies", "Go ahead?", "draw on the battery", "sign check ", "write no parameter"):
+    for words in (
+        "m from the start",
+        "Go ahead?",
+        "of a battery that lasts an hour",
+        "sign check ",
+        "write no parameter",
+    ):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
     harness.assert_neutral()
@@ -192,7 +198,7 @@ def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarnes
     model = load_model(flown_once.directory / "model.json")
     harness = SitlHarness(tmp_path)
     seen = flown(harness, model=model, only_preview=True)
-    assert any(text.startswith("it would draw on the battery (") for text in harness.said)
+    assert any(text.startswith("it would use about ") for text in harness.said)
     assert seen.preview.trouble == ""
     assert seen.preview.seconds == pytest.approx(result.trial.duration, rel=0.15)  # it had way on already
     assert seen.preview.turned == pytest.approx(float(np.ptp(result.trial["psi"].values)), rel=0.1)
@@ -201,12 +207,12 @@ def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarnes
 
 def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(OperatorStopped, match="nothing was armed"):
+    with pytest.raises(OperatorStopped, match="Nothing was armed"):
         flown(harness, simulated=False, operator=Answers(False))
     assert not harness.vehicle.autopilot.armed
     with pytest.raises(UsageError, match="tune AXIS"):
         FlySettings("step", harness.settings())
-    with pytest.raises(UsageError, match="takes no --duration"):
+    with pytest.raises(UsageError, match="has no option --duration"):
         FlySettings("zig-zag", harness.settings(), {"duration": 5.0})
     with pytest.raises(UsageError, match="--full-rudder"):
         FlySettings("zig-zag", harness.settings(), {"rudder": 0.3})
@@ -214,5 +220,5 @@ def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) ->
     with pytest.raises(UsageError, match="has no rudder"):
         flown(SitlHarness(tmp_path / "twin", "blueboat"), PAIR)
     (tmp_path / "boat").mkdir()
-    with pytest.raises(WrongVehicle, match="which takes Z"):
+    with pytest.raises(WrongVehicle, match="which needs Z"):
         flown(SitlHarness(tmp_path / "boat"), {}, "steps", force="Z")

@@ -48,7 +48,7 @@ def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refus
     tmp_path: Path,
 ) -> None:
     harness = SitlHarness(tmp_path / "own")
-    with pytest.raises(PreconditionFailed, match=r"preview ends early: .* outside the pond.*; nothing was armed$"):
+    with pytest.raises(PreconditionFailed, match=r"preview ends early: .* outside the pond.*\. Nothing was armed$"):
         fly(harness, square(6.0), "steps")
     assert harness.found == ""
     assert any("its cruise of 1.2 m/s at 80% throttle" in text for text in harness.said)
@@ -59,11 +59,11 @@ def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refus
 
 def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(PreconditionFailed, match=r"8\.76400, is 60 m outside the pond; nothing was armed$"):
+    with pytest.raises(PreconditionFailed, match=r"8\.76400, is 60 m outside the pond\. Nothing was armed$"):
         fly(harness, square(40.0, north=100.0))
     assert harness.found == ""
     near = SitlHarness(tmp_path / "near")
-    with pytest.raises(PreconditionFailed, match=r" is 28 cm outside the pond; nothing was armed$"):
+    with pytest.raises(PreconditionFailed, match=r" is 28 cm outside the pond\. Nothing was armed$"):
         fly(near, square(40.0, north=40.3))
     assert near.found == ""
 
@@ -87,5 +87,5 @@ def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> 
     harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
     fly(harness, square(400.0), "steps")
     said = " ".join(harness.said)
-    assert "has a fence and does not tell it" in said
+    assert "has a fence (FENCE_ENABLE is on) but does not report it" in said
     assert "stays in the pond: 400 m to its edge" in said

@@ -112,7 +112,7 @@ def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_
 
 def test_before_no_wall_nothing_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
-    with pytest.raises(PreconditionFailed, match="needs a rangefinder that looks ahead"):
+    with pytest.raises(PreconditionFailed, match="needs a forward rangefinder"):
         flown(harness, {}, "wall-relay")
     assert not harness.vehicle.autopilot.armed
 
@@ -120,5 +120,5 @@ def test_before_no_wall_nothing_is_armed(tmp_path: Path) -> None:
 def test_a_force_that_no_output_drives_is_refused(tmp_path: Path) -> None:
     with pytest.raises(WrongVehicle, match="none of this vehicle's outputs drives Y"):
         flown(SitlHarness(tmp_path, "videoray", **SLOW_LOOP), {}, "relay", force="Y")
-    with pytest.raises(WrongVehicle, match="takes thrust either way"):
+    with pytest.raises(WrongVehicle, match="needs thrust in both directions"):
         flown(SitlHarness(tmp_path / "boat", "blueboat"), {}, "relay", force="X")

@@ -27,10 +27,11 @@ def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) ->
 
 def test_heave_at_usual_sizes_is_made_smaller_so_that_it_stays_inside_the_depth_limit(tmp_path: Path) -> None:
     harness, result = heaved(tmp_path, "free-decay")
-    said = [text for text in harness.said if "is made" in text]
+    said = [text for text in harness.said if "is reduced to" in text]
     assert len(said) == 1
     assert said[0].startswith(
-        "free-decay is made --duration 13, --push 2.1, --steering 0.36, for at its usual size safety limit 'depth "
+        "free-decay is reduced to --duration 13, --push 2.1, --steering 0.36, since at its usual size safety limit "
+        "'depth "
     )
     assert result.trial.duration == pytest.approx(13.0, abs=0.5)
     assert np.ptp(result.trial["z"].values) < Envelope().depth_excursion
@@ -54,8 +55,8 @@ def test_every_manoeuvre_by_the_clock_heaves_every_rov_to_its_end_at_its_usual_s
 def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would_end(tmp_path: Path) -> None:
     given = {"duration": 60.0, "steering": 0.67}
     harness, result = heaved(tmp_path, "doublets", options=given, only_preview=True)
-    assert not any("is made" in text for text in harness.said)
-    assert any("ends early, but on assumed numbers: safety limit 'depth excursion'" in text for text in harness.said)
+    assert not any("is reduced to" in text for text in harness.said)
+    assert any("ends early, with assumed parameters: safety limit 'depth excursion'" in text for text in harness.said)
     assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
     assert result.preview.deep > 5.0
     assert any("it would need " in text and "doublets 1 min" in text for text in harness.said)

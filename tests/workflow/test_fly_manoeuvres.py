@@ -52,8 +52,8 @@ def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
 
 def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None:
     result = flown(SitlHarness(tmp_path, "blueboat"), {"turn": 2.0, "steering": 1.0}, "turning-circle", throttle=0.9)
-    assert "of 100% N asked for" in result.remarks[0]
-    assert "stands at a limit" in result.remarks[0]
+    assert "of 100% N commanded" in result.remarks[0]
+    assert "is at a limit" in result.remarks[0]
 
 
 def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
@@ -78,15 +78,15 @@ def test_a_boat_that_stops_by_weaker_thrust_astern_is_told_what_its_one_gain_hid
 def test_an_s_says_what_else_it_moved_and_how_to_read_it(tmp_path: Path) -> None:
     options = {"duration": 30.0, "steering": 0.4}
     result = flown(SitlHarness(tmp_path / "a", "videoray-coupled", **SLOW_LOOP), options, "s-manoeuvre")
-    (remark,) = [text for text in result.remarks if "leaves out" in text]
-    assert remark.startswith("s-manoeuvre moved surge and sway too, which the model of yaw leaves out")
+    (remark,) = [text for text in result.remarks if "omits" in text]
+    assert remark.startswith("s-manoeuvre also moved surge and sway, which the model of yaw omits")
     assert "--dof horizontal" in remark
     still = flown(SitlHarness(tmp_path / "b", "videoray", **SLOW_LOOP), options, "s-manoeuvre")
-    (remark,) = [text for text in still.remarks if "leaves out" in text]
-    assert remark.startswith("s-manoeuvre moved surge too")
+    (remark,) = [text for text in still.remarks if "omits" in text]
+    assert remark.startswith("s-manoeuvre also moved surge")
     assert "--dof surge" in remark
     boat = flown(SitlHarness(tmp_path / "c", "blueboat"), options, "s-manoeuvre")  # thrust is constant there
-    assert not any("leaves out" in text for text in boat.remarks)
+    assert not any("omits" in text for text in boat.remarks)
 
 
 def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> None:

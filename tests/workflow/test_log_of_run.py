@@ -23,7 +23,7 @@ OLD, NEW = 3, 4
 
 
 class CardAboard:
-    """A vehicle that keeps logs: one from before, and one of every time it was armed, told disarmed only."""
+    """A vehicle that keeps logs: one from before, and one of every time it was armed, told only disarmed."""
 
     def __init__(self, harness: SitlHarness, *, writes: bool = True) -> None:
         self._peer, self._autopilot, self._writes = harness.peer, harness.vehicle.autopilot, writes
@@ -113,7 +113,7 @@ def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_p
 
 def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "charlie")
-    with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* does not tell its logs.*nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* listed only.*Nothing was armed"):
         circle(harness)
     assert not any(text.startswith("State before the run: mode") for text in harness.said)
     assert_left(harness)
@@ -140,7 +140,7 @@ def test_a_stop_while_it_is_fetched_ends_the_fetching_and_nothing_else(tmp_path:
     harness, card = with_a_card(tmp_path)
     assert circle(harness, StopsWhenAsked(lambda: card.data_asked > 2)).page.exists()
     assert card.data_asked > 2
-    assert any("not fetched to its end" in text for text in harness.said)
+    assert any("not fetched completely" in text for text in harness.said)
     assert not list(harness.directory.glob("onboard*"))
     assert_left(harness)
 

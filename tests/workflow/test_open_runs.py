@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -37,10 +36,10 @@ def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(
     journal = cut_off(tmp_path / "elsewhere")
     (found,) = open_runs()
     assert found.path == tmp_path / "elsewhere" and found.is_going_on
-    assert f"{GAIN} (was 0.2)" in str(found) and "trial values" in str(found)
+    assert f"{GAIN} (was 0.2) may have trial values" in str(found)
     journal.leave()
     (found,) = open_runs()
-    assert not found.is_going_on and re.search("was (cut off|interrupted)", str(found))
+    assert not found.is_going_on and "was interrupted" in str(found)
     journal = Journal.resume(tmp_path / "elsewhere" / "journal.jsonl")
     journal.record("returned", name=GAIN, value=0.2)
     journal.close()
@@ -69,7 +68,7 @@ def test_a_vehicle_on_which_a_run_is_open_is_refused_before_it_is_armed(tmp_path
     journal = cut_off(tmp_path / "first", uid)
     if not going_on:
         journal.leave()
-    cure = "Wait until it ends, or stop it" if going_on else f"Run `gcs-autotune restore {tmp_path / 'first'}` first"
+    cure = "Wait for its end, or stop it" if going_on else f"Run `gcs-autotune restore {tmp_path / 'first'}` first"
     with pytest.raises(PreconditionFailed, match=cure):
         harness.tune()
     assert not harness.vehicle.autopilot.armed
@@ -115,7 +114,7 @@ def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
 
 
 def test_a_vehicle_on_which_another_computer_has_a_run_going_on_is_refused() -> None:
-    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 30\). Wait until it ends"):
+    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 30\). Wait for its end"):
         refuse_open_runs(heard_from(at_work=True))  # type: ignore[arg-type]
     refuse_open_runs(heard_from(at_work=False))  # type: ignore[arg-type]
     refuse_open_runs(heard_from(at_work=True, component=25))  # type: ignore[arg-type]  # our own, sent back by a router

@@ -176,7 +176,7 @@ def test_a_value_that_another_station_wrote_stays_and_what_is_ours_is_restored(p
     found = vehicle.condition()
     borrow(vehicle, path)
     vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
-    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_P: it is 0.77.*without --yes") as caught:
+    with pytest.raises(NotAsFound, match=r"ATC_STR_RAT_P: its value 0.77.*without --yes") as caught:
         restore(vehicle, path)
     assert set(caught.value.differences) == {"ATC_STR_RAT_P"}
     assert vehicle.condition().differs_from(found, {}) == ["ATC_STR_RAT_P 0.77, found 0.2"]
@@ -190,7 +190,7 @@ def test_a_mode_that_neither_we_nor_a_failsafe_ordered_stays(path: Path, mode: i
     found = vehicle.condition()
     borrow(vehicle, path, mode="ACRO")
     vehicle.server.vehicle.autopilot.set_mode(mode)
-    with pytest.raises(NotAsFound, match=r"mode: it is in .*without --yes") as caught:
+    with pytest.raises(NotAsFound, match=r"mode: its mode is .*without --yes") as caught:
         restore(vehicle, path)
     now = vehicle.condition()
     assert now.mode == mode
@@ -240,7 +240,7 @@ def test_a_mode_that_the_run_saw_another_station_order_stays_though_a_failsafe_e
     journal = Journal.resume(path)
     journal.record("yielded", mode="HOLD")
     journal.leave()
-    with pytest.raises(NotAsFound, match="mode: it is in HOLD"):
+    with pytest.raises(NotAsFound, match="mode: its mode is HOLD"):
         restore(vehicle, path)
     assert vehicle.condition().mode == 4
 
@@ -260,7 +260,7 @@ def test_the_mode_that_a_restart_ends_in_is_nobodys_order(path: Path) -> None:
 def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
     vehicle = moored()
     journal = Journal(path, mode="HOLD", armed=False)
-    with pytest.raises(PreconditionFailed, match="still going on"):
+    with pytest.raises(PreconditionFailed, match="still in progress"):
         restore(vehicle, path)
     journal.leave()
     assert vehicle.server.now == pytest.approx(4.1)
@@ -346,7 +346,7 @@ def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
         ({"N": 0.031, "X": 0.0}, "N +0.03 of full output"),
         ({"N": 0.0, "X": -0.5}, "X -0.50 of full output"),
         ({"N": math.nan}, "N +nan of full output"),
-        ({}, "outputs are not heard"),
+        ({}, "outputs are not reported"),
     ],
 )
 def test_outputs_that_are_not_neutral_or_not_heard_are_said(
@@ -363,7 +363,7 @@ def test_outputs_that_are_not_neutral_or_not_heard_are_said(
     with pytest.raises(NotAsFound) as caught:
         restoring._check_neutral()
     assert words in str(caught.value)
-    assert "take over by hand" in str(caught.value)
+    assert "Take over by hand" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -402,7 +402,7 @@ def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_
     (tmp_path / "else").mkdir()
     silent = journal_in(tmp_path / "silent", link="")
     for nowhere in (tmp_path / "else", tmp_path / "else" / "a.param", silent):
-        with pytest.raises(UsageError, match="no journal tells"):
+        with pytest.raises(UsageError, match="no journal with the vehicle's link"):
             link_of(nowhere)
 
 

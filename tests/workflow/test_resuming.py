@@ -59,7 +59,7 @@ class Again:
 def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHarness) -> None:
     told = [text for text in ended_early.said if "--resume" in text]
     assert told == [
-        "of this run step-before, relay-1 can be used again, the rest is lost; to go on from there, with the same "
+        "of this run only step-before, relay-1 can be used again. To continue from there, with the same "
         f"options: gcs-autotune tune heading --connect memory --resume {ended_early.directory}"
     ]
 
@@ -130,7 +130,7 @@ def test_a_run_that_owes_something_is_put_back_first(ended_early: SitlHarness, t
 
 
 def test_what_is_no_run_of_a_tune_is_refused(ended_early: SitlHarness, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no run to go on from"):
+    with pytest.raises(UsageError, match="cannot be resumed"):
         Again(ended_early, tmp_path, resume=tmp_path).tune()
     run = copied(ended_early, tmp_path)
     (run / "setting_out.json").write_text("{")

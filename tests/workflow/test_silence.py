@@ -52,9 +52,9 @@ def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flow
     operator = Enough(harness, "relay-1: completed")
     with pytest.raises(OperatorStopped):
         harness.tune(operator)
-    assert [q for q in operator.asked if "its radio failsafe does this. Leave HOLD again and go on?" in q]
+    assert [q for q in operator.asked if "Leave HOLD again and continue?" in q]
     again = [text for text in harness.said if text.startswith("going on:")]
-    assert again == ["going on: first self-oscillation is flown again from its beginning"]
+    assert again == ["continuing: first self-oscillation is flown again from its start"]
     kept = sorted(path.name for path in (harness.directory / "trials").glob("*-relay-1.json"))
     endings = [json.loads((harness.directory / "trials" / name).read_text())["ending"] for name in kept]
     assert endings == ["aborted", "completed"]  # the interrupted one is on disk too
@@ -68,18 +68,18 @@ def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_afte
         harness.tune(operator, axis="depth", simulated=False)
     said = "\n".join(harness.said)
     assert "going on: step with present gains is flown again" in said
-    assert "arm again, after asking, what was disarmed meanwhile" in said
-    assert [q for q in operator.asked if "Arm it again" in q]
+    assert "arm again, after asking, if it was disarmed" in said
+    assert [q for q in operator.asked if "Arm the vehicle again" in q]
     assert "arming it again, as announced" in said
     harness.assert_as_found()
 
 
 def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no(tmp_path: Any) -> None:
     harness = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
-    operator = Enough(harness, "step-before: completed", declined="Arm it again")
+    operator = Enough(harness, "step-before: completed", declined="Arm the vehicle again")
     with pytest.raises(AutotuneError):
         harness.tune(operator, axis="depth", simulated=False)
-    assert [q for q in operator.asked if "Arm it again" in q]
+    assert [q for q in operator.asked if "Arm the vehicle again" in q]
     assert not any("arming it again" in text for text in harness.said)
     harness.assert_as_found()
 
@@ -97,7 +97,7 @@ def test_what_a_failsafe_did_in_a_silence_is_not_undone_where_nobody_can_be_aske
     harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
     with pytest.raises(LinkLost):
         harness.tune()
-    assert any("Nobody can be asked (--yes), so: no." in text for text in harness.said)
+    assert any("No operator to ask (--yes): no." in text for text in harness.said)
     assert not any(text.startswith("going on:") for text in harness.said)
     assert harness.mode == "HOLD"
     harness.assert_as_found()

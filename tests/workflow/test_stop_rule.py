@@ -103,7 +103,7 @@ def test_a_record_too_short_to_be_fitted_does_not_fall_out_of_the_fit_in_silence
 @pytest.mark.slow
 def test_gains_that_the_region_leaves_open_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stop_rule, "SPREAD", 1e-9)
-    assert "the predicted error over time is uncertain by" in assess(question(), swing(7.0)).lacks
+    assert "the predicted ITAE is uncertain by" in assess(question(), swing(7.0)).lacks
 
 
 def test_what_no_gains_can_be_designed_for_is_not_known_and_where_it_was_wished_for_refused() -> None:
@@ -170,7 +170,7 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
     rule = ruled(Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN, KNOWN))
     number, why = ended_after(rule)
     assert number == 5 and rule.known
-    assert why == "the gains are known: what is unknown of the craft changes their error by 3%"
+    assert why == "the gains are known: the model's uncertainty changes their error by 3%"
 
 
 def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
@@ -204,7 +204,7 @@ def test_a_wish_refused_twice_by_a_model_that_stays_the_same_ends_the_relay() ->
     moved = replace(REFUSED, values=(1.0, 2.3))
     rule = ruled(Desk(UNKNOWN, REFUSED, moved, moved, moved))
     number, why = ended_after(rule)
-    assert (number, why) == (6, "no gains do what was asked for, by the model known so far")
+    assert (number, why) == (6, "no gains meet the specification with the present model")
     assert rule.known
     for earlier in (UNKNOWN, REFUSED):
         rule.weigh(earlier)
@@ -215,7 +215,7 @@ def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
     rule = ruled(Desk(UNKNOWN, replace(UNKNOWN, another_size=True)))
     number, why = ended_after(rule)
     assert number == 3 and rule.another_size and not rule.known
-    assert why.startswith("this size of oscillation is explained, and not the step")
+    assert why.startswith("the model explains this oscillation but not the step")
 
 
 def growing(desk: Desk) -> KnownDesign:
@@ -268,7 +268,7 @@ def test_an_answer_about_an_oscillation_that_has_begun_anew_meanwhile_counts_for
 
 
 def test_a_desk_that_breaks_down_ends_nothing_and_one_at_work_is_told_to_stop() -> None:
-    desk = Desk(AutotuneError("the process that computes has ended"), looks=1)
+    desk = Desk(AutotuneError("the computing process ended"), looks=1)
     rule = ruled(desk)
     assert ended_after(rule, reversals=3, ticks=3) == (0, "")
     rule.update(RELAY, 5)

@@ -47,7 +47,7 @@ def test_a_fit_and_each_check_on_data_left_out_is_a_piece():
 
 def test_without_a_check_there_is_one_piece_and_what_follows_is_told_too():
     stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
-    assert stages == [("output-error: fitting", 0, 1), ("planning what to fly next", 0, 1)]
+    assert stages == [("output-error: fitting", 0, 1), ("planning the next manoeuvre", 0, 1)]
 
 
 def test_of_all_methods_one_that_refuses_takes_its_checks_along(monkeypatch):

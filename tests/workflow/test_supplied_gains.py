@@ -77,7 +77,7 @@ def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
 
 @pytest.mark.parametrize(
     ("line", "why"),
-    [("ATC_STR_RAT_P,50", "documented range"), ("CRUISE_SPEED,3", "no gain of the heading loop")],
+    [("ATC_STR_RAT_P,50", "documented range"), ("CRUISE_SPEED,3", "not a gain of the heading loop")],
 )
 def test_a_file_that_sets_what_this_loop_may_not_have_is_refused_before_anything_moves(line, why, tmp_path):
     file = tmp_path / "mine.param"
@@ -109,7 +109,7 @@ def test_a_speed_is_stepped_about_what_the_run_found_the_craft_to_keep(tmp_path)
 
 def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name(tmp_path):
     run = flown_step(tmp_path / "run", "u")
-    with pytest.raises(UsageError, match="axis that run was about"):
+    with pytest.raises(UsageError, match="axis of that run"):
         load_gains(run, "heading")
     loose = tmp_path / "loose.param"
     loose.write_text("ATC_SPEED_P,0.5\n")

@@ -166,7 +166,10 @@ def supplied(context: Any) -> list[str]:
 def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
     supplied(context)
     assert read == [(8.0, 6.0), (8.0, 6.0)]
-    assert "both are read over the first 8 s and 6 s of step and step back: what both recorded" in context.log.said
+    assert (
+        "both are compared over the first 8 s and 6 s of step and step back, the part that both recorded"
+        in context.log.said
+    )
 
 
 def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context: Any) -> None:
@@ -218,7 +221,7 @@ def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_
     context.settings.dry_run, context.answer = dry, answer
     tuned(context, _offer_of(proposed(promised, changes), step(1.0)))
     assert done == ending
-    assert ("predicted: error over time 1 -> " in " ".join(context.log.said)) is bool(changes)
+    assert ("predicted: ITAE 1 -> " in " ".join(context.log.said)) is bool(changes)
 
 
 def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:

@@ -208,7 +208,7 @@ def test_the_operator_is_asked_before_anything_moves_and_before_anything_is_writ
 
 def test_no_to_the_first_question_arms_nothing(tmp_path):
     harness = SitlHarness(tmp_path, QUICK)
-    with pytest.raises(OperatorStopped, match="nothing was armed, moved or written"):
+    with pytest.raises(OperatorStopped, match="Nothing was armed, moved or written"):
         harness.tune(Answers(False), simulated=False)
     harness.assert_as_found()
     assert not any(harness.directory.glob("trials/*.csv"))

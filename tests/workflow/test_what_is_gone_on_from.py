@@ -85,7 +85,7 @@ def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: P
 
 def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    with pytest.raises(UsageError, match="no run to go on from"):
+    with pytest.raises(UsageError, match="cannot be resumed"):
         Earlier(settings(tmp_path))
 
 
@@ -141,7 +141,7 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
     asked = settings(tmp_path)
     told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert told.startswith("of this run step-before, relay-1 can be used again")
+    assert told.startswith("of this run only step-before, relay-1 can be used again")
     assert f"--resume {asked.directory}" in told
     assert way_on(asked, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}

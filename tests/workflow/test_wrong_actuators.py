@@ -18,7 +18,7 @@ REVERSED_HEAVE = {"MOT_5_DIRECTION": -1.0, "MOT_6_DIRECTION": -1.0, "MOT_3_DIREC
 
 WRONG = {
     "reversed rudder": ("charlie", "heading", {"parameters": {"SERVO1_REVERSED": 1.0}}, "Set SERVO1_REVERSED to 0"),
-    "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "AHRS_ORIENTATION is wrong"),
+    "compass turned round": ("charlie", "heading", {"effect": "sign-error@psi"}, "correct AHRS_ORIENTATION"),
     "dead rudder": ("charlie", "heading", {"effect": "dead-zone@steering.width=1"}, "SERVO1 went to 1800 us and 1200"),
     "reversed heave": ("videoray", "depth", {"parameters": REVERSED_HEAVE}, "check MOT_n_DIRECTION"),
     "dead heave": ("videoray", "depth", {"effect": "dead-zone@heave.width=1"}, "The actuator is dead or too weak"),
@@ -52,7 +52,7 @@ def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path)
     harness = SitlHarness(tmp_path, names="4.7", parameters=settings)
     with pytest.raises(PreconditionFailed):
         harness.tune()
-    assert any("ARMING_SKIPCHK is -1: this vehicle arms without any check" in text for text in harness.said)
+    assert any("ARMING_SKIPCHK is -1: this vehicle arms without its own checks" in text for text in harness.said)
     assert any("MANUAL_OPTIONS" in text for text in harness.said)
 
 
@@ -68,7 +68,7 @@ def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
     craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
     see_depth_is_told(craft, "yaw")
     assert not asked, "a heading needs no depth"
-    with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"reports -580 hPa .* altitude of 0\. Nothing was armed"):
         see_depth_is_told(craft, "heave")
     assert len(asked) == 1
 
@@ -87,7 +87,7 @@ def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_pat
         yield message
 
     harness = SitlHarness(tmp_path, "videoray", high_above_the_sea)
-    with pytest.raises(PreconditionFailed, match=r"tells -580 hPa .* altitude of 0; nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"reports -580 hPa .* altitude of 0\. Nothing was armed"):
         harness.tune(axis="depth")
     harness.assert_as_found()
     assert not list((harness.directory / "trials").glob("*.csv"))

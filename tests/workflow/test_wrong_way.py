@@ -52,7 +52,7 @@ def turning(by_steering: float, by_throttle: float, steering: float, throttle: f
 def test_a_craft_that_turns_away_from_where_it_is_steered_is_told_what_to_swap(side: float, steered: str) -> None:
     why = why_tripped(turning(-1.0, 0.0, side * -0.5), TRIPPED, BOAT, servos_of(SKID))
     assert why is not None
-    assert f"while it was steered to {steered}" in str(why)
+    assert f"while steered to {steered}" in str(why)
     assert "swap SERVO1_FUNCTION and SERVO3_FUNCTION" in str(why) and "another limit" not in str(why)
 
 
@@ -66,7 +66,7 @@ def test_a_reversed_rudder_is_told_by_its_servo() -> None:
 def test_a_thruster_that_runs_the_wrong_way_is_named(turn: float, servo: str, steering: float) -> None:
     why = why_tripped(turning(0.0, turn, -turn * steering), TRIPPED, BOAT, servos_of(SKID))
     assert why is not None
-    assert f"set {servo}_REVERSED to 1 (it is 0)" in str(why) and "40% throttle" in str(why)
+    assert f"Set {servo}_REVERSED to 1 (it is 0)" in str(why) and "40% throttle" in str(why)
 
 
 def test_a_craft_that_turns_where_it_is_steered_or_trips_another_limit_is_told_nothing() -> None:
@@ -109,7 +109,7 @@ SIMULATED = {
         "",
         "Left and right are swapped",
     ),
-    "one thruster reversed": ("heading", {"SERVO1_REVERSED": 1.0}, "", "set SERVO1_REVERSED to 0 (it is 1)"),
+    "one thruster reversed": ("heading", {"SERVO1_REVERSED": 1.0}, "", "Set SERVO1_REVERSED to 0 (it is 1)"),
 }
 
 
@@ -132,7 +132,7 @@ def test_no_gains_are_offered_for_what_works_the_wrong_way(
 def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
     settings = FlySettings("set-point-relay", harness.settings(), {})
-    with pytest.raises(PreconditionFailed, match=r"turns away from where it is steered. .*_FUNCTION") as caught:
+    with pytest.raises(PreconditionFailed, match=r"the opposite direction\. .*_FUNCTION") as caught:
         fly(settings, Unattended(), Ear(harness.said), WHEN)
     assert "another limit" not in str(caught.value)
 
@@ -144,7 +144,7 @@ def test_a_cruise_pair_that_is_wrong_by_five_is_learnt(tmp_path: Any) -> None:
     file.write_text(f'like = "blueboat"\n[thruster]\nfull_thrust = {thrust}\n', encoding="utf-8")
     harness = SitlHarness(tmp_path, str(file))
     story = harness.tune(axis="speed", dry_run=True)
-    assert any("goes on with that" in text for text in harness.said)
+    assert any("and is used" in text for text in harness.said)
     assert "CRUISE_THROTTLE" in story.proposal.new
     harness.assert_as_found()
 

@@ -79,8 +79,8 @@ def _decided(name: str, votes: Mapping[float, int]) -> float:
     if value is None:
         heard = ", ".join(f"{v:g}" for v in sorted(votes))
         raise TelemetryFault(
-            f"{name} is answered with contradicting values ({heard}): somebody else answers under the vehicle's system "
-            "id, or the link repeats old messages. Nothing is written; disconnect the other one, or use a signed link"
+            f"contradicting values of {name} ({heard}): another sender uses the vehicle's system id, or the link "
+            "repeats old messages. Nothing is written. Disconnect the other sender, or use a signed link"
         )
     return value
 
@@ -143,11 +143,11 @@ class Parameters:
         missing = [name for name in wanted if name not in found]
         if missing:
             if lossy := self.session.lossy():
-                raise NoReply(f"{self.session.vehicle} did not answer when asked for {', '.join(missing)}: {lossy}")
+                raise NoReply(f"{self.session.vehicle} did not answer the request for {', '.join(missing)}: {lossy}")
             self._check_answers(missing)
             raise ParameterMissing(
-                f"{self.session.vehicle} has no parameter {', '.join(missing)}; "
-                "its firmware is older, newer or built without that feature",
+                f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
+                "Its firmware is too old, too new or lacks that feature",
                 name=missing[0],
             )
         return found
@@ -198,14 +198,14 @@ class Parameters:
         """Tell a vehicle that has no such parameter from one that has stopped answering, or is none."""
         if not self.known and self.session.contested:
             raise NoReply(
-                f"{self.session.contested}. That one has answered no question for parameters "
+                f"{self.session.contested}. That one answers no parameter requests "
                 f"({', '.join(missing)}), so it may not be the vehicle. End the other program, or use a signed link"
             )
         known = next((name for name in self.known if name not in missing), None)
         if known is not None and not self.read_existing([known], as_is=True):
             raise NoReply(
-                f"{self.session.vehicle} is heard, but no longer answers when asked for parameters "
-                f"({', '.join(missing)}); is it restarting, or the link too slow?"
+                f"{self.session.vehicle} sends messages, but no longer answers parameter requests "
+                f"({', '.join(missing)}). Check for a restart, and the speed of the link"
             )
 
     def read_first(self, names: Iterable[str]) -> tuple[str, float]:
@@ -264,7 +264,7 @@ class Parameters:
         try:
             return unpack_parameters(read_remote_file(self.session, PACKED))
         except (NoReply, BadFile) as error:
-            self.session.notes.append(f"parameters are read one by one: {error}")
+            self.session.notes.append(f"reading parameters one by one: {error}")
         values = self.read_full()
         return PackedParameters(values, {n: t for n, t in self.types.items() if n in values}, {})
 
@@ -297,8 +297,8 @@ class Parameters:
 
     def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
         return ParameterNotAccepted(
-            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}; "
-            "it may be read-only, whole-numbered, or held by another ground station",
+            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}. "
+            "It may be read-only, limited to whole numbers, or set by another ground station",
             name=name,
             wanted=wanted,
             found=found,
@@ -325,7 +325,7 @@ class Parameters:
     def _why(self, name: str) -> str:
         since = self.session.clock.now() - 2.0 * _TRIES * REPLY
         texts = [t for t in self.session.texts.recent(since, at_most=20) if name in t]
-        return f" (it says: {quoted(texts[-1:])})" if texts else ""
+        return f" (its message: {quoted(texts[-1:])})" if texts else ""
 
     # --- watching -----------------------------------------------------------------------------------------
 

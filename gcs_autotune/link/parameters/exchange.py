@@ -48,7 +48,7 @@ def encoded(name: str) -> bytes:
         No parameter can be called that.
     """
     if not (0 < len(name) <= _NAME and name.isascii()):
-        raise UsageError(f"'{name}' is no parameter name: 1 to {_NAME} plain letters")
+        raise UsageError(f"'{name}' is not a parameter name: 1 to {_NAME} plain letters")
     return name.encode("ascii")
 
 
@@ -174,7 +174,7 @@ class ParamExchange:
     def _vehicle(self) -> tuple[int, int]:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("parameters were asked for before a vehicle was found; discover one first")
+            raise NoReply("parameters were requested before a vehicle was found. Discover one first")
         return vehicle.system, vehicle.component
 
 
@@ -195,7 +195,7 @@ def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict
     if not _is_whole(exchange):
         raise NoReply(
             f"the parameter list of {session.vehicle} stayed incomplete "
-            f"({len(exchange.indices)} of {exchange.count or 'unknown'}) after {timeout:g} s; try a faster link"
+            f"({len(exchange.indices)} of {exchange.count or 'unknown'}) after {timeout:g} s. Try a faster link"
         )
     return {name: exchange.fresh[name] for name in sorted(exchange.fresh)}
 

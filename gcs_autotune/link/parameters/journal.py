@@ -81,8 +81,8 @@ def read_journal(path: Path) -> JournalState:
     for number, (line, event) in enumerate(zip(lines[: last + 1], events, strict=False), start=1):
         if event is None and line.strip():
             raise BadFile(
-                f"the journal {path}, line {number}, is damaged; put the old values back with `gcs-autotune params "
-                "restore` and the parameters_before.param beside it"
+                f"the journal {path}, line {number}, is damaged. Restore the old values with `gcs-autotune params "
+                "restore` and the parameters_before.param of the same directory"
             )
     return _replay(path, [event for event in events if event is not None])
 
@@ -216,14 +216,14 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                 case _Closed() | _Resumed():
                     pass
                 case _ if head is None:
-                    raise Refused("it does not begin with how things were found")
+                    raise Refused("it does not start with the original state")
                 case _Ordering() | _Ordered() | _Yielded():
                     orders.take(event)
                 case _Lent():
                     lent[event.name] = event.value
                 case _Writing():
                     if event.name not in lent:
-                        raise Refused(f"{event.name} is written, and no event says what it was")
+                        raise Refused(f"{event.name} is written, but no event has its original value")
                     debts.setdefault(event.name, lent[event.name])
                     written[event.name] = (*written.get(event.name, ()), event.value)
                 case _Returned():
@@ -234,9 +234,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                         debts.pop(name, None)
                         written.pop(name, None)
     except Refused as error:
-        raise BadFile(
-            f"the journal {path} holds an event '{clipped(told['event'])}' that makes no sense: {error}"
-        ) from error
+        raise BadFile(f"the journal {path} has an invalid event '{clipped(told['event'])}': {error}") from error
     if head is None:
         return JournalState(closed=closed)
     return JournalState(
@@ -351,8 +349,8 @@ class Journal:
             self.leave()
             if error.errno in (errno.EACCES, errno.EAGAIN):
                 raise PreconditionFailed(
-                    f"the journal {path} is being written by another program: the run it belongs to is still going on. "
-                    "Stop that one first (Ctrl-C puts the vehicle back by itself)"
+                    f"the journal {path} is in use: its run is still in progress. "
+                    "Stop that run first (Ctrl-C restores the vehicle)"
                 ) from error
             raise self._unwritable(error) from error
 
@@ -388,7 +386,7 @@ class Journal:
             end = os.fstat(self._descriptor).st_size
             try:
                 if os.write(self._descriptor, data) != len(data):
-                    raise OSError(errno.ENOSPC, "the line was cut short; the disk is full")
+                    raise OSError(errno.ENOSPC, "the line was truncated; the disk is full")
                 _sync(self._descriptor)
             except OSError:
                 with suppress(OSError):
@@ -413,7 +411,7 @@ class Journal:
     def _unwritable(self, error: OSError) -> PreconditionFailed:
         return PreconditionFailed(
             f"the journal {self._path} cannot be written ({error.strerror or error}), so no parameter may be "
-            "changed: free some disk space or choose another folder"
+            "changed. Free some disk space or choose another folder"
         )
 
     @staticmethod

@@ -75,8 +75,8 @@ class ParameterTransaction:
         for name, before, now in self._parameters.intrusions:
             if name in values and not self.written:
                 raise PreconditionFailed(
-                    f"another ground station wrote {name} = {now:g} (it was {before:g}): what was flown tells nothing "
-                    "about that. Nothing was written; start again"
+                    f"another ground station wrote {name} = {now:g} (it was {before:g}), so the "
+                    "experiments are not valid for it. Nothing was written. Start again"
                 )
         try:
             for name, value in values.items():
@@ -113,7 +113,7 @@ class ParameterTransaction:
             left = self._left[name]
             if not same_float32(value, left):
                 raise ParameterNotAccepted(
-                    f"{name} is {value:g}, but was proved with {left:g}: somebody else has changed it meanwhile",
+                    f"{name} is {value:g}, but was proved with {left:g}: another station changed it",
                     name=name,
                     wanted=left,
                     found=value,
@@ -144,8 +144,8 @@ class ParameterTransaction:
         if failures:
             names = ", ".join(f"{name} (was {self.old[name]:g})" for name in failures)
             raise NotAsFound(
-                f"could not put back {names}; the old values are in {self._journal.path}: "
-                "run `gcs-autotune restore` with it when the vehicle answers again",
+                f"could not restore {names}. The old values are in {self._journal.path}. "
+                "Run `gcs-autotune restore` with it once the vehicle answers again",
                 differences={n: f"should be {self.old[n]:g}: {error}" for n, error in failures.items()},
             )
         self._release()
@@ -161,7 +161,7 @@ class ParameterTransaction:
             if same_float32(value, self.old[name]) or same_float32(value, self._left[name]):
                 continue
             self._session.notes.append(
-                f"{name} stays at {value:g}, which another station wrote; it was found at {self.old[name]:g}"
+                f"{name} stays at {value:g}, written by another station; its original value is {self.old[name]:g}"
             )
             self.written.remove(name)
             with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
@@ -193,14 +193,14 @@ class ParameterTransaction:
         except AutotuneError as error:
             return dict.fromkeys(names, error)
         changed = {n: v for n, v in held.items() if not same_float32(v, self.old[n])}
-        return {n: _Changed(f"it holds {v:g} again after it was put back") for n, v in changed.items()}
+        return {n: _Changed(f"it changed to {v:g} again after it was restored") for n, v in changed.items()}
 
     def _note_return(self, name: str) -> None:
         """A journal that has become unwritable must not stop us from giving back; it only says too much then."""
         try:
             self._journal.record("returned", name=name, value=self.old[name])
         except PreconditionFailed as error:
-            self._session.notes.append(f"{name} is back, but the journal does not say so: {error}")
+            self._session.notes.append(f"{name} is restored, but the journal could not record it: {error}")
 
     def _release(self) -> None:
         self._parameters.unwatch(list(self.old))

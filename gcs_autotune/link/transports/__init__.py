@@ -63,13 +63,13 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
         key, equals, value = piece.partition("=")
         if key not in given or not equals or not value:
             raise UsageError(
-                f"'sitl:{rest}': what may follow the vehicle's name is ?seed=NUMBER, effect=SLUG[@PLACE].PARAM=VALUE, "
-                f"param=NAME=VALUE, names=GENERATION and model=FILE, joined by &; not '{piece}'"
+                f"'sitl:{rest}': '{piece}' is not an option. Use ?seed=NUMBER, effect=SLUG[@PLACE].PARAM=VALUE, "
+                "param=NAME=VALUE, names=GENERATION and model=FILE after the vehicle's name, joined by &"
             )
         given[key].append(unquote(value))
     for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
-            raise UsageError(f"'sitl:{rest}': give one {key} only")
+            raise UsageError(f"'sitl:{rest}': use only one {key}")
     try:
         seed = whole(given["seed"][0], _MOST_SEED) if given["seed"] else options.seed
     except Refused as error:
@@ -81,8 +81,8 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
 def _no_lockstep(rest: str, options: LinkOptions) -> Transport:
     name = rest.partition("?")[0]
     raise UsageError(
-        f"sitl:{rest} keeps its own time, step by step with ours, and MAVSDK lives by the wall clock: leave --backend "
-        f"mavsdk out, or run the vehicle as a process (`gcs-autotune sitl {name} --listen udp:127.0.0.1:14550`) and "
+        f"sitl:{rest} runs in lock-step, but MAVSDK uses the wall clock. Omit --backend "
+        f"mavsdk, or run the vehicle as a process (`gcs-autotune sitl {name} --listen udp:127.0.0.1:14550`) and "
         "connect to udpout://127.0.0.1:14550"
     )
 
@@ -152,7 +152,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     scheme, colon, rest = uri.strip().partition(":")
     if not colon:
         raise UsageError(
-            f"'{uri}' is not a connection; write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
+            f"'{uri}' is not a connection. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
             "/dev/ttyUSB0,57600 or sitl:charlie"
         )
     rest, has_slashes = rest.removeprefix("//"), rest.startswith("//")

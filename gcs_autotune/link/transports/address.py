@@ -39,7 +39,7 @@ def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: i
         number = whole(port, 65535) if port else default_port
     except Refused:
         raise UsageError(
-            f"{shown(port)} in {shown(text)} is not a port number; write HOST:PORT, e.g. 127.0.0.1:14550"
+            f"{shown(port)} in {shown(text)} is not a port number. Write HOST:PORT, e.g. 127.0.0.1:14550"
         ) from None
     return HostPort(host.strip("[]") or default_host, number)
 
@@ -67,7 +67,7 @@ def parse_serial(text: str, *, default_baud: int, flow_control: bool = False) ->
     match = re.fullmatch(r"(?P<path>.+?)[,:](?P<baud>[0-9]{1,9})", text)
     path, baud = (match["path"], int(match["baud"])) if match else (text, default_baud)
     if not path or not baud:
-        raise UsageError(f"'serial:{text}' names no port; write e.g. serial:/dev/ttyUSB0:57600")
+        raise UsageError(f"'serial:{text}' has no port. Write e.g. serial:/dev/ttyUSB0:57600")
     return SerialName(path, baud, flow_control)
 
 
@@ -82,5 +82,5 @@ def resolve(address: HostPort, kind: int) -> tuple[int, Any]:
     try:
         family, _, _, _, target = socket.getaddrinfo(address.host, address.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise CannotOpenLink(f"cannot find the host '{address.host}': {error}; check its name") from error
+        raise CannotOpenLink(f"cannot find the host '{address.host}': {error}. Check its name") from error
     return family, target

@@ -81,17 +81,20 @@ _CONNECT_PATIENCE = 0.3
 """Chosen: seconds in which a refused TCP call is complained of; MAVSDK itself goes on trying without an end."""
 _REFUSED = "Connect error"
 _BROKEN = ("write failure", "read failure")
-_NO_REOPENING = " (it does not open a serial port again that has gone; --backend pymavlink does)"
+_NO_REOPENING = " (MAVSDK does not reopen a disconnected serial port; --backend pymavlink does)"
 _FRESH = 30.0
 """Chosen: seconds for which a complaint is held to have to do with a silence."""
 _INSTALL = "python3 -m pip install 'mavsdk>=4'"
 
 _CAUSES = {
-    "BIND_ERROR": "cannot listen on {where}: {said}; is another ground station using that port? Close it, or choose "
+    "BIND_ERROR": "cannot listen on {where}: {said}. Close another ground station that uses that port, or choose "
     "another port",
-    "SOCKET_ERROR": "cannot listen on {where}: {said}; is another program using that port? Close it, or choose another",
-    "CONNECTION_ERROR": "cannot open {where}: {said}; is it plugged in, may you use it, and does nothing else?",
-    "BAUDRATE_UNKNOWN": "cannot open {where}: MAVSDK knows no such speed; try 57600 or 115200, or --backend pymavlink",
+    "SOCKET_ERROR": "cannot listen on {where}: {said}. Close another program that uses that port, or choose another "
+    "port",
+    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, your permission, and that no other "
+    "program uses it",
+    "BAUDRATE_UNKNOWN": "cannot open {where}: MAVSDK does not support this speed. Try 57600 or 115200, or --backend "
+    "pymavlink",
 }
 
 
@@ -142,7 +145,7 @@ class MavsdkLink(Transport):
         if self._clock.now() - self._troubled_at > _FRESH:
             return ""
         hint = _NO_REOPENING if self._is_serial and self._trouble.startswith(_BROKEN) else ""
-        return f"MAVSDK says: {self._trouble}{hint}"
+        return f"MAVSDK reported: {self._trouble}{hint}"
 
     def _connect(self, url: str, where: str) -> None:
         forwarding = self._mavsdk.ForwardingOption.ON
@@ -163,8 +166,9 @@ class MavsdkLink(Transport):
             return
         if said.startswith(_REFUSED):
             raise CannotOpenLink(
-                f"cannot connect to {where}: MAVSDK says: {said}; is the vehicle or simulator running, and is that its "
-                "port?"
+                f"cannot connect to {where}: MAVSDK reported: {said}. Check that the vehicle or simulator is running, "
+                f"and "
+                "its port"
             )
 
     def _hear(self, data: bytes) -> None:
@@ -198,13 +202,13 @@ def _import_mavsdk() -> Any:
         module: Any = importlib.import_module("mavsdk")
     except (ImportError, OSError) as error:
         raise UsageError(
-            f"--backend mavsdk needs MAVSDK, which cannot be loaded here ({error}): {_INSTALL}, or leave --backend out"
+            f"--backend mavsdk needs MAVSDK, which cannot be loaded here ({error}). Run {_INSTALL}, or omit --backend"
         ) from error
     if not hasattr(module, "Mavsdk") or not hasattr(module, "ForwardingOption"):
         version = getattr(module, "__version__", "before 4")
         raise UsageError(
             f"--backend mavsdk needs MAVSDK 4 or newer, which runs without a server process; installed is {version}: "
-            f"{_INSTALL}, or leave --backend out"
+            f"{_INSTALL}, or omit --backend"
         )
     return module
 
@@ -216,5 +220,5 @@ def _url(scheme: str, address: HostPort | SerialName) -> str:
         return f"serial{flow}://{address.path}:{address.baud}"
     family, target = resolve(address, socket.SOCK_STREAM if "tcp" in scheme else socket.SOCK_DGRAM)
     if family != socket.AF_INET:
-        raise UsageError(f"MAVSDK has no IPv6, which {address} needs: use --backend pymavlink")
+        raise UsageError(f"MAVSDK does not support IPv6, which {address} needs. Use --backend pymavlink")
     return f"{scheme}://{target[0]}:{target[1]}"

@@ -20,11 +20,11 @@ _LONGEST_QUEUE = 0.5
 _BITS_PER_BYTE = 10
 
 _CURES = {
-    errno.ENOENT: "there is no such device; is it plugged in? `ls /dev/tty*` shows what there is",
-    errno.EACCES: "you may not open it; add yourself to the dialout group (`sudo usermod -aG dialout $USER`) "
+    errno.ENOENT: "the device does not exist. Check that it is plugged in; `ls /dev/tty*` lists the devices",
+    errno.EACCES: "no permission. Add yourself to the dialout group (`sudo usermod -aG dialout $USER`) "
     "and log in again",
-    errno.EBUSY: "another program is using it; close the other ground station first",
-    errno.EAGAIN: "another program is using it; close the other ground station first",
+    errno.EBUSY: "another program is using it. Close the other ground station first",
+    errno.EAGAIN: "another program is using it. Close the other ground station first",
 }
 
 
@@ -55,7 +55,7 @@ class SerialPort(ReconnectingTransport):
     @property
     def trouble(self) -> str:
         """That messages were dropped."""
-        return f"{self.dropped} messages found no room on the wire; try a higher baud rate" if self.dropped else ""
+        return f"{self.dropped} messages did not fit on the serial line. Use a higher baud rate" if self.dropped else ""
 
     def _send(self, data: bytes) -> None:
         if self._unsent() > self._room:
@@ -82,7 +82,7 @@ class SerialPort(ReconnectingTransport):
 
     def _loss(self, error: Exception) -> LinkLost:
         if isinstance(error, serial.SerialTimeoutException):
-            cause = f"the serial port takes no bytes ({error})"
+            cause = f"the serial port accepts no data ({error})"
         else:
             cause = f"the serial port stopped working ({error})"
         return self.lost(cause, "check the cable and its power, then reconnect")
@@ -102,4 +102,4 @@ def cause_and_cure(error: OSError | ValueError) -> str:
     number = error.errno if isinstance(error, OSError) else None
     if number is None and "lock" in str(error):
         number = errno.EAGAIN
-    return _CURES.get(number or 0, f"{error}; check its name and that nothing else uses it")
+    return _CURES.get(number or 0, f"{error}. Check its name, and that no other program uses it")

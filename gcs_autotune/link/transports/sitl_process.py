@@ -114,7 +114,7 @@ class SitlProcess(SteppedTransport):
         data = bytearray()
         while len(data) < count:
             if os.name == "posix" and not select.select([descriptor], [], [], _PATIENCE)[0]:
-                raise self.lost(f"the simulator has not answered for {_PATIENCE:g} s", "start again")
+                raise self.lost(f"the simulator has not responded for {_PATIENCE:g} s", "start again")
             piece = os.read(descriptor, count - len(data))
             if not piece:
                 raise self._died()
@@ -164,8 +164,7 @@ def _not_started(description: str, said: str, code: int | None) -> AutotuneError
         name = wrong[1] if wrong else description.partition(":")[2]
         return UnknownName(said, name=name, nearest=[n.strip("'\" ") for n in nearest])
     return CannotOpenLink(
-        f"the simulator {description} did not start (exit code {code}): {said or 'it said nothing'}; "
-        "is the package installed whole?"
+        f"the simulator {description} did not start (exit code {code}): {said or 'no message'}. Check the installation"
     )
 
 

@@ -47,7 +47,7 @@ class _TcpStream(ReconnectingTransport):
 
     def _loss(self, error: Exception) -> LinkLost:
         if isinstance(error, TimeoutError):
-            return self.lost("the other end takes no more bytes", "start it again and reconnect")
+            return self.lost("the other end accepts no more data", "start it again and reconnect")
         cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         return self.lost(cause, "start it again and reconnect")
 
@@ -68,8 +68,8 @@ class TcpOut(_TcpStream):
             self._take(_connect(self._family, self._target, _CONNECT_TIMEOUT))
         except OSError as error:
             raise CannotOpenLink(
-                f"cannot connect to TCP {address}: {error.strerror or error}; "
-                "is the vehicle or simulator running, and is that its port?"
+                f"cannot connect to TCP {address}: {error.strerror or error}. "
+                "Check that the vehicle or simulator is running, and its port"
             ) from error
 
     def _call_again(self) -> bool:
@@ -97,8 +97,8 @@ class TcpIn(_TcpStream):
         except OSError as error:
             self._server.close()
             raise CannotOpenLink(
-                f"cannot listen on TCP {address}: {error.strerror}; is another program using that port? "
-                "Close it, or choose another port"
+                f"cannot listen on TCP {address}: {error.strerror}. Close another program that uses that "
+                "port, or choose another port"
             ) from error
 
     @property

@@ -126,7 +126,7 @@ class Transport(ABC):
 
     def lost(self, cause: str, cure: str) -> LinkLost:
         """Return the error that says this link is gone, why, and what to try."""
-        return LinkLost(f"link {self._description} lost: {cause}; {cure}")
+        return LinkLost(f"link {self._description} lost: {cause}. To fix it: {cure}")
 
     @abstractmethod
     def _read_available(self, timeout: float) -> bytes:

@@ -77,8 +77,8 @@ class UdpIn(_UdpSocket):
         except OSError as error:
             self._socket.close()
             raise CannotOpenLink(
-                f"cannot listen on UDP {address}: {error.strerror}; is another ground station using that port? "
-                "Close it, or choose another port; what listens there itself (a simulator) is reached with udpout:"
+                f"cannot listen on UDP {address}: {error.strerror}. Close another ground station that uses that "
+                "port, or choose another one. For a simulator that listens there itself, use udpout:"
             ) from error
         self._socket.setblocking(False)
 
@@ -141,7 +141,7 @@ class UdpOut(_UdpSocket):
             self._socket.connect(self._target)
         except OSError as error:
             self._socket.close()
-            raise CannotOpenLink(f"cannot reach UDP {address}: {error.strerror}; check the address") from error
+            raise CannotOpenLink(f"cannot reach UDP {address}: {error.strerror}. Check the address") from error
         self._socket.setblocking(False)
 
     def _write(self, data: bytes) -> None:

@@ -71,11 +71,11 @@ def await_neutral(session: Session, telemetry: Telemetry) -> None:
     outputs = telemetry.outputs
     stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
     if not stuck:
-        stuck = {"outputs": "not heard any more"}
+        stuck = {"outputs": "no longer reported"}
     raise NotAsFound(
         f"the actuators are not neutral after {_TIMEOUT:g} s: "
         + ", ".join(f"{name} {what}" for name, what in stuck.items())
-        + "; take over by hand",
+        + ". Take over by hand",
         differences=stuck,
     )
 
@@ -105,12 +105,12 @@ def check_overrides_taken(
     taken = streamer.probe_override()
     if not taken and rc_monitor.count > heard:
         raise PreconditionFailed(
-            f"the vehicle does not take our overrides: RC_CHANNELS shows {streamer.differing}. "
+            f"the vehicle does not accept our overrides: RC_CHANNELS shows {streamer.differing}; "
             + why_deaf(parameters, firmware, session.port.system)
         )
     if not taken:
         session.notes.append(
-            "the vehicle sends no RC_CHANNELS: that it takes our overrides is seen at its outputs only"
+            "the vehicle sends no RC_CHANNELS, so its acceptance of overrides is checked only at its outputs"
         )
     streamer.rest()
     session.wait_for(lambda: streamer.is_obeyed or None, 1.0)

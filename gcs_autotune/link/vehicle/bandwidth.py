@@ -14,7 +14,7 @@ from gcs_autotune.link.vehicle.latency import least_period
 
 __all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortfall"]
 
-FASTER = "Use a faster link (a higher baud rate, a better radio), or close what else uses this one"
+FASTER = "Use a faster link (a higher baud rate, a better radio), or close other programs on this one"
 USUAL_SIZE = 40.0
 """Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
 
@@ -109,7 +109,7 @@ def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str
     if not 0.0 < carried < needed or period <= 0.0:
         return said
     return (
-        f"{said} to show an oscillation of {period:.1f} s; what it carries would show none quicker than "
+        f"{said} to show an oscillation of {period:.1f} s; at its speed the shortest visible period is "
         f"{period * needed / carried:.1f} s"
     )
 

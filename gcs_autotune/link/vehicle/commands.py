@@ -119,10 +119,10 @@ class Commands:
             if result != mavlink.MAV_RESULT_IN_PROGRESS:
                 return result
             if not self._session.wait_for(partial(_longer, answers, len(answers)), _IN_PROGRESS_PATIENCE):
-                raise NoReply(f"{enum_name('MAV_CMD', command)} went into progress and never finished; try again")
+                raise NoReply(f"{enum_name('MAV_CMD', command)} started but did not finish. Try again")
         raise NoReply(
             f"no answer to {enum_name('MAV_CMD', command)} within {waited:g} s; "
-            "the link may be losing much, or the autopilot ignores our system id"
+            "check the losses of the link, and that the autopilot accepts our system id"
         )
 
     def _ours(self, ack: Message, command: int) -> bool:
@@ -132,7 +132,7 @@ class Commands:
     def _message(self, command: int, confirmation: int, values: Sequence[float]) -> Message:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("a command was given before a vehicle was found; discover one first")
+            raise NoReply("a command was sent before a vehicle was found. Discover one first")
         params = [float(v) for v in values] + [0.0] * (7 - len(values))
         return mavlink.MAVLink_command_long_message(vehicle.system, vehicle.component, command, confirmation, *params)
 
@@ -166,7 +166,9 @@ class Commands:
                 raise
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
-            raise ModeRefused(f"mode {mode} was refused{self._said(begun)}; it stays in {self.mode}") from error
+            raise ModeRefused(
+                f"mode {mode} was rejected{self._said(begun)}; the vehicle stays in {self.mode}"
+            ) from error
         else:
             self.accepted_mode = number
         taken = self._session.wait_for(
@@ -237,7 +239,7 @@ class Commands:
                 raise
         if not self._session.wait_for(lambda: None if self._session.armed else True, _HEARTBEAT_PATIENCE):
             raise CommandDenied(
-                "the vehicle accepted the command to disarm but is still armed; disarm it by hand",
+                "the vehicle accepted the command to disarm but is still armed. Disarm it by hand",
                 command=mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
                 result=mavlink.MAV_RESULT_ACCEPTED,
             )
@@ -248,12 +250,12 @@ class Commands:
         reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
         reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
         reasons = list(dict.fromkeys(reasons))
-        why = quoted(reasons) or "it did not say why"
-        return ArmingRefused(f"the vehicle will not arm: {why}. Cure that and try again", reasons=reasons)
+        why = quoted(reasons) or "it gave no reason"
+        return ArmingRefused(f"the vehicle does not arm: {why}. Fix this and try again", reasons=reasons)
 
     def _said(self, since: float) -> str:
         texts = self._session.texts.recent(since)
-        return f" (it says: {quoted(texts)})" if texts else ""
+        return f" (its message: {quoted(texts)})" if texts else ""
 
 
 def _longer(answers: Sequence[Message], count: int) -> bool | None:

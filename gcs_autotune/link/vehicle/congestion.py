@@ -97,7 +97,7 @@ def check_answers_come(
     else:
         said = f"the link is full: it carries {carried:.0f} bytes/s"
     raise TelemetryFault(
-        f"{said}. An answer takes {latency.quickest:.1f} s behind what the vehicle streams anyway. {FASTER}; nothing "
+        f"{said}. An answer takes {latency.quickest:.1f} s behind the vehicle's message streams. {FASTER}. Nothing "
         "was armed"
     ) from error
 
@@ -142,13 +142,13 @@ def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
     second = _load_uplink(session, streamer, latency)
     if not second.is_enough:
         raise TelemetryFault(
-            f"the link is too slow upwards: of {second.sent:.0f} bytes/s that an experiment needs it carries "
-            f"{second.carried:.0f}, the rest waits longer and longer ({second.grown:.1f} s after "
-            f"{_UPLINK_SECONDS:g} s). Use a faster link (a higher baud rate, a better radio), or close what else uses "
-            "this one; nothing was armed"
+            f"the uplink is too slow: of {second.sent:.0f} bytes/s that an experiment needs it carries "
+            f"{second.carried:.0f}, and its delay grows ({second.grown:.1f} s after "
+            f"{_UPLINK_SECONDS:g} s). Use a faster link (a higher baud rate, a better radio), or close other programs "
+            "on this one. Nothing was armed"
         )
     session.notes.append(
-        f"the link carries {first.carried:.0f} of {first.sent:.0f} bytes/s upwards: overrides are sent 10 times a "
+        f"the uplink carries {first.carried:.0f} of {first.sent:.0f} bytes/s: overrides are sent 10 times a "
         "second instead of 25"
     )
 

@@ -74,7 +74,7 @@ def difference(
         return "; ".join(kinds)
     if known.get("uid"):
         same = known["uid"] == found.uid
-        return "" if same else f"its board is {known['uid']} there, {found.uid or 'untold'} here"
+        return "" if same else f"its board is {known['uid']} there, {found.uid or 'unknown'} here"
     held = parameters.read_existing(fingerprint, as_is=True)
     strange = [
         f"{n} {v:g} there, {held[n]:g} here"
@@ -82,7 +82,7 @@ def difference(
         if n in held and not same_float32(held[n], v)
     ]
     gone = [n for n in fingerprint if n not in held]
-    return "; ".join(strange + [f"{n} is not here" for n in gone])
+    return "; ".join(strange + [f"{n} does not exist here" for n in gone])
 
 
 WANTED_RATES: Mapping[str, float] = {
@@ -142,7 +142,7 @@ def open_craft(
     except (ParameterMissing, NoReply, PreconditionFailed) as error:
         check_answers_come(session, wanted_rates, first_rates or {}, error)
         if lossy := session.lossy():
-            raise TelemetryFault(f"{lossy}; nothing was armed") from error
+            raise TelemetryFault(f"{lossy}. Nothing was armed") from error
         raise
     rates = Rates(session, commands, first_rates)
     craft = MavlinkCraft(
@@ -197,7 +197,7 @@ def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"{error} Only {error.told} of {error.of} answered: or is the link too thin for the answers?"
+            f"{error} Only {error.told} of {error.of} requests were answered; the link may be too slow"
         ) from error
 
 
@@ -214,8 +214,8 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
 def _note_late_rates(session: Session, lag: float) -> None:
     if lag >= _LATE:
         session.notes.append(
-            f"the autopilot's gyro filter ({_GYRO_FILTER}) makes turn rates {1e3 * lag:.0f} ms late; they are dated "
-            "back, and the heading, which is not late, is fitted first"
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. Their "
+            "timestamps are corrected, and the heading, which has no delay, is fitted first"
         )
 
 
@@ -225,7 +225,7 @@ def _firmware(identity: VehicleIdentity) -> Firmware:
         known = ", ".join(f.name for f in FIRMWARE.values())
         raise WrongVehicle(
             f"{type_name(identity.vehicle_type)} with autopilot {identity.autopilot} (system {identity.system}) "
-            f"is not a vehicle we can tune; we know {known} on ArduPilot"
+            f"is not supported. Supported: {known} on ArduPilot"
         )
     return firmware
 
@@ -235,10 +235,10 @@ def _adopt_gcs_id(session: Session, parameters: Parameters, firmware: Firmware) 
     try:
         name, value = parameters.read_first(firmware.gcs_id_parameters)
     except ParameterMissing:
-        session.notes.append("the vehicle does not tell which ground station it obeys; we stay system 255")
+        session.notes.append("the vehicle does not report which ground station it obeys; using system id 255")
         return
     if int(value) != session.port.system:
-        session.notes.append(f"{name} is {value:g}: from now on we are system {value:g}")
+        session.notes.append(f"{name} is {value:g}: using system id {value:g}")
         session.port.system = int(value)
 
 

@@ -226,28 +226,28 @@ class InterferenceMonitor:
         if self._watchdog.has_restarted:
             return "restart", Intervention(str(self._watchdog.fault), mode_stands=False, armed_stands=False)
         if change.guard == "mode" and self._commands.copy_arrived(change.mode, seen):
-            what = f"{change.what}: a copy of our own order arrived late (the vehicle answered it twice)"
+            what = f"{change.what}: a late copy of our own command (the vehicle answered it twice)"
             return "mode", Intervention(what, mode_stands=False, armed_stands=False)
         named = self._named(change)
         want = self._want_of_overrides(change)
         if want is not None:
             failsafe, gap, cause, cure = want
-            acts = f"after {failsafe.needs:g} s without overrides its {failsafe.name} does this"
+            acts = f"its {failsafe.name} does this after {failsafe.needs:g} s without overrides"
             what = f"{change.what}{self._last_words()}: {cause}, and {acts}"
             if named is not None:
                 what += f". {cure}" if cure else ""
                 return "pause" if cure else "failsafe", Intervention(
                     what, mode_stands=False, armed_stands=False, may_go_on=True
                 )
-            what += ". The vehicle was not heard to say so: another station may have ordered it meanwhile"
+            what += ". The vehicle did not report it, so another station may have ordered it"
             return change.guard, Intervention(
                 what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
         unanswered = change.guard == "mode" and change.mode in self._unanswered
         certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
-        copy = "" if certain else ", unless a copy of our own order came late"
+        copy = "" if certain else ", unless it was a late copy of our own command"
         if unanswered:
-            copy = ", unless it was our own order, which was never answered"
+            copy = ", unless it was our own command, which was never answered"
         pause = self._longest_pause()
         short = (
             f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
@@ -282,7 +282,7 @@ class InterferenceMonitor:
         lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
         return (
             f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
-            f"paused for {self._longest_pause():.1f} s at most, so what it sent was lost on the way. Use a better "
+            f"paused for {self._longest_pause():.1f} s at most, so its messages were lost on the way. Use a better "
             "link. Another station may have ordered the same"
         )
 
@@ -298,7 +298,7 @@ class InterferenceMonitor:
                 return failsafe, gap, f"the link was silent for {silence:.1f} s", ""
             ran = f", {pause:.1f} s of the vehicle's time," if pace > _AHEAD else ""
             cure = "Let the simulation run slower" if pace > _AHEAD else "Close other programs"
-            cause = f"this computer paused for {pause / pace:.2g} s{ran} and sent no overrides meanwhile"
+            cause = f"this computer paused for {pause / pace:.2g} s{ran} without sending overrides"
             return failsafe, gap, cause, f"{cure}, and try again"
         return None
 
@@ -313,9 +313,9 @@ class InterferenceMonitor:
             channel, sent, shown = departed
             self._check_late(channel, sent, shown)
             raise GuardTripped(
-                f"overrides other than ours are in force: RC channel {channel} shows {shown} us where {sent} us were "
-                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks; if there is none, our "
-                "overrides do not get through",
+                f"overrides other than ours are active: RC channel {channel} shows {shown} us, but {sent} us were "
+                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks. If there are none, our "
+                "overrides do not reach the vehicle",
                 guard="sticks",
                 value=float(shown),
                 limit=float(sent),
@@ -323,8 +323,9 @@ class InterferenceMonitor:
         moved = self._rc_monitor.moved_by_hand
         if moved is not None:
             raise GuardTripped(
-                f"somebody moves the sticks: RC channel {moved[0]}, which we do not drive, went from {moved[1]} to "
-                f"{moved[2]} us: {self._whose_stick()}. Leave transmitter and joysticks alone while this tool steers",
+                f"the sticks were moved: RC channel {moved[0]}, which this tool does not drive, went from {moved[1]} "
+                f"to {moved[2]} us: {self._whose_stick()}. Do not touch transmitter and joysticks while this tool "
+                f"steers",
                 guard="sticks",
                 value=float(moved[2]),
                 limit=float(moved[1]),
@@ -338,8 +339,8 @@ class InterferenceMonitor:
         late = self._session.wait_for(lambda: self.lateness() if self.lateness() > _LATE else None, _ANSWER)
         if late is not None:
             raise GuardTripped(
-                f"our own commands arrive late: RC channel {channel} shows {shown} us, sent a while ago, instead of "
-                f"{sent} us, and the link answers after {late:.1f} s or more. Use a faster link, or wait for it",
+                f"our own commands arrive late: RC channel {channel} shows {shown} us, an earlier value, instead of "
+                f"{sent} us, and the link's delay is {late:.1f} s or more. Use a faster link, or wait",
                 guard="late",
                 value=late,
                 limit=_LATE,
@@ -349,12 +350,12 @@ class InterferenceMonitor:
         """Return in words whose stick a channel is that we do not drive and that has moved."""
         steering = self._other_stations.steering
         if steering is not None and steering.is_receiver:
-            return "a pilot's hand, for the vehicle says that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
+            return "a pilot, since the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
         since = self._session.clock.now() - _LOOK_BACK
         if self._other_stations.has_ordered(_STICK_ORDERS, since) or not self._rc_monitor.has_receiver:
             return f"overrides other than ours ({self._other_stations.culprit(_STICK_ORDERS, since)})"
         own = self._session.port.system
-        return f"its RC transmitter, or overrides other than ours from a station that also is system {own}"
+        return f"its RC transmitter, or overrides of another station with system id {own}"
 
     def _who(self, kinds: frozenset[str], name: str = "") -> str:
         since = self._session.clock.now() - _LOOK_BACK
@@ -362,11 +363,11 @@ class InterferenceMonitor:
         moved = self._rc_monitor.moved_by_hand
         if moved is not None and not name and not ordered:
             return (
-                f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us just now, which is a switch of the "
+                f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us, by a switch of the "
                 "transmitter, or overrides other than ours"
             )
         if self._is_own_doing() and not name and not ordered:
-            return "it was a failsafe of its own. Look after what it names, and start again"
+            return "it was the vehicle's own failsafe. Fix its cause, and start again"
         return self._other_stations.culprit(kinds, since, name)
 
     def _is_own_doing(self) -> bool:
@@ -378,7 +379,7 @@ class InterferenceMonitor:
 
     def _last_words(self) -> str:
         texts = self._session.texts.recent(self._session.clock.now() - _LOOK_BACK)
-        return f" (it says: {quoted(texts)})" if texts else ""
+        return f" (its message: {quoted(texts)})" if texts else ""
 
 
 _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
@@ -432,8 +433,8 @@ class RateKeeper:
             self._noted |= set(thin)
             who = self._other_stations.culprit(_REQUESTS, self._session.clock.now() - _RATES_LOOK_BACK)
             self._session.notes.append(
-                f"for a while {', '.join(thin.values())} came, asked for again: lost on the way, or another station "
-                f"has asked for other rates ({who})"
+                f"low rates for a while, requested again: {', '.join(thin.values())}. Messages were lost, or another "
+                f"station requested other rates ({who})"
             )
 
     def _ask_again(self, name: str, rate: float) -> None:

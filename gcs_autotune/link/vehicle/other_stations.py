@@ -108,7 +108,7 @@ class OtherStations:
         if told is None or told.station == self._session.port.system:
             return ""
         who = self._called_system(told.station) if told.station else "no station"
-        return f"; the vehicle says that {who} is in control of it (CONTROL_STATUS)"
+        return f"; the vehicle reports that {who} is in control of it (CONTROL_STATUS)"
 
     def _steered_by(self) -> str:
         """Return, in words, whose sticks the vehicle says count, where these are not ours."""
@@ -116,7 +116,7 @@ class OtherStations:
         if told is None or not (told.is_receiver or self._is_foreign(told)):
             return ""
         who = "its own RC receiver" if told.is_receiver else self._called(*told.station)
-        return f"; the vehicle says that {who} steers it (MANUAL_INPUT_STATUS)"
+        return f"; the vehicle reports that {who} steers it (MANUAL_INPUT_STATUS)"
 
     def _is_foreign(self, told: ManualInput) -> bool:
         packer = self._session.port.packer
@@ -129,7 +129,7 @@ class OtherStations:
         self.steering = told
         if self._is_foreign(told):
             self._session.notes.append(
-                f"the vehicle says that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS): let go of the "
+                f"the vehicle reports that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS). Release the "
                 "joystick there"
             )
 
@@ -146,20 +146,20 @@ class OtherStations:
         before, self.in_control = self.in_control, told
         ours = self._session.port.system
         if told.station not in (0, ours):
-            how = "it gives it away for asking" if told.takeover_allowed else "it does not give it away"
+            how = "it releases control on request" if told.takeover_allowed else "it does not release control"
             self._session.notes.append(
-                f"the vehicle says that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), and "
-                f"may refuse what we ask; {how}: have it released there, or let that station fly"
+                f"the vehicle reports that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), "
+                f"and may reject our commands; {how}. Release control there, or let that station fly"
             )
         elif before is not None:
             who = "we are" if told.station else "nobody is"
-            self._session.notes.append(f"the vehicle says that {who} in control of it now (CONTROL_STATUS)")
+            self._session.notes.append(f"the vehicle reports that {who} in control of it now (CONTROL_STATUS)")
 
     def _on_asked_for_control(self, message: Message) -> None:
         """The vehicle passes another station's wish for control on to the one that has it."""
         if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
             self._session.notes.append(
-                f"{self._called_system(int(message.param4))} asks for control of the vehicle; nothing was given away"
+                f"{self._called_system(int(message.param4))} requests control of the vehicle; nothing was released"
             )
 
     def _suspect(self, kinds: Collection[str], since: float, name: str) -> str:
@@ -172,7 +172,7 @@ class OtherStations:
         ]
         if present:
             return f"also on this link: {', '.join(present)}"
-        return "nobody else is heard on this link, so it came by another one, or from aboard"
+        return "no other station is on this link, so it came over another link, or from on board"
 
     @property
     def at_work(self) -> str:
@@ -213,7 +213,7 @@ class OtherStations:
     def _on_radio(self, m: Message) -> None:
         """A radio injects these in its own name; signal and noise are its own units, 255 unknown."""
         self.radio = (
-            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} aboard, {m.txbuf} % of its "
+            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} on board, {m.txbuf} % of its "
             f"buffer free, {m.rxerrors} packets damaged"
         )
 

@@ -103,7 +103,7 @@ class Rates:
                 ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
-                    f"{name}: asked for {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
+                    f"{name}: requested {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
 
@@ -135,7 +135,7 @@ class Rates:
             try:
                 self._ask_for_less(floors)
             except NoReply as error:
-                self._session.notes.append(f"the link is too full even to say so: {error}")
+                self._session.notes.append(f"the link is overloaded: {error}")
                 measured = self._once_more(floors, latency)
                 break
             if latency is not None:
@@ -175,8 +175,8 @@ class Rates:
             if latency is None or not is_queueing(latency, begun):
                 self._name_loss()
             raise TelemetryFault(
-                f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with everything "
-                f"turned down to what an experiment needs. {FASTER}"
+                f"the link is too slow: it carries {self.capacity:.0f} bytes/s and is still full with all "
+                f"rates reduced to what an experiment needs. {FASTER}"
             )
         return measured
 
@@ -331,7 +331,7 @@ class Rates:
         span = (stamps[-1] - stamps[0]) * n / (n - 1) if n > 1 else 0.0  # n messages stand for n periods
         if span <= 0.0:
             raise TelemetryFault(
-                "no ATTITUDE arrives although heartbeats do: is another ground station changing the stream rates?"
+                "heartbeats arrive, but no ATTITUDE. Check whether another ground station changes the stream rates"
             )
         self.measured = {name: counts[name] / span for name in watched}
         heard = self._session.routing.traffic - traffic
@@ -355,7 +355,7 @@ class Rates:
     def _name_loss(self, error: AutotuneError | None = None) -> None:
         """Raise ``TelemetryFault`` where what looks like too slow a link is one that loses messages."""
         if lossy := self._session.lossy():
-            raise TelemetryFault(f"{lossy}; nothing was armed") from error
+            raise TelemetryFault(f"{lossy}. Nothing was armed") from error
 
     def restore(self) -> None:
         """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
@@ -366,7 +366,7 @@ class Rates:
                 except AutotuneError as error:
                     refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
                     if not refused:  # what was refused when it was asked for has never changed
-                        self._session.notes.append(f"the rate of {name} was not put back: {error}")
+                        self._session.notes.append(f"the rate of {name} was not restored: {error}")
         self.granted.clear()
 
 

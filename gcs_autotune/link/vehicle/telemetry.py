@@ -347,8 +347,9 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         if session.liveness.listened - begun > _TICK_TIMEOUT:
             session.check_heard(_UNHEARD)
             raise TelemetryFault(
-                f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s although the vehicle is heard; is another "
-                "ground station changing the stream rates?"
+                f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s, although the vehicle sends messages. Check whether "
+                f"another "
+                "ground station changes the stream rates"
             )
         session.pump()
     telemetry.watchdog.check()

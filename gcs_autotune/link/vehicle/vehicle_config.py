@@ -114,8 +114,8 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
             trim = _middle(number, low, trim, high, is_reversed != 0.0)
         if not low + dead_zone < trim < high - dead_zone:
             raise PreconditionFailed(
-                f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no room on both "
-                "sides of neutral: calibrate the radio first"
+                f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no travel on both "
+                "sides of neutral. Calibrate the radio first"
             )
         sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
         channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
@@ -127,8 +127,8 @@ def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool
     if trim != low or is_reversed:
         turned = f", RC{number}_REVERSED 0" if is_reversed else ""
         raise PreconditionFailed(
-            f"RC{number}_TRIM is {trim:g}: this firmware counts the throttle stick from there to RC{number}_MAX "
-            f"({high:g}), so that neutral is not the middle of its travel. "
+            f"RC{number}_TRIM is {trim:g}: this firmware scales the throttle stick from there to RC{number}_MAX "
+            f"({high:g}), so neutral is not the middle of its travel. "
             f"Set RC{number}_TRIM {low:g}{turned} and try again"
         )
     return 0.5 * (low + high)
@@ -139,7 +139,9 @@ def _channel(values: Mapping[str, float], firmware: Firmware, force: str) -> int
     name = firmware.rc_map.get(force, "")
     number = int(values.get(name, firmware.channels[force]))
     if not 1 <= number <= _CHANNELS:
-        raise PreconditionFailed(f"{name} is {number}: overrides reach channels 1 to {_CHANNELS} only; map it there")
+        raise PreconditionFailed(
+            f"{name} is {number}, but overrides reach only channels 1 to {_CHANNELS}. Map it there"
+        )
     return number
 
 
@@ -149,9 +151,9 @@ def _check_expiry(expiry: float | None) -> None:
     if expiry == 0.0:
         meaning = "ignores overrides"
     elif expiry < 0.0:
-        meaning = "would hold the last override for ever if the link broke"
+        meaning = "would hold the last override forever after a loss of the link"
     else:
-        meaning = f"would hold the last override for {expiry:g} s if the link broke"
+        meaning = f"would hold the last override for {expiry:g} s after a loss of the link"
     raise PreconditionFailed(
         f"RC_OVERRIDE_TIME is {expiry:g}: the vehicle {meaning}. Set it to 3 (seconds) and try again"
     )
@@ -163,22 +165,22 @@ def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> 
     names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
     values = parameters.read_existing([*names, *switches])
     if not values:
-        return "it answers no question either: the way up to it is broken (a one-way link, or too weak a radio)"
+        return "it does not answer requests either: the uplink is broken (a one-way link, or a weak radio)"
     name = next((n for n in firmware.gcs_id_parameters if n in values), "")
     low, high = int(values.get(name, source_system)), int(values.get("MAV_GCS_SYSID_HI", 0.0))
     if not low <= source_system <= max(low, high):
-        return f"{name} is {low}, but we send as system {source_system}: use --source-system {low}"
+        return f"{name} is {low}, but our system id is {source_system}. Use --source-system {low}"
     if int(values.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
-        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides; clear it"
+        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides. Clear it"
     if values.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
-        return "RC_OVERRIDE_TIME is 0: it ignores overrides; set it to 3 (seconds)"
+        return "RC_OVERRIDE_TIME is 0, so it ignores overrides. Set it to 3 (seconds)"
     switch = next((n for n in switches if values.get(n) == _OVERRIDE_SWITCH), "")
     if switch:
-        return f"{switch} is {_OVERRIDE_SWITCH}: that switch turns overrides off; put it to its other position"
+        return f"{switch} is {_OVERRIDE_SWITCH}: that switch disables overrides. Set it to its other position"
     signed = "; MAV_OPTIONS bit 0 is set" if int(values.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
     return (
-        f"its parameters do not say why ({name or 'station id'} {low}, RC_OPTIONS {values.get('RC_OPTIONS', 0.0):g}"
-        f"{signed}); a router that filters RC_CHANNELS_OVERRIDE, a signed link or another station's stream may"
+        f"its parameters show no reason ({name or 'station id'} {low}, RC_OPTIONS {values.get('RC_OPTIONS', 0.0):g}"
+        f"{signed}). Check for a router that filters RC_CHANNELS_OVERRIDE, a signed link, or another station's stream"
     )
 
 

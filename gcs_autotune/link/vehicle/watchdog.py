@@ -144,7 +144,7 @@ class Watchdog:
             self._stamp, self._stamp_heard = t, now
             return True
         if now - self._stamp_heard > _STANDING:
-            self._report(f"its clock stands at {t:.2f} s while messages arrive")
+            self._report(f"its clock stopped at {t:.2f} s while messages arrive")
         return False
 
     def see_boot_time(self, t: float) -> None:
@@ -162,9 +162,9 @@ class Watchdog:
             self.has_restarted = True
             self.fault = TelemetryFault(
                 f"the autopilot has restarted: its time since boot went from {before:.1f} s to {t:.1f} s. A restart "
-                "disarms it and ends what it was asked to send. Check its power and its log, and start again"
+                "disarms it and resets its message rates. Check its power and its log, and start again"
             )
-        self._report(f"its clock ran back: time stamps went from {before:.1f} s to {t:.1f} s")
+        self._report(f"its clock jumped back: timestamps went from {before:.1f} s to {t:.1f} s")
 
     def see_attitude(self, t: float, attitude: Sequence[float]) -> None:
         """Judge one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
@@ -188,8 +188,8 @@ class Watchdog:
     def _report(self, what: str) -> None:
         if self.fault is None:
             self.fault = TelemetryFault(
-                f"the vehicle's telemetry cannot be trusted: {what}. Nothing more is commanded; "
-                "check the vehicle and start again"
+                f"the vehicle's telemetry is not reliable: {what}. No more commands are sent. "
+                "Check the vehicle and start again"
             )
 
 

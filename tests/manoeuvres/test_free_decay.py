@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.hand_released import KIND, HandReleased
+from gcs_autotune.manoeuvres.free_decay import KIND, HandReleased
 
 from .pond import answered, at_rest
 
