@@ -412,8 +412,8 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
-    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every part
-    # left out as well, that is felt.
+    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
+    # part left out as well, that is felt.
     first = alike[0]
     better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead and bool(np.all(a.unseen > 0.0))]
     winner = plainest(min(better, key=lambda a: a.ahead, default=first), paid)
