@@ -68,12 +68,11 @@ def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):
         again.tune()
-    assert (
-        f"of {ended_early.directory} will be used: step-before, relay-1; the vehicle and its parameters are the same"
-        in (again.said)
+    assert f"using from {ended_early.directory}: step-before, relay-1; vehicle and parameters are unchanged" in (
+        again.said
     )
-    assert "step with present gains: not flown, step-before of the earlier run is used" in again.said
-    assert "first self-oscillation: not flown, relay-1 of the earlier run is used" in again.said
+    assert "step with present gains: not flown; using step-before of the earlier run" in again.said
+    assert "first self-oscillation: not flown; using relay-1 of the earlier run" in again.said
     assert any(text.startswith("sign-check: completed") for text in again.said)  # for safety, always
     names = {path.stem.partition("-")[2] for path in (again.directory / "trials").glob("*.csv")}
     assert {"sign-check", "step-before", "relay-1"} <= names
@@ -88,7 +87,7 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
     values[CHANGED] = old + 0.125
     again = Again(ended_early, tmp_path)
     try:
-        with pytest.raises(PreconditionFailed, match=rf"{CHANGED} [\d.]+ then, [\d.]+ now\): what was flown"):
+        with pytest.raises(PreconditionFailed, match=rf"{CHANGED} [\d.]+ then, [\d.]+ now\), so its experiments"):
             again.tune()
     finally:
         values[CHANGED] = old
@@ -125,7 +124,7 @@ def test_a_run_that_owes_something_is_put_back_first(ended_early: SitlHarness, t
     run = copied(ended_early, tmp_path)
     journal = run / "journal.jsonl"
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(PreconditionFailed, match="first run `gcs-autotune restore"):
+    with pytest.raises(PreconditionFailed, match="First run `gcs-autotune restore"):
         Again(ended_early, tmp_path, resume=run).tune()
 
 

@@ -53,7 +53,7 @@ def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flow
     with pytest.raises(OperatorStopped):
         harness.tune(operator)
     assert [q for q in operator.asked if "Leave HOLD again and continue?" in q]
-    again = [text for text in harness.said if text.startswith("going on:")]
+    again = [text for text in harness.said if text.startswith("continuing:")]
     assert again == ["continuing: first self-oscillation is flown again from its start"]
     kept = sorted(path.name for path in (harness.directory / "trials").glob("*-relay-1.json"))
     endings = [json.loads((harness.directory / "trials" / name).read_text())["ending"] for name in kept]
@@ -67,7 +67,7 @@ def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_afte
     with pytest.raises(OperatorStopped):
         harness.tune(operator, axis="depth", simulated=False)
     said = "\n".join(harness.said)
-    assert "going on: step with present gains is flown again" in said
+    assert "continuing: step with present gains is flown again" in said
     assert "arm again, after asking, if it was disarmed" in said
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
     assert "arming it again, as announced" in said
@@ -98,7 +98,7 @@ def test_what_a_failsafe_did_in_a_silence_is_not_undone_where_nobody_can_be_aske
     with pytest.raises(LinkLost):
         harness.tune()
     assert any("No operator to ask (--yes): no." in text for text in harness.said)
-    assert not any(text.startswith("going on:") for text in harness.said)
+    assert not any(text.startswith("continuing:") for text in harness.said)
     assert harness.mode == "HOLD"
     harness.assert_as_found()
 
@@ -130,5 +130,5 @@ def test_a_silence_longer_than_stated_ends_the_tune_with_everything_put_back(
     harness = Hushed(tmp_path, "step with present gains", 10.0, silence)
     with pytest.raises(LinkLost):
         harness.tune(dry_run=True, patience=patience)
-    assert not any(text.startswith("going on:") for text in harness.said)
+    assert not any(text.startswith("continuing:") for text in harness.said)
     harness.assert_as_found()

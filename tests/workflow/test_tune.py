@@ -126,7 +126,7 @@ def test_the_run_directory_holds_the_whole_record(tuned):
 @pytest.mark.slow
 def test_a_boat_stays_within_the_room_that_was_announced(tuned):
     harness, _ = tuned
-    (need,) = (text for text in harness.said if "from where it lies" in text)
+    (need,) = (text for text in harness.said if "m from the start" in text)
     trials = [load_trial(path) for path in sorted((harness.directory / "trials").glob("*.csv"))]
     x0, y0 = trials[0]["x"].values[0], trials[0]["y"].values[0]
     far = max(float(np.hypot(t["x"].values - x0, t["y"].values - y0).max()) for t in trials)
