@@ -82,7 +82,7 @@ seed 463: one of 0.39 s, nearly three, which is worth 338)."""
 LATE = ("input-delay", "actuator-lag")
 """What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
 
-FAR_AHEAD = 0.9
+FAR_AHEAD = 0.85
 """Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
 
 CONSTANT = ("input-bias", "net-buoyancy")
@@ -412,9 +412,10 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
     slugs_alike = {a.effect.slug for a in alike}
     alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
-    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, that is felt.
+    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
+    # part left out as well, that is felt.
     first = alike[0]
-    better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead]
+    better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead and bool(np.all(a.unseen > 0.0))]
     winner = plainest(min(better, key=lambda a: a.ahead, default=first), paid)
     forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
     groups = search.alike

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 Plain = tuple[WanderingProblem, WanderingFit]
 """The runs at some interval, and the plain model fitted there."""
 
-OF_THE_COMMAND = 0.8
-"""Chosen: share of what is commanded (both rms) from which on a drifting force is the craft's whole motion."""
+OF_THE_COMMAND = 1.0
+"""Share of what is commanded (both rms) from which on a drifting force is larger than the commands."""
 
 FEWEST = 60
 """Samples that the longest run keeps at least."""

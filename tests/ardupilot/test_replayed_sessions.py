@@ -109,7 +109,7 @@ def test_rates_that_its_loop_cannot_send_are_denied_and_halved(aboard, kind):
     granted = rates.request({"ATTITUDE": 400.0, "WHEEL_DISTANCE": 10.0})
     assert granted["ATTITUDE"] == (25.0 if vessel(kind) == "rover" else 200.0)
     assert granted["WHEEL_DISTANCE"] == 0.0
-    assert any("ATTITUDE: asked for 400 Hz" in note for note in aboard.notes)
+    assert any("ATTITUDE: requested 400 Hz" in note for note in aboard.notes)
 
 
 def test_a_mode_that_does_not_exist_is_refused(aboard, kind):

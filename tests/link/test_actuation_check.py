@@ -142,7 +142,7 @@ def test_overrides_that_are_taken_are_let_go_and_awaited_for_a_second(monkeypatc
 
 
 def test_overrides_that_are_not_shown_are_refused_with_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(PreconditionFailed, match=r"RC_CHANNELS shows channel 1 at 1500 us\. asked as 255"):
+    with pytest.raises(PreconditionFailed, match=r"RC_CHANNELS shows channel 1 at 1500 us; asked as 255"):
         look(Streamer(taken=False), 3, 4, monkeypatch)
 
 

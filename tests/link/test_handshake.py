@@ -82,7 +82,7 @@ def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() ->
 def test_what_is_no_ardupilot_boat_or_rov_is_refused_with_what_is_known() -> None:
     assert _firmware(BOAT) is ROVER
     for stranger in (VehicleIdentity(7, 1, 12, 11), VehicleIdentity(7, 1, 3, 2)):
-        with pytest.raises(WrongVehicle, match=rf"autopilot {stranger.autopilot} \(system 7\)is not supported"):
+        with pytest.raises(WrongVehicle, match=rf"autopilot {stranger.autopilot} \(system 7\) is not supported"):
             _firmware(stranger)
 
 

@@ -140,7 +140,7 @@ def test_a_vehicle_that_falls_silent_while_we_wait_is_a_lost_link(
 
 @pytest.mark.parametrize("name", ["", "A_NAME_OF_17_CHARS", "GRÖSSE"])
 def test_what_cannot_be_a_name_is_a_usage_error(parameters: Parameters, name: str) -> None:
-    with pytest.raises(UsageError, match="no parameter name"):
+    with pytest.raises(UsageError, match="is not a parameter name"):
         parameters.read(name)
 
 

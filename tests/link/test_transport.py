@@ -59,7 +59,7 @@ def test_a_closed_link_is_lost_by_name_and_closed_once() -> None:
     for act in (lambda: link.read(1.0), lambda: link.write(b"x"), lambda: link.write(b"")):
         with pytest.raises(LinkLost, match="the link bare: has been closed"):
             act()
-    assert str(link.lost("why", "do this")) == "link bare: lost: why; do this"
+    assert str(link.lost("why", "do this")) == "link bare: lost: why. To fix it: do this"
 
 
 def test_what_a_plain_link_is_unless_it_says_otherwise() -> None:
@@ -115,7 +115,7 @@ def test_a_loss_is_said_once_and_the_other_end_looked_for_once_a_second(
     monkeypatch.setattr(transport_module, "idle", lambda seconds: waited.append(seconds) or clock.advance(seconds))
     assert link.read(1.0) == b"word"
     link.breaks = error
-    with pytest.raises(LinkLost, match="link dropping: lost: gone; wait") as caught:
+    with pytest.raises(LinkLost, match=r"link dropping: lost: gone\. To fix it: wait") as caught:
         link.read(1.0) if by == "read" else link.write(b"x")
     assert caught.value.__cause__ is error
     assert link.hung_up == 1

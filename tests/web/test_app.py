@@ -152,7 +152,7 @@ def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tm
         end = Viewer(socket).until("end")["end"]
         assert client.get("/runs").status_code == 200
     assert f"the run directory {tmp_path / name} cannot be written" in end["reason"]
-    assert "free some disk space" in end["reason"]
+    assert "Free some disk space" in end["reason"]
     assert end["put_back"] == [
         "Actuators neutral, confirmed at the outputs; mode HOLD, disarmed, as before the run.",
         "The parameters at the end are not recorded.",

@@ -183,7 +183,7 @@ def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None
     """Hard turns slow this boat down and leave its thrusters no room: no one yaw equation holds for all of them."""
     harness = SitlHarness(tmp_path, QUICK)
     result = trial(harness, "N_r 0.1%, N_rdot 0.05%")
-    assert "the model misses something" in result.steps[-1].ended
+    assert "the model lacks an effect" in result.steps[-1].ended
     assert result.fit.doubts
     assert_as_found(harness)
 

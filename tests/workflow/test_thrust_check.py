@@ -106,7 +106,7 @@ def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse(
 
 @pytest.mark.slow
 def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral() -> None:
-    with pytest.raises(NotAsFound, match=r"not neutral after 5 s: X \+0\.96 of full output; take over by hand"):
+    with pytest.raises(NotAsFound, match=r"not neutral after 5 s: X \+0\.96 of full output\. Take over by hand"):
         pulse(stuck=60.0)
 
 
