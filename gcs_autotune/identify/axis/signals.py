@@ -91,20 +91,21 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
 
     A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the
     position's fit included (:func:`gcs_autotune.identify.axis.signals.agreement`). Of a model that misses the position
-    nothing counts where the sensors agree.
+    a scale or a lag is the model's own where the sensors agree.
     """
     for record in records:
         if record.velocity is None:
             return f"run '{record.run}' has none"
-    if not solution.white and all(_sensors_agree(record, solution) for record in records):
-        return ""
     found = agreement(records, solution)
     if found is None:
         return "the motion fitted without it runs away, which leaves nothing to compare it with"
     std = found.std
-    if abs(found.gain) > max(GAIN, SURELY * std[0]):
+    scaled, late = abs(found.gain) > max(GAIN, SURELY * std[0]), abs(found.lag) > max(LAG * found.step, SURELY * std[1])
+    if (scaled or late) and not solution.white and all(_sensors_agree(record, solution) for record in records):
+        return ""
+    if scaled:
         return f"its scale differs by {100.0 * found.gain:+.1f} %"
-    if abs(found.lag) > max(LAG * found.step, SURELY * std[1]):
+    if late:
         return f"it lags by {1000.0 * found.lag:.0f} ms"
     if abs(found.bias) > max(BIAS * found.rms, SURELY * std[2]):
         return f"it is biased by {found.bias:.3g}"
