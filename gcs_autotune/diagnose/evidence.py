@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
 from gcs_autotune.diagnose.sampling_interval import stands
 from gcs_autotune.diagnose.score import LUCK, Judged, is_material, is_needed
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
 
 __all__ = ["ENOUGH", "FAINT", "WeakCandidate", "chance_of", "hints_of", "own_gain", "surest", "weak_under", "worth"]
 
@@ -88,8 +88,8 @@ def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] =
     left out.
     """
     last_step = max((a.step for a in search.judged), default=0)
-    told = {slug for group in search.alike for slug in group} | {a.effect.slug for a in search.named}
-    beside = [(a, _lack(search, a)) for a in search.judged if a.step == last_step and a.effect.slug not in told]
+    told = {name for group in search.alike for name in group} | {name_of(a.effect) for a in search.named}
+    beside = [(a, _lack(search, a)) for a in search.judged if a.step == last_step and name_of(a.effect) not in told]
     own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
     found = []
     for one, lacks in own.values():

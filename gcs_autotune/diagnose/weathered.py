@@ -21,10 +21,10 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
-from gcs_autotune.diagnose.sampling_interval import commanded, horizons
+from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, commanded, horizons
 from gcs_autotune.diagnose.score import ALIKE, may_be_none
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order, name_of
 from gcs_autotune.identify import Doubt, Fitted, WanderingFit
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -100,7 +100,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     plain = replace(state, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
     search, refused, gains = supported(search)
     above = above_the_command(search)
-    if above > 1.0:
+    if above > OF_THE_COMMAND:
         state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
     kept = replace(plain, weather=search, refused=refused, own_gains=gains, doubts=state.doubts)
     if not search.named:
@@ -142,7 +142,7 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
             ratio = math.inf if _is_none(name, search.fit) else 0.0 if gain is None else gain.ratio
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
                 weakest = ratio, name, without
-        if weakest is None and search.named and above_the_command(search) > 1.0:
+        if weakest is None and search.named and above_the_command(search) > OF_THE_COMMAND:
             refused += [(name, "no-model") for name in search.named]
             return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
         if weakest is None:
@@ -150,7 +150,7 @@ def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple
         _, name, without = weakest
         refused.append((replace(name, uncertain=_is_none(name, search.fit)), "no-gain"))
         named = tuple(a for a in search.named if a is not name)
-        groups = tuple(g for g in search.alike if g[0] != name.effect.slug)
+        groups = tuple(g for g in search.alike if g[0] != name_of(name.effect))
         search = replace(search, named=named, fit=without, alike=groups)
 
 

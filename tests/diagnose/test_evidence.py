@@ -13,7 +13,7 @@ import pytest
 from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, weathered
 from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.evidence import chance_of, worth
+from gcs_autotune.diagnose.evidence import chance_of, weak_under, worth
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.score import may_be_none
 from gcs_autotune.diagnose.weathered import supported
@@ -144,3 +144,16 @@ def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
     told = in_mild_weather(1, "saturation", ["dead-zone", "backlash"])
     assert told.missing is not None and told.missing.share > 1.0
     assert "above-command" in {d.slug for d in told.doubts}
+
+
+def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
+    """They have one slug; the derivative tells them apart."""
+
+    def product(place: str, step: int) -> Attested:
+        effect = EffectInstance("velocity-product", place, {"coefficient": 1.0})
+        fit = cast(WanderingFit, SimpleNamespace(effects=(effect,), free_effects=((0, "coefficient"),)))
+        return Attested(effect, fit, 5.0, np.array([2.0, 2.0, 1.0]), 7.0, step, (-1.0, 9.0))
+
+    named, other = product("N_|u|r", 1), product("N_|v|r", 2)
+    search = SimpleNamespace(judged=(named, other), alike=(), named=(named,), tried=10)
+    assert [w.one.effect.place for w in weak_under(cast(WeatherSearch, search))] == ["N_|v|r"]
