@@ -12,7 +12,7 @@ import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol, TypeVar
@@ -160,8 +160,7 @@ class _Processes:
         context = multiprocessing.get_context(self._method)
         # What is sent to a process before it has forgotten its parent's handlers waits until it has: a parent's handler
         # that swallows SIGTERM would leave it alive, and whoever told it to end waiting for ever.
-        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
-        try:
+        with _holding_sigterm():
             for _ in range(self._count):
                 here, there = context.Pipe()
                 self._pipes.append(here)
@@ -172,8 +171,6 @@ class _Processes:
                 process.start()
                 self._processes.append(process)
                 there.close()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -211,11 +208,25 @@ class _Processes:
             yield outcome
 
 
+@contextmanager
+def _holding_sigterm() -> Iterator[None]:
+    """Hold SIGTERM back where the system can (Windows cannot, and does not fork)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+
+
 def _begin() -> None:
     """Forget the parent's signal handlers: Ctrl-C is the parent's business, and who is told to end, ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
 def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> None:
