@@ -20,8 +20,8 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from benchmarks.every_manoeuvre import QUICK, cases, tunes
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.errors import AutotuneError
+from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import load_model
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.logs import load_runs
@@ -303,8 +304,9 @@ def main() -> int:
     args = parser.parse_args()
     todo = list(chosen(args))
     outcomes: list[Outcome] = []
-    with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(args.jobs) as pool:
-        for done in pool.map(played, todo, [args.keep or Path(scratch)] * len(todo)):
+    with tempfile.TemporaryDirectory() as scratch:
+        play = partial(played, folder=args.keep or Path(scratch))
+        for done in executor_for(args.jobs).map(play, todo):
             outcomes.append(done)
             if done.miss or done.claims or args.verbose:
                 mark = "refused" if done.refused else "MISS" if done.miss else "CLAIM" if done.claims else "right"
