@@ -28,8 +28,9 @@ from gcs_autotune.diagnose import diagnose as diagnose_runs
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Fit, ModelFile, Validation, extended_of, load_model, save_model, simulated
+from gcs_autotune.identify import AxisFit, Fit, ModelFile, Validation, extended_of, load_model, save_model
 from gcs_autotune.identify import fit as fit_runs
+from gcs_autotune.identify import simulated as simulate
 from gcs_autotune.identify import validate as validate_model
 from gcs_autotune.logs import load_runs as load_files
 from gcs_autotune.mavlink import load_params
@@ -139,39 +140,6 @@ def fit(
     return fit_runs(
         runs, structure, method, dof=dof, delay=delay, use=use, loss=loss, effects=effects, start=start, **options
     )
-
-
-def simulate(
-    found: Fit,
-    inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]],
-    *,
-    stamps: ArrayLike | None = None,
-    start: Mapping[str, float] | None = None,
-) -> Trial:
-    """Return the motion that the model of *found* predicts for *inputs*, with the inputs beside it.
-
-    Parameters
-    ----------
-    inputs : a run, of which the input channels are used; or input -> (stamps [s] (j,), values (j,)) in the units the
-        model was identified in, each held from its stamp to the next.
-    stamps : (n,) where the motion is required [s], ascending; ten a second from the first input to the last when None.
-    start : state -> value (SI, radians) at the first stamp; 0 for those not named, and of a run its first samples.
-
-    Raises
-    ------
-    UsageError
-        The model cannot be simulated, or the inputs do not suit it.
-    NotInformative
-        The simulation diverges.
-
-    Examples
-    --------
-    >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
-    >>> motion = simulate(found, {"N": ([0.0, 10.0], [0.1, 0.1])}, start={"psi": 0.5})
-    >>> sorted(motion.channels), motion["r"].unit, float(motion["psi"].values[0])
-    (['N', 'psi', 'r'], 'rad/s', 0.5)
-    """
-    return simulated(found, inputs, stamps=stamps, start=start)
 
 
 def validate(found: Fit, runs: Runs) -> Validation:

@@ -48,19 +48,27 @@ def simulated(
     stamps: ArrayLike | None = None,
     start: Mapping[str, float] | None = None,
 ) -> Trial:
-    """Return what the model of *fit* makes of *inputs*, with the inputs beside it.
+    """Return the motion that the model of *fit* predicts for *inputs*, with the inputs beside it.
 
     Parameters
     ----------
     inputs : a run, of which the input channels are used; or input -> (stamps [s] (j,), values (j,)) in the units the
         model was identified in, each held from its stamp to the next.
-    stamps : (n,) where the motion is wanted [s], ascending; ten a second from the first input to the last when None.
+    stamps : (n,) where the motion is required [s], ascending; ten a second from the first input to the last when None.
     start : state -> value (SI, radians) at the first stamp; 0 for those not named, and of a run its first samples.
 
     Raises
     ------
     MissingChannel, UsageError
-        An input of the model is not there, or in another unit. NotInformative: the model runs away.
+        An input of the model is not there, or in another unit. NotInformative: the simulation diverges.
+
+    Examples
+    --------
+    >>> from gcs_autotune.api import example_run, fit, simulate
+    >>> found = fit(example_run(), "linear", dof="yaw", delay=0.0)
+    >>> motion = simulate(found, {"N": ([0.0, 10.0], [0.1, 0.1])}, start={"psi": 0.5})
+    >>> sorted(motion.channels), motion["r"].unit, float(motion["psi"].values[0])
+    (['N', 'psi', 'r'], 'rad/s', 0.5)
     """
     model = extended_of(fit)
     form = model.base.form
