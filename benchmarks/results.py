@@ -175,14 +175,14 @@ CODE = (
 
 
 def commit() -> str:
-    """Return the commit of the tree, with a ``+`` if tracked code differs from it."""
+    """Return the commit of the tree, with a ``+`` if tracked code differs from it; ``none`` outside a checkout."""
     root = Path(__file__).parents[1]
 
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
 
     changed = git("status", "--porcelain", "--untracked-files=no", "--", *CODE)
-    return git("rev-parse", "--short=8", "HEAD") + ("+" if changed else "")
+    return (git("rev-parse", "--short=8", "HEAD") or "none") + ("+" if changed else "")
 
 
 STARTED_AT = commit() if os.environ.get(RECORD) else ""

@@ -99,7 +99,7 @@ def test_autotune_heading_at_mavproxys_prompt_asks_flies_writes_and_proves(tmp_p
         prompt.type("autotune heading --gains gains.param --step-duration 8 --out run")
         prompt.wait_for("Answer with: autotune yes")
         prompt.type("autotune heading")
-        assert "tune heading is running; asked:" in prompt.wait_for("autotune stop ends it")
+        assert "tune heading is running; open question:" in prompt.wait_for("autotune stop ends it")
         prompt.type("autotune yes")
         prompt.wait_for("Answer with: autotune yes")
         prompt.type("autotune yes")
@@ -125,7 +125,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
         prompt.wait_for("Stopping: restoring mode")
         prompt.wait_for("autotune: tune heading: ")
         prompt.type("autotune restore run")
-        prompt.wait_for("nothing to restore")
+        prompt.wait_for("Nothing to restore")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["ending"] == "aborted"
 
 

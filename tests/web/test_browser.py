@@ -109,7 +109,7 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     before = set(runs.iterdir())
     page = visit(link)
     page.start()
-    page.shows("#tile-periods", "alike")
+    page.shows("#tile-periods", "agree")
     page.shows("#gains-table", "ATC_STR_RAT_FF")
     page.shows("#end-title", "tune heading: done")
     put_back = page.page.inner_text("#put-back")
