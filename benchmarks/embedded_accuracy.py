@@ -119,7 +119,7 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
     with link, Session(link) as session:
         craft = open_craft(session, wanted_rates=telemetry_rates(10.0))
         axis = craft.firmware.axes[axis_name]
-        settings = TuneSettings(axis_name, Connection("memory"), Path())
+        settings = TuneSettings(Connection("memory"), Path(), axis=axis_name)
         throttle, _ = speed_for(settings, axis, craft.parameters.read_existing(axis.context))
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)

@@ -33,6 +33,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Preview
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Progress, SilentWatcher
 from gcs_autotune.workflow import (
+    CommonSettings,
     Connection,
     FlightResult,
     FlySettings,
@@ -162,13 +163,13 @@ def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str
     with tempfile.TemporaryDirectory() as place:
         ear, room = Ear(server), None
         verb, _, axis = name.rpartition(" ")
-        common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), Path(place) / "run")
+        where = Connection("memory", opened=link), Path(place) / "run"
         try:
             if verb:
-                {"tune": tune, "experiment": experiment}[verb](common, Unattended(), ear, "")
+                {"tune": tune, "experiment": experiment}[verb](TuneSettings(*where, axis=axis), Unattended(), ear, "")
                 good, told = True, "done"
             else:
-                result = fly(FlySettings(name, common, force=force), Unattended(), ear, "")
+                result = fly(FlySettings(name, CommonSettings(*where), force=force), Unattended(), ear, "")
                 models = ", ".join(model.fit.dof for model in result.models) or "no model"
                 trial = result.trial
                 assert trial is not None  # it was flown

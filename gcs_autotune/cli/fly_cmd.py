@@ -35,7 +35,7 @@ from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.axes import AxisKind
-    from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
+    from gcs_autotune.workflow import CommonSettings, Connection, FlightPlan, FlightResult, Precision
 
 __all__ = ["COMMAND", "add_flight", "run_flight"]
 
@@ -208,13 +208,13 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 
 def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
-) -> tuple[FlightPlan, TuneSettings]:
+) -> tuple[FlightPlan, CommonSettings]:
     """Return the flight plan and the settings its runs share; *label*: of the run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area
     from gcs_autotune.registry import lookup
-    from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, first_run, load_flight_plan
+    from gcs_autotune.workflow import PLAN_FILE, CommonSettings, FlightPlan, FlySettings, first_run, load_flight_plan
 
     until = _precision(args)
     goes_on = args.resume is not None and until is None
@@ -230,8 +230,7 @@ def _plan(
         raise UsageError(
             "--until does not apply to a plan, which lists all its runs. Use it with one manoeuvre, or none"
         )
-    common = TuneSettings(
-        axis="heading",
+    common = CommonSettings(
         connection=connection,
         directory=run_directory(args, connection.uri, now, label or Path(what).stem or "trial"),
         throttle=args.throttle,

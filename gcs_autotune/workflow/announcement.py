@@ -28,7 +28,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_D
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune, pace_of
 from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
 from gcs_autotune.workflow.preflight import sign_check_for
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, CommonSettings, TuneSettings
 
 __all__ = ["after_a_silence", "announce", "battery", "exactly", "how_long", "room", "whole_of"]
 
@@ -245,7 +245,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
     return f"use {draws} ({', '.join(known)})"
 
 
-def after_a_silence(settings: TuneSettings, now: Observation) -> tuple[str, ...]:
+def after_a_silence(settings: CommonSettings, now: Observation) -> tuple[str, ...]:
     """Return what is done when the vehicle was not heard for a while; nothing where the first silence ends the run."""
     if settings.patience <= 0.0:
         return ()

@@ -39,7 +39,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.precision import Precision
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune_files import Refused, clipped, parse, read_text
 
 __all__ = ["FlightLeg", "FlightPlan", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
@@ -65,7 +65,7 @@ class FlySettings:
     """
 
     manoeuvre: str
-    common: TuneSettings
+    common: CommonSettings
     options: Mapping[str, float] = field(default_factory=dict)
     side: int = 1
     model: ModelFile | None = None
@@ -251,7 +251,9 @@ MOST_RUNS = 100
 """Chosen: a plan of more is a slip of the pen."""
 
 
-def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, full_scale: float | None) -> FlightPlan:
+def load_flight_plan(
+    path: Path, common: CommonSettings, model: ModelFile | None, full_scale: float | None
+) -> FlightPlan:
     """Read a plan; ``common``, ``model`` and ``full_scale`` are those of every run.
 
     Raises
@@ -322,7 +324,7 @@ def _number(value: Any) -> float:
 
 
 def _runs(
-    data: Mapping[str, Any], common: TuneSettings, model: ModelFile | None, full_scale: float | None
+    data: Mapping[str, Any], common: CommonSettings, model: ModelFile | None, full_scale: float | None
 ) -> Iterator[PlannedRun]:
     defaults, listed = _table(data, "defaults"), data.get("run", [])
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
@@ -344,7 +346,7 @@ def _runs(
 def _of_entry(
     entry: Mapping[str, Any],
     defaults: Mapping[str, Any],
-    common: TuneSettings,
+    common: CommonSettings,
     model: ModelFile | None,
     full_scale: float | None,
     left: int,

@@ -18,7 +18,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
 __all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
 
@@ -73,7 +73,7 @@ def draw_previews(runs: Sequence[FlownRun], plan: FlightPlan, directory: Path, w
 
 def read_flight(
     plan: FlightPlan,
-    common: TuneSettings,
+    common: CommonSettings,
     record: RunDirectory,
     runs: Sequence[FlownRun],
     when: str,
@@ -149,7 +149,7 @@ def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[lis
     return found
 
 
-def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlightModel:
+def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: CommonSettings) -> FlightModel:
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )

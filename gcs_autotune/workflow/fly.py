@@ -54,7 +54,7 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, same_options
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, see_it_can_be_told
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune.workflow.worker import Worker
 
 __all__ = ["PLAN_FILE", "fly", "fly_plan"]
@@ -65,6 +65,8 @@ BACK, LOOKING = 45.0, 6.0
 """Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
 _FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
 """Parameters that tell how a boat moves."""
+SHOWN_FIRST = "heading"
+"""The axis whose telemetry comes first on a slow link: most manoeuvres steer."""
 _POINTS = 400
 """Chosen: of a predicted track that are told; more no screen shows."""
 
@@ -78,7 +80,7 @@ def fly(
 
 def fly_plan(
     plan: FlightPlan,
-    common: TuneSettings,
+    common: CommonSettings,
     operator: Operator,
     watcher: Watcher,
     when: str,
@@ -107,7 +109,7 @@ def fly_plan(
         record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when),
         jit_warmup(common.connection.uri, warm, []) as worker,
         connect_craft(
-            common.connection, operator, watcher, record, common.control_rate, common.axis, common.patience
+            common.connection, operator, watcher, record, common.control_rate, SHOWN_FIRST, common.patience
         ) as craft,
     ):
         flight = _Flight(plan, common, operator, watcher, record, craft, earlier, worker)
@@ -135,7 +137,7 @@ class _Flight:
     def __init__(
         self,
         plan: FlightPlan,
-        common: TuneSettings,
+        common: CommonSettings,
         operator: Operator,
         watcher: Watcher,
         record: RunDirectory,

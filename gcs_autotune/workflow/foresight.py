@@ -23,7 +23,7 @@ from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews
 from gcs_autotune.workflow.paper_craft import kin_of, paper_craft
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
 __all__ = ["COMING_BACK", "DEEPER", "Foresight", "preview_of_model"]
 
@@ -39,7 +39,7 @@ _BOTTOMLESS = 1e3
 """Depth [m] from which nothing comes up to the surface meanwhile."""
 
 
-def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> FlightResult:
+def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> FlightResult:
     """Preview a plan with the model given, no vehicle at hand, and draw it where the settings say.
 
     Raises

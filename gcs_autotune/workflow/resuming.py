@@ -19,7 +19,7 @@ from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of,
 from gcs_autotune.manoeuvres import GUARDS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import JOURNAL, RunDirectory
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
@@ -34,12 +34,13 @@ _SHAPING = (
 """Settings that say what is flown."""
 
 
-def _shape(settings: TuneSettings) -> dict[str, Any]:
-    return {**{name: getattr(settings, name) for name in _SHAPING}, "given": settings.given is not None}
+def _shape(settings: CommonSettings) -> dict[str, Any]:
+    shape = {name: getattr(settings, name) for name in _SHAPING if hasattr(settings, name)}
+    return {**shape, "given": settings.given is not None} if isinstance(settings, TuneSettings) else shape
 
 
 def note_setting_out(
-    record: RunDirectory, settings: TuneSettings, craft: MavlinkCraft, own: Mapping[str, float]
+    record: RunDirectory, settings: CommonSettings, craft: MavlinkCraft, own: Mapping[str, float]
 ) -> None:
     """Write down, before anything moves, what a run that goes on from this one must find the same."""
     vehicle = craft.session.vehicle
@@ -97,7 +98,7 @@ class Earlier:
         It cannot be read.
     """
 
-    def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
+    def __init__(self, settings: CommonSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
         self._run = settings.resume
         self._names = names
         self._told = _SetOut()

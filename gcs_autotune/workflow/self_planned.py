@@ -25,7 +25,7 @@ from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
 from gcs_autotune.workflow.precision import Precision
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
 __all__ = [
     "Choice",
@@ -101,7 +101,7 @@ class Offer:
         return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=not by_the_clock)
 
 
-def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
+def first_run(precision: Precision, common: CommonSettings) -> FlySettings:
     """Return what is flown first where nobody says: an S for several degrees of freedom, doublets or steps for one."""
     if len(precision.dofs) > 1:
         return FlySettings("s-manoeuvre", common, {"duration": SHORT_S})

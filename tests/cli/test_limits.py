@@ -230,7 +230,7 @@ def test_the_help_shows_every_range(capsys):
 )
 def test_settings_made_in_a_program_obey_the_same_table(field, value, tmp_path):
     with pytest.raises(UsageError, match=field.replace("_", "-")):
-        TuneSettings("heading", Connection("sitl:charlie"), tmp_path, **{field: value})
+        TuneSettings(Connection("sitl:charlie"), tmp_path, axis="heading", **{field: value})
 
 
 @pytest.mark.parametrize("field", ["baud", "system_id", "source_system", "seed"])

@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Envelope, OpenLoopProgramme, PaperCraft, PaperState, Preview, preview
 from gcs_autotune.models import SingleDof
-from gcs_autotune.workflow import Connection, FlySettings, TuneSettings
+from gcs_autotune.workflow import CommonSettings, Connection, FlySettings
 from gcs_autotune.workflow.announcement import exactly, whole_of
 from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
@@ -117,7 +117,7 @@ def test_a_distance_is_announced_in_whole_metres_while_it_is_short():
 
 
 def pull_out(kin: Kin) -> Preview:
-    settings = FlySettings("pull-out", TuneSettings("heading", Connection("memory"), Path("unused")))
+    settings = FlySettings("pull-out", CommonSettings(Connection("memory"), Path("unused")))
     paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, kin)
     return preview(settings.make(0.0, keep_still=True), paper, NO_LIMITS, floats=False)
 

@@ -22,7 +22,7 @@ TURN = RUDDER.turn
 
 
 def settings(axis: str = "heading", **given: object) -> TuneSettings:
-    return TuneSettings(axis, Connection("sitl:charlie"), Path("runs/none"), **given)
+    return TuneSettings(Connection("sitl:charlie"), Path("runs/none"), axis=axis, **given)
 
 
 def heading(**given: object) -> Itinerary:

@@ -101,7 +101,7 @@ def test_the_last_tune_is_the_newest_that_kept_gains_on_this_vehicle_and_broken_
 
 
 def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None = None, **common: Any) -> Any:
-    settings = FlySettings("set-point-relay", harness.settings(**common), options or {}, force="N")
+    settings = FlySettings("set-point-relay", harness.common(**common), options or {}, force="N")
     return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
 
 

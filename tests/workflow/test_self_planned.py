@@ -26,7 +26,7 @@ from .test_fly import Stops
 
 
 def trial(harness: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
-    settings = harness.settings(**common)
+    settings = harness.common(**common)
     asked = precision_of(until, "", 60.0 * minutes)
     first = first_run(asked, settings)
     plan = FlightPlan(first.kind.name, FlightPlan.of(first).runs, until=asked)
@@ -76,7 +76,7 @@ def test_a_wish_that_no_form_can_grant_is_refused_in_a_sentence(
 
 
 def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat = FIRMWARE["ardurover"]
     offers = offers_for(asked, first_run(asked, settings), boat, 0.5)
@@ -94,7 +94,7 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
 
 
 def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_end_it(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, settings)
     seen = SimpleNamespace(seconds=30.0, trouble="")
@@ -212,7 +212,7 @@ def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
 
 
 def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat, first = FIRMWARE["ardurover"], first_run(asked, settings)
     told = offers_for(asked, first, boat, 0.5, {"heading": math.radians(15.0), "steering": 0.4})
@@ -225,7 +225,7 @@ def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path:
 
 def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tmp_path: Path) -> None:
     asked = precision_of("N_r 5%", "", 600.0)
-    first = first_run(asked, SitlHarness(tmp_path, QUICK).settings())
+    first = first_run(asked, SitlHarness(tmp_path, QUICK).common())
     seen = cast(Preview, SimpleNamespace(seconds=30.0))
     leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)

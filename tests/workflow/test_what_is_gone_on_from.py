@@ -16,7 +16,7 @@ from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVe
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.mavlink import VehicleIdentity
 from gcs_autotune.trial import Channel, Trial, save_trial
-from gcs_autotune.workflow import Connection, TuneSettings
+from gcs_autotune.workflow import CommonSettings, Connection, TuneSettings
 from gcs_autotune.workflow.resuming import USED_AGAIN, Earlier, note_setting_out, way_on
 
 BOARD = VehicleIdentity(system=1, component=1, autopilot=3, vehicle_type=11, version="4.6.3", uid="ab12")
@@ -40,7 +40,7 @@ def craft(vehicle: VehicleIdentity = BOARD) -> MavlinkCraft:
 
 
 def settings(folder: Path, **changes: Any) -> TuneSettings:
-    asked = TuneSettings("heading", Connection("sitl:charlie"), folder / "again", step=0.5, resume=folder / "run")
+    asked = TuneSettings(Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run")
     return replace(asked, **changes)
 
 
@@ -81,6 +81,17 @@ def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: P
     with pytest.raises(UsageError, match="axis heading there, yaw here"):
         Earlier(settings(tmp_path, axis="yaw", step=None))
     assert Earlier(settings(tmp_path, step=0.25), alike=False).names == ["step-before", "relay-1"]
+
+
+def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path, tmp_path: Path) -> None:
+    """Earlier versions recorded a flight as a tune of the heading."""
+    note = run / "setting_out.json"
+    told = json.loads(note.read_text())
+    note.write_text(json.dumps({**told, "settings": {**told["settings"], "step": None, "throttle": 0.4}}))
+    flight = CommonSettings(Connection("sitl:charlie"), tmp_path / "again", throttle=0.4, resume=run)
+    assert Earlier(flight, ("relay-1",)).names == ["relay-1"]
+    with pytest.raises(UsageError, match=r"throttle 0\.4 there, 0\.5 here"):
+        Earlier(replace(flight, throttle=0.5), ("relay-1",))
 
 
 def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
