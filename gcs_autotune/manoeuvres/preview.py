@@ -23,7 +23,7 @@ from gcs_autotune.trial import Channel, Trial
 if TYPE_CHECKING:
     from gcs_autotune.models import SingleDof
 
-__all__ = ["DEEP", "SPEED_TIME", "PaperCraft", "PaperState", "Preview", "preview"]
+__all__ = ["DEEP", "SPEED_TIME", "NominalPlant", "PlantState", "Preview", "preview"]
 
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
@@ -41,7 +41,7 @@ SPEED_TIME = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class PaperCraft:
+class NominalPlant:
     """A simulated craft; inputs are normalised outputs.
 
     Attributes
@@ -61,7 +61,7 @@ class PaperCraft:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperState:
+class PlantState:
     """Where a craft on paper is and how it moves: time [s], heading [rad], metres from home, depth (NaN: it floats),
     speeds.
     """
@@ -89,12 +89,12 @@ class Preview:
     trial: Trial
     outcome: Outcome | None
     refusal: str
-    craft: PaperCraft
+    craft: NominalPlant
     room: float = math.nan
     turned: float = math.nan
     deep: float = 0.0
     away: float = math.nan
-    ends: PaperState = field(default_factory=PaperState)
+    ends: PlantState = field(default_factory=PlantState)
 
     @property
     def seconds(self) -> float:
@@ -119,20 +119,20 @@ class Preview:
 
 def preview(
     manoeuvre: Manoeuvre,
-    craft: PaperCraft,
+    craft: NominalPlant,
     envelope: Envelope,
     *,
     floats: bool = True,
     way: float = 0.0,
     depth: float = DEEP,
-    begins: PaperState | None = None,
+    begins: PlantState | None = None,
 ) -> Preview:
     """Fly *manoeuvre* on paper inside *envelope*.
 
     It begins at home with the bow to the north, at *way* [m/s], at *depth* [m] unless it *floats*; or as another
     manoeuvre left it, in the state *begins*.
     """
-    begins = begins or PaperState(z=math.nan if floats else depth, u=way)
+    begins = begins or PlantState(z=math.nan if floats else depth, u=way)
     t, psi, r, x, y, z = begins.t, begins.psi, begins.r, begins.x, begins.y, begins.z
     start, depth = t, z
     along = {"X": begins.u, "Y": begins.v, "Z": begins.w}
@@ -198,7 +198,7 @@ def preview(
     spans = np.ptp(table, axis=1)
     deep = 0.0 if math.isnan(z) else float(spans[5])
     away = float(np.max(np.hypot(table[3], table[4])))
-    ends = PaperState(t, psi, r, x, y, z, *along.values())
+    ends = PlantState(t, psi, r, x, y, z, *along.values())
     return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep, away, ends)
 
 
@@ -208,7 +208,7 @@ def _pushed(t: float) -> float:
     return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
-def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float) -> Actuate:
+def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: float) -> Actuate:
     """Return the forces of a command; heading is held as by a well tuned autopilot, at the commanded speed."""
     if isinstance(command, Actuate):
         return command
@@ -224,7 +224,7 @@ def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float
     return Actuate(X=thrust, N=max(-1.0, min(1.0, N)))
 
 
-def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) -> float | None:
+def _held(command: Command, craft: NominalPlant, force: str, nu: float, z: float) -> float | None:
     """Return the acceleration [m/s^2] that the autopilot's own loop of depth or speed gives; None where none does."""
     if force == "Z" and isinstance(command, DepthTarget):
         return 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
@@ -233,7 +233,7 @@ def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) 
     return None
 
 
-def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:
+def _along(craft: NominalPlant, force: str, nu: float, tau: float) -> float:
     """Return the acceleration [m/s^2] along a force; without a model the craft moves ahead at its speed, or not."""
     if force in craft.others:
         return _acceleration(craft.others[force], nu, tau)

@@ -4,7 +4,7 @@
   ``runner`` of manoeuvres, the ``record`` directory, a ``worker`` that computes in the ``background``.
   ``announcement`` and ``itinerary`` say beforehand what is done. ``tunable_loop`` is the order of every tune; the
   autopilot's loops in ``autopilot_loop`` use ``identification``, ``proof`` and ``designing``. What ``fly`` takes is
-  seen before by ``foresight``, in the ``flight_area``.
+  seen before by ``flight_preview``, in the ``flight_area``.
 * ``restore``: putting a vehicle back. ``study`` (in ``study_sections``), ``diagnosis``: work on records, without one.
 """
 
@@ -14,9 +14,9 @@ from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, wr
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun, load_flight_plan
+from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
-from gcs_autotune.workflow.foresight import preview_of_model
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of

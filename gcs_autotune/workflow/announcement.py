@@ -9,7 +9,7 @@ from dataclasses import replace
 from gcs_autotune.axes import axis_kind, excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, PreconditionFailed
-from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope, Manoeuvre, PaperState
+from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope, Manoeuvre, PlantState
 from gcs_autotune.workflow.beside import flies_beside
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.context import TuneContext
@@ -18,7 +18,7 @@ from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
     Ahead,
     Excursion,
-    PaperVisit,
+    VisitPreview,
     least_distance,
     overhead,
     too_small,
@@ -26,7 +26,7 @@ from gcs_autotune.workflow.excursion import (
 )
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune, pace_of
-from gcs_autotune.workflow.paper_craft import assumed_craft, kin_of
+from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.preflight import sign_check_for
 from gcs_autotune.workflow.settings import SETTLED, CommonSettings, TuneSettings
 
@@ -121,13 +121,13 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
     for itinerary in itineraries:
-        for kin in kin_of(under_way=True, skid=craft.skid):
-            paper = assumed_craft(craft.firmware, context.present, context.throttle, context.speed, kin)
+        for like in assumed_crafts(under_way=True, skid=craft.skid):
+            paper = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
             check = sign_check_for(
                 axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
             )
             limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
-            visit = PaperVisit(paper, limits, PaperState(), under_way=True)
+            visit = VisitPreview(paper, limits, PlantState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
     return replace(worst_of(seen), usual=worst_of(seen[: len(seen) // len(itineraries)]))
@@ -145,7 +145,7 @@ def _legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]
     )
 
 
-def _fly_legs(visit: PaperVisit, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
+def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
     """Fly the *check* and the *legs* of a tune or an experiment of a boat on paper.
 
     A step or an oscillation about the course is flown straight ahead at *speed* [m/s]: that takes most water.
@@ -154,7 +154,7 @@ def _fly_legs(visit: PaperVisit, check: Manoeuvre, legs: Sequence[Leg], throttle
     for leg in legs[1:]:
         is_step = leg.kind in STEPS
         ahead = math.inf if leg.before > 0.0 else STEP_AHEAD if is_step else SWING_AHEAD
-        visit.come_about(throttle, ahead, last=is_step)
+        visit.turn_around(throttle, ahead, last=is_step)
         least = LEAST_STEP if is_step else TOLD * leg.seconds
         visit.fly(Ahead(speed, leg.seconds, leg.stage, least), leg.stage)
 

@@ -75,7 +75,7 @@ class _AutopilotLoop:
     def prove(self) -> ProofResult:
         """Fly the step; both are compared over what both recorded, for each ends once the craft is at its target."""
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
-        context.come_about("step-after", STEP_AHEAD, last=self._beside is None)
+        context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
             context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
         after = context.fly(criteria.proof.step("step-after"), PROVING).trial
@@ -102,7 +102,7 @@ class _AutopilotLoop:
     def _fly_step(self, proof: Proof) -> Trial:
         """Return the step with the present gains; a boat turns around first where it would leave its space."""
         if not self.context.law.controls_velocity and self.context.settings.stop_rule != SETTLED:
-            self.context.come_about("step-before", STEP_AHEAD, last=True)
+            self.context.turn_around("step-before", STEP_AHEAD, last=True)
         return self.context.fly(proof.step("step-before"), "step with present gains").trial
 
 
@@ -121,7 +121,7 @@ class _DesignedGains(_AutopilotLoop):
             if context.given is None:
                 found = identify(context, early=context.settings.stop_rule != SETTLED)
                 if not found.short:  # else it has just turned around
-                    context.come_about("step-before", STEP_AHEAD)
+                    context.turn_around("step-before", STEP_AHEAD)
             proof = self._proof_of_velocity(found or context.given)
         else:
             proof = proof_about_rest(context.settings, context.axis, context.speed)

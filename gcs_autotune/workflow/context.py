@@ -27,9 +27,9 @@ from gcs_autotune.workflow.open_runs import forget_run, note_run, refuse_open_ru
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
     STAGE,
+    check_signs,
     make_ready,
     most_speed_of,
-    see_signs,
     sign_check_for,
     steered_meanwhile,
 )
@@ -96,7 +96,7 @@ class TuneContext:
             self.log.say("diving")
             self.runner.fly(dive, "diving")
 
-    def come_about(self, before: str, ahead: float, *, last: bool = False) -> bool:
+    def turn_around(self, before: str, ahead: float, *, last: bool = False) -> bool:
         """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
 
         Not before a trial that an earlier run has flown; with the stop rule of Miskovic2010 in any case.
@@ -104,16 +104,16 @@ class TuneContext:
         if self.earlier.has(before):
             return False
         ahead = math.inf if self.settings.stop_rule == SETTLED else ahead
-        return self.runner.come_about(self.throttle, ahead, last=last)
+        return self.runner.turn_around(self.throttle, ahead, last=last)
 
     def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
         """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
-            self.come_about(before, math.inf)
+            self.turn_around(before, math.inf)
             return work()
         self.worker.begin(work)
         try:
-            self.come_about(before, math.inf)
+            self.turn_around(before, math.inf)
         except BaseException:
             self.worker.abandon()
             raise
@@ -149,22 +149,22 @@ class TuneContext:
                 most_speed=most_speed_of(self.settings.throttle, self.speed, limit),
             )
             if dof == axis.dof:
-                see_signs(check, self.runner.attempt)
+                check_signs(check, self.runner.attempt)
             else:
-                self._see_steering(check)
+                self._check_steering(check)
             if isinstance(check, SignCheck) and check.eased:
                 context = self._with_throttle(check.throttle)
         self.come_down()
         return context
 
-    def _see_steering(self, check: SignCheck | ThrustCheck) -> None:
+    def _check_steering(self, check: SignCheck | ThrustCheck) -> None:
         """See that what steers while something else is tried does not work the wrong way.
 
         The tune of its own axis refuses a craft that turns by itself, or hardly answers; here that is said.
         """
         envelope = replace(self.settings.envelope, cruise=self.speed, heading_excursion=math.inf)
         try:
-            see_signs(check, partial(self.runner.attempt, envelope=envelope))
+            check_signs(check, partial(self.runner.attempt, envelope=envelope))
         except PreconditionFailed as error:
             seen = check.answer if isinstance(check, SignCheck) else None
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)

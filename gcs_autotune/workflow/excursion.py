@@ -22,9 +22,9 @@ from gcs_autotune.manoeuvres import (
     Commands,
     Envelope,
     Manoeuvre,
+    NominalPlant,
     Outcome,
-    PaperCraft,
-    PaperState,
+    PlantState,
     Preview,
     TurnAbout,
     TurnAboutSettings,
@@ -37,7 +37,7 @@ __all__ = [
     "NO_LIMITS",
     "Ahead",
     "Excursion",
-    "PaperVisit",
+    "VisitPreview",
     "least_distance",
     "overhead",
     "too_small",
@@ -120,13 +120,13 @@ class _Coast(Manoeuvre):
             now = yield Actuate()
 
 
-class PaperVisit:
+class VisitPreview:
     """One visit on paper: stages of one *craft* one after the other, each beginning as the last one ended.
 
     *envelope* holds for every stage. ``trouble`` is what ended the first stage that came to no good end.
     """
 
-    def __init__(self, craft: PaperCraft, envelope: Envelope, begins: PaperState, *, under_way: bool) -> None:
+    def __init__(self, craft: NominalPlant, envelope: Envelope, begins: PlantState, *, under_way: bool) -> None:
         self._craft, self._envelope, self._under_way = craft, envelope, under_way
         self._state, self._seconds = begins, ARMING
         self.stages: list[tuple[str, Preview]] = []
@@ -145,8 +145,8 @@ class PaperVisit:
         self._seconds += BETWEEN
         return seen
 
-    def come_about(self, throttle: float, ahead: float, *, last: bool = False) -> None:
-        """Turn a boat around as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.come_about` does."""
+    def turn_around(self, throttle: float, ahead: float, *, last: bool = False) -> None:
+        """Turn a boat around as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.turn_around` does."""
         away = math.hypot(self._state.x, self._state.y)
         if self._under_way and far_out(self._envelope, away, ahead, last=last):
             s = self._state

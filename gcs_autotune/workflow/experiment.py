@@ -23,7 +23,7 @@ from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, pace_
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import see_depth_is_told
+from gcs_autotune.workflow.preflight import check_depth_is_reported
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
@@ -83,7 +83,7 @@ def _set_out(
     """Learn what is flown and how fast; nothing moves yet."""
     axis = _axis(settings.axis, craft.firmware)
     log.meet(craft)
-    see_depth_is_told(craft, axis.dof)
+    check_depth_is_reported(craft, axis.dof)
     present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED"])
     throttle, speed = speed_for(settings, axis, present)
     settings = replace(settings, speed=speed)

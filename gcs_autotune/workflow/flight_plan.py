@@ -267,9 +267,9 @@ def load_flight_plan(
     except Refused as error:
         raise BadFile(f"{path} cannot be read as a plan: {error}") from error
     try:
-        _see_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
+        _check_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
         conditions = _table(data, "conditions")
-        _see_keys(conditions, _CONDITIONS, "[conditions]")
+        _check_keys(conditions, _CONDITIONS, "[conditions]")
         order = lookup(dict.fromkeys(_ORDERS, True), _text(data, "order", "listed"), "order")
         title = _text(data, "title", path.stem)
         runs = list(_runs(data, common, model, full_scale))
@@ -295,7 +295,7 @@ def load_flight_plan(
     return FlightPlan(title, tuple(_named(runs)), calm, least, text, area)
 
 
-def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+def _check_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
     for key in data:
         try:
             lookup(dict.fromkeys(known, True), key, "key")
@@ -328,7 +328,7 @@ def _runs(
 ) -> Iterator[PlannedRun]:
     defaults, listed = _table(data, "defaults"), data.get("run", [])
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
-    _see_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
+    _check_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
         raise UsageError("runs must be written as [[run]]")
     left = MOST_RUNS
@@ -355,7 +355,7 @@ def _of_entry(
     if "manoeuvre" not in entry:
         raise UsageError('no manoeuvre given (manoeuvre = "zig-zag"). See `gcs-autotune fly --list`')
     kind = lookup(MANOEUVRES, _text(entry, "manoeuvre"), "manoeuvre")
-    _see_keys(entry, (*_RUN, *kind.options), kind.name)
+    _check_keys(entry, (*_RUN, *kind.options), kind.name)
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
     force = _text(given, "force")
     kind = kind.of(force)

@@ -33,8 +33,8 @@ from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
-from gcs_autotune.workflow.foresight import COMING_BACK, DEEPER, Foresight
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, Paced, pace_of
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
@@ -43,17 +43,17 @@ from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.preflight import (
     CHECKED,
     STAGE,
+    check_depth_is_reported,
+    check_signals,
+    check_signs,
+    check_vehicle_suits,
     checked_dof,
-    see_depth_is_told,
-    see_it_suits,
-    see_it_tells,
-    see_signs,
     sign_check_for,
 )
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, same_options
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, see_it_can_be_told
+from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, check_identifiable, driven
 from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune.workflow.worker import Worker
 
@@ -158,20 +158,20 @@ class _Flight:
         """See that the vehicle can fly all of it, and preview each run."""
         craft, firmware = self._craft, self._craft.firmware
         self._held = present = craft.parameters.read_existing(_FIGURES)
-        self._earlier.see_that_it_is_the_same(craft, present)
+        self._earlier.verify_same_vehicle(craft, present)
         if self._plan.min_depth is not None and firmware.floats:
             raise WrongVehicle(f"the plan requires a depth of {self._plan.min_depth:g} m, but this vehicle floats")
         if self._plan.until is not None:
-            see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
+            check_identifiable(self._plan.until, self._plan.runs[0].settings.kind, firmware)
         if self._plan.again is not None:
             self._plan.again.meet(craft)
         self._area = area_of_flight(craft, self._plan.area, self._watcher)
         checks, several = self._checks_of(self._plan.runs), len(self._plan.runs) > 1 or self._plan.until is not None
         least, watcher = self._plan.min_depth, self._watcher
-        self._foresight = sees = Foresight(craft, present, self._area, least, watcher, checks, several)
+        self._flight_preview = sees = FlightPreviewer(craft, present, self._area, least, watcher, checks, several)
         for run in self._plan.runs:
-            see_it_suits(run.settings, craft)
-            see_it_tells(run.settings.kind, craft)
+            check_vehicle_suits(run.settings, craft)
+            check_signals(run.settings.kind, craft)
             leg = sees.made_to_fit(sees.leg_of(run))
             if self._plan.until is not None:
                 leg = self._planned_from(leg, self._plan.until)
@@ -219,7 +219,7 @@ class _Flight:
         if not known:
             return first
         think = partial(run_in_background, craft, self._worker, lambda error: False)
-        leg = planner.next_leg(known, think, self._foresight.leg_of)
+        leg = planner.next_leg(known, think, self._flight_preview.leg_of)
         if leg is None:
             raise UsageError(f"nothing was flown: after the {len(known)} supplied runs, {planner.steps[-1].ended}")
         return leg
@@ -274,7 +274,7 @@ class _Flight:
         craft, s, plan = self._craft, self._common, self._plan
         dofs, now = self._dofs, craft.observe()
         for dof in (*dofs, *self._held_dofs):
-            see_depth_is_told(craft, dof)
+            check_depth_is_reported(craft, dof)
         dive = any(dive_for(dof, craft.firmware, now) for dof in (*dofs, *self._held_dofs))
         whole = self._whole
         first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dive
@@ -375,7 +375,7 @@ class _Flight:
             throttle = max(leg.throttle for leg in left)
             for dof in dofs:
                 check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
-                see_signs(check, partial(runner.attempt, envelope=left[0].envelope))
+                check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
                 dive = dive_for(dof, firmware, home)
                 if dive is not None:
                     runner.fly(dive, "diving")
@@ -400,7 +400,7 @@ class _Flight:
         think = partial(run_in_background, self._craft, self._worker, runner.bear)
         while True:
             runs = [*self._plan.known, *(self.flown[leg.run.name] for leg in self.legs)]
-            leg = planner.next_leg(runs, think, self._foresight.leg_of)
+            leg = planner.next_leg(runs, think, self._flight_preview.leg_of)
             if leg is None:
                 return
             self.legs.append(leg)
@@ -416,7 +416,7 @@ class _Flight:
             run = again.another(last, self.flown[last.name], think)
             if run is None:
                 return
-            leg = self._foresight.leg_of(run)
+            leg = self._flight_preview.leg_of(run)
             trouble = leg.why_not or ("" if leg.preview.craft.assumed else leg.preview.trouble)
             if trouble:
                 self._watcher.say(f"not repeated: {trouble}")

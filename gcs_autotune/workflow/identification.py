@@ -84,18 +84,18 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
     relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", keep_still=still, least_period=least)
     if turns_first:
-        context.come_about("relay-1", SWING_AHEAD)
+        context.turn_around("relay-1", SWING_AHEAD)
     first = context.fly(relay, "first self-oscillation").trial
     room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
     relay = relay_for(s, dof, throttle, second_output(first, room), "relay-2", keep_still=still, least_period=least)
-    context.come_about("relay-2", SWING_AHEAD)
+    context.turn_around("relay-2", SWING_AHEAD)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
         third = context.run_in_background(extra_relay, trials, plain)
         if third is not None:
-            context.come_about("relay-3", SWING_AHEAD)
+            context.turn_around("relay-3", SWING_AHEAD)
             context.come_down()
             trials += fly_extra(third, s, dof, craft, throttle, context.runner, log)
             plain = _plain(context, trials)
@@ -113,7 +113,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
     noise = noise_in(step, excitation_of(dof).signal) if still else None
     rule.start()
-    context.come_about("relay-1", SWING_AHEAD)
+    context.turn_around("relay-1", SWING_AHEAD)
     relay_of = partial(relay_for, s, dof, throttle, keep_still=still, least_period=least)
     relay = relay_of(s.relay_output, "relay-1", noise_std=noise, rule=rule)
     again = context.earlier.has("relay-1")
@@ -128,7 +128,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         return Identified(fit, [step, first])
     short = rule.another_size
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
-    turned = context.come_about("relay-2", SWING_AHEAD)
+    turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
     relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
     second = context.fly(relay, "second self-oscillation").trial
@@ -186,7 +186,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     s, log = context.settings, context.log
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     if turns_first:
-        context.come_about("throttle-1", SWING_AHEAD)
+        context.turn_around("throttle-1", SWING_AHEAD)
     out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
     first = context.fly(out, "first throttle steps").trial
     if early and not context.earlier.has("throttle-2"):
@@ -196,7 +196,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
             log.fit = alone
             return Identified(alone, [first], short=True)
     else:
-        context.come_about("throttle-2", math.inf)
+        context.turn_around("throttle-2", math.inf)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials)
@@ -219,7 +219,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
         if both is not None and told and unexplained(both) < BY_ITSELF:
             log.fit = both
             return Identified(both, [first, step], short=True)
-    context.come_about("throttle-2", SWING_AHEAD)
+    context.turn_around("throttle-2", SWING_AHEAD)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials, along=along)

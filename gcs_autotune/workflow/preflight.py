@@ -35,17 +35,17 @@ from gcs_autotune.workflow.flight_plan import FlySettings
 __all__ = [
     "CHECKED",
     "STAGE",
+    "check_depth_is_reported",
+    "check_signals",
+    "check_signs",
+    "check_throttle_is_free",
+    "check_vehicle_suits",
     "checked_dof",
     "crooked",
     "cure_of",
     "make_ready",
     "most_speed_of",
     "remarks_on",
-    "see_depth_is_told",
-    "see_it_suits",
-    "see_it_tells",
-    "see_signs",
-    "see_throttle_is_free",
     "sign_check_for",
     "steered_meanwhile",
 ]
@@ -180,7 +180,7 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def see_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
     """Fly the check.
 
     Raises
@@ -215,7 +215,7 @@ TOO_FAST = 1.6
 """Chosen: a boat that goes so many times its cruise speed at its cruise throttle has a wrong pair of them."""
 
 
-def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
+def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
     """See that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
 
     Capped at less it stands at its limit for most of every manoeuvre, and nothing is learnt from it.
@@ -240,7 +240,7 @@ _PRESSURE_PATIENCE = 2.0
 """Chosen [s]: a sensor that has not told its pressure by then, asked for it, tells none."""
 
 
-def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
+def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
     """See that the water-pressure sensor can tell a depth; one that is not heard by itself is asked for.
 
     Raises
@@ -361,7 +361,7 @@ def _reasons(craft: MavlinkCraft) -> str:
     return f" (its message: {quoted(list(said)[-3:])})" if said else ""
 
 
-def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
+def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     """See that the craft has what a manoeuvre drives, and steers by what it was told.
 
     Raises
@@ -393,7 +393,7 @@ _WAITING = 5.0
 """Chosen [s]: for the first of them."""
 
 
-def see_it_tells(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
+def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
     """Ask for what *kind* is read off, and see that a signal it cannot do without comes.
 
     Raises

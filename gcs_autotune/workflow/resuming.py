@@ -143,7 +143,7 @@ class Earlier:
         """Whether :meth:`take` would return one."""
         return name in self._trials
 
-    def see_that_it_is_the_same(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
+    def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
         """See that the vehicle is the one of that run, and holds what it held then (*own*: name -> value now).
 
         Raises

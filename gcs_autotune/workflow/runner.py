@@ -115,7 +115,7 @@ class ManoeuvreRunner:
             try:
                 flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
                 if flown.outcome.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.outcome.reason):
-                    self._see_it_agrees(manoeuvre)
+                    self._check_sensors_agree(manoeuvre)
                     return flown
             except AutotuneError as error:
                 if not self.bear(error):
@@ -158,7 +158,7 @@ class ManoeuvreRunner:
         if found:
             raise PreconditionFailed(f"{self._last.name}: {found}. {tripped(error)}") from error
 
-    def _see_it_agrees(self, manoeuvre: Manoeuvre) -> None:
+    def _check_sensors_agree(self, manoeuvre: Manoeuvre) -> None:
         """See that the sensors agree about what was just flown; where only a record was wanted, say what does not.
 
         Raises
@@ -186,7 +186,7 @@ class ManoeuvreRunner:
         if self._dive is not None and not isinstance(before, Dive) and self._craft.observe().z < SHALLOW:
             self._sequencer.fly(deepcopy(self._dive), "diving")
 
-    def come_about(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
+    def turn_around(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
         """Turn a boat round when the room asks for it, and return whether; other craft stay where they are.
 
         It turns to the side where it began: the other one takes more room.

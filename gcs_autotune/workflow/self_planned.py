@@ -33,11 +33,11 @@ __all__ = [
     "Outlook",
     "SelfPlanner",
     "TrialStep",
+    "check_identifiable",
     "driven",
     "first_run",
     "look_ahead",
     "offers_for",
-    "see_it_can_be_told",
 ]
 
 GRID: Mapping[str, tuple[float, ...]] = {
@@ -239,7 +239,7 @@ def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
     return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
 
 
-def see_it_can_be_told(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
+def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
     """See, before anything moves, that the craft can drive what is asked for, and that the *first* run does.
 
     Raises

@@ -28,9 +28,9 @@ from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
 from gcs_autotune.workflow.onboard_log import log_of_run
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import (
+    check_depth_is_reported,
+    check_throttle_is_free,
     remarks_on,
-    see_depth_is_told,
-    see_throttle_is_free,
 )
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, note_setting_out, way_on
@@ -117,13 +117,13 @@ def _set_out(
     log.meet(craft)
     axis, own = learn_parameters(craft, axis, log)
     log.parameters_before = own
-    earlier.see_that_it_is_the_same(craft, own)
+    earlier.verify_same_vehicle(craft, own)
     craft.parameters.watch(own)  # a gain that another station writes from now on belies what is flown
     note_setting_out(record, settings, craft, own)
     present = axis.names.to_canonical(own)
     throttle, speed = speed_for(settings, axis, present)
-    see_throttle_is_free(craft, axis.dof, throttle)
-    see_depth_is_told(craft, axis.dof)
+    check_throttle_is_free(craft, axis.dof, throttle)
+    check_depth_is_reported(craft, axis.dof)
     envelope, keep = replace(settings.envelope, cruise=speed), recorder(craft, record, log)
     ask = partial(asked_now, craft, operator, log)
     runner = ManoeuvreRunner(craft, envelope, log, keep, settings.patience, ask, gains=True)

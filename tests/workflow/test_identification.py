@@ -73,7 +73,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     context.axis = SimpleNamespace(dof="yaw")
     context.await_worker = None
     context.throttle = 0.0
-    context.come_about = lambda before, ahead: False
+    context.turn_around = lambda before, ahead: False
     context.earlier = SimpleNamespace(has=lambda name: name in context.resumed)
     context.resumed = ()
     context.run_in_background = lambda work, *args: True
@@ -148,7 +148,7 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     turned: list[str] = []
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
-    assert runner.come_about(0.5, ahead, last=last) is turns
+    assert runner.turn_around(0.5, ahead, last=last) is turns
     assert turned == ["turning about"] * turns
 
 
@@ -171,7 +171,7 @@ def test_a_boat_turns_about_to_the_side_where_it_began(
     turned: list[Any] = []
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.asked))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
-    assert runner.come_about(0.5)
+    assert runner.turn_around(0.5)
     assert turned[0]["output"] == 0.5 * side
 
 
@@ -193,7 +193,7 @@ def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_fl
         throttle=0.4,
         earlier=SimpleNamespace(has=lambda name: False),
         fly=fly,
-        come_about=lambda *where: None,
+        turn_around=lambda *where: None,
         come_back_meanwhile=lambda before, work: work(),
         run_in_background=lambda work, *args: work(*args),
     )

@@ -19,7 +19,7 @@ from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.flight_plan import FlightLeg
-from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for, see_it_can_be_told
+from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, check_identifiable, offers_for
 
 from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
@@ -266,6 +266,6 @@ def test_a_wish_that_this_craft_or_this_manoeuvre_cannot_tell_is_refused_before_
 ) -> None:
     force = "K" if manoeuvre == "doublets" else ""
     with pytest.raises(UsageError, match=words):
-        see_it_can_be_told(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
     for asked in ("N_r 5%", "N_r 5%, Y_v 10%"):
-        see_it_can_be_told(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])

@@ -14,7 +14,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Flown, Sequencer, ThrustCheck
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow.preflight import see_throttle_is_free, sign_check_for
+from gcs_autotune.workflow.preflight import check_throttle_is_free, sign_check_for
 from sitl import open_vehicle
 from sitl.effects import parse_effect
 
@@ -120,10 +120,10 @@ def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_thro
 
 def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none() -> None:
     craft = open_craft(Session(MemoryLink(open_vehicle("charlie", parameters={"MOT_THR_MAX": 80.0}))))
-    see_throttle_is_free(craft, "surge", WORKING)
-    see_throttle_is_free(craft, "yaw", 1.0)
+    check_throttle_is_free(craft, "surge", WORKING)
+    check_throttle_is_free(craft, "yaw", 1.0)
     with pytest.raises(PreconditionFailed, match="MOT_THR_MAX is 80 %"):
-        see_throttle_is_free(craft, "surge", WORKING + 0.01)
+        check_throttle_is_free(craft, "surge", WORKING + 0.01)
 
 
 @pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])

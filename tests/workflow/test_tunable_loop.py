@@ -97,7 +97,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
         runner=SimpleNamespace(come_to_rest=lambda stage, axis: done.append(f"rest in {stage}")),
-        come_about=lambda name, ahead, last: done.append(f"back for {name}"),
+        turn_around=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
     monkeypatch.setattr(autopilot_loop_module, "ParameterTransaction", Loan)

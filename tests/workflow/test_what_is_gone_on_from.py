@@ -72,7 +72,7 @@ def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path)
 def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path, resume=None))
     assert earlier.names == []
-    earlier.see_that_it_is_the_same(craft(), {})
+    earlier.verify_same_vehicle(craft(), {})
 
 
 def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) 
 
 
 def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_path: Path) -> None:
-    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), dict(OWN))
+    Earlier(settings(tmp_path)).verify_same_vehicle(craft(), dict(OWN))
 
 
 @pytest.mark.parametrize(
@@ -136,17 +136,17 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
     run: Path, tmp_path: Path, here: VehicleIdentity, words: str
 ) -> None:
     with pytest.raises(WrongVehicle, match=words):
-        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(here), OWN)
+        Earlier(settings(tmp_path)).verify_same_vehicle(craft(here), OWN)
 
 
 @pytest.mark.parametrize("own", [{**OWN, "CRUISE_SPEED": 2.0}, {"ATC_STR_RAT_P": 0.2}, {**OWN, "ATC_STR_RAT_D": 0.0}])
 def test_a_parameter_that_differs_or_is_gone_or_new_is_told(run: Path, tmp_path: Path, own: dict[str, float]) -> None:
     with pytest.raises(PreconditionFailed, match="other parameters"):
-        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), own)
+        Earlier(settings(tmp_path)).verify_same_vehicle(craft(), own)
 
 
 def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
-    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
+    Earlier(settings(tmp_path)).verify_same_vehicle(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
 
 
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:

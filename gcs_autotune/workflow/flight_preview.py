@@ -14,18 +14,18 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, PaperCraft, PaperState, Preview, preview
+from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, NominalPlant, PlantState, Preview, preview
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, PaperVisit, worst_of
+from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews
-from gcs_autotune.workflow.paper_craft import kin_of, paper_craft
+from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
 from gcs_autotune.workflow.settings import CommonSettings
 
-__all__ = ["COMING_BACK", "DEEPER", "Foresight", "preview_of_model"]
+__all__ = ["COMING_BACK", "DEEPER", "FlightPreviewer", "preview_of_model"]
 
 DEEPER = 0.5
 """Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
@@ -56,7 +56,7 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
             raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
-        paper = paper_craft(settings, None, {}, throttle, s.speed or 0.0)
+        paper = nominal_plant(settings, None, {}, throttle, s.speed or 0.0)
         if paper.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
@@ -70,7 +70,7 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
 
 
 @dataclass(frozen=True, slots=True)
-class Foresight:
+class FlightPreviewer:
     """Sees runs on paper from where *craft* is, with the parameters *held* aboard, inside *area*.
 
     ``least_depth`` [m]: to which an ROV dives before each run. ``checks``: degrees of freedom whose actuators are
@@ -133,8 +133,8 @@ class Foresight:
         throttle, speed = settings.cruise(firmware, self.held)
         papers = [seen.craft]
         if seen.craft.assumed:
-            kinds = kin_of(under_way=firmware.needs_way, skid=self.craft.skid)
-            papers = [paper_craft(settings, firmware, self.held, throttle, speed, kin) for kin in kinds]
+            kinds = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)
+            papers = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
         make = partial(run.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         visits = [self._visit(paper, make(), settings, now) for paper in papers]
         at_most = make().at_most
@@ -144,11 +144,11 @@ class Foresight:
         longest = self._visit(papers[0], Ahead(speed, at_most, run.name), settings, now)
         return replace(worst_of([whole, longest]), usual=whole)
 
-    def _visit(self, paper: PaperCraft, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
+    def _visit(self, paper: NominalPlant, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
         firmware, tied = self.craft.firmware, settings.kind.tied
         throttle, _ = settings.cruise(firmware, self.held)
         z = math.nan if firmware.floats else self._depth_before(settings, now)
-        visit = PaperVisit(paper, NO_LIMITS, PaperState(z=z), under_way=firmware.needs_way and not tied)
+        visit = VisitPreview(paper, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
             check = sign_check_for(dof, firmware, self.craft.servos, throttle, needs_speed=firmware.needs_way)
             visit.fly(check, STAGE)
@@ -165,9 +165,9 @@ class Foresight:
         manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
         seen = []
-        usual = kin_of(under_way=firmware.needs_way, skid=self.craft.skid)[0]
+        usual = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)[0]
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
-            paper = paper_craft(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
+            paper = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
             seen.append(preview(manoeuvre(), paper, envelope, floats=firmware.needs_way, way=way, depth=depth))
         return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
 
