@@ -23,28 +23,24 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from benchmarks.results import count, headline
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
-from gcs_autotune.manoeuvres import MANOEUVRES, Preview
-from gcs_autotune.trial import Trial
+from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.watch import Progress, SilentWatcher
 from gcs_autotune.workflow import (
     CommonSettings,
     Connection,
     FlightResult,
     FlySettings,
-    PlannedRun,
     TuneSettings,
     Unattended,
     experiment,
     fly,
     tune,
 )
-from gcs_autotune.workflow.flight_result import FlownRun
 from sitl import VEHICLES, Server, open_vehicle
 
 fly_module = importlib.import_module("gcs_autotune.workflow.fly")
@@ -206,12 +202,6 @@ def show(rooms: Sequence[tuple[str, Told]]) -> None:
     )
 
 
-def _first(flight: Sequence[Any]) -> tuple[PlannedRun, Preview, Trial | None]:
-    """Return the first run of what a flight is read from."""
-    run = flight[3][0]
-    return run.planned, run.preview, run.trial
-
-
 def main() -> int:
     """Fly all of them and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -223,7 +213,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
     args = parser.parse_args()
     if args.quick:
-        fly_module.read_flight = lambda *flight: FlightResult([FlownRun(*_first(flight))])  # type: ignore[attr-defined]
+        fly_module.read_flight = lambda *flight: FlightResult(flight[3][:1])  # type: ignore[attr-defined]
     only, forces = ({x for x in text.split(",") if x} for text in (args.only, args.force))
     done = bad = 0
     rooms: list[tuple[str, Told]] = []

@@ -178,7 +178,7 @@ class _DesignedGains(_AutopilotLoop):
         if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
             return None
         criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
-        return KnownDesign(context.craft, context.worker, question_of(context, criteria, before), context.log)
+        return KnownDesign(context.craft, context.visit.worker, question_of(context, criteria, before), context.log)
 
 
 class _SuppliedGains(_AutopilotLoop):

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
@@ -16,7 +15,7 @@ from gcs_autotune.watch import Vitals, Watcher, Words
 from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.settings import Connection
+from gcs_autotune.workflow.settings import CommonSettings, Connection
 
 __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
@@ -31,9 +30,9 @@ CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
 half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
 
 
-def arming(craft: MavlinkCraft, now: Observation) -> str:
+def arming(craft: MavlinkCraft) -> str:
     """Return what arming brings with it, for announcements: thrusters that steer push while they are twitched."""
-    armed = "leave the vehicle armed" if now.armed else "arm the vehicle, and disarm it at the end"
+    armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"
@@ -88,24 +87,16 @@ def _without_record_of_the_wrong_vehicle(record: RunDirectory | None) -> Iterato
 
 @contextmanager
 def connect_craft(
-    connection: Connection,
-    operator: Operator,
-    watcher: Watcher,
-    record: RunDirectory,
-    control_rate: float | None,
-    axis: str,
-    patience: float = 0.0,
+    common: CommonSettings, operator: Operator, watcher: Watcher, record: RunDirectory, axis: str
 ) -> Iterator[MavlinkCraft]:
-    """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates.
+    """Connect and yield a craft that can be monitored and commanded, with telemetry at the requested rates.
 
-    A silence of up to *patience* [s] is waited out until it is armed (:func:`armed`).
-
-    Where the link has no room for those, what shows *axis* comes first.
+    Where the link is too slow for these, what shows *axis* comes first.
     """
-    with connect(connection, operator, watcher, record) as session:
+    with connect(common.connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
-        control_rate = control_rate or usual
-        session.patience = patience
+        control_rate = common.control_rate or usual
+        session.patience = common.patience
         craft = open_craft(
             session,
             wanted_rates=telemetry_rates(control_rate),

@@ -3,45 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.craft import Observation
 from gcs_autotune.design import LAWS, Law
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck, restore_on_exit
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.background import agreed, await_worker, beside, keep_company, run_in_background
-from gcs_autotune.workflow.connection import say_link_times
+from gcs_autotune.workflow.background import await_worker, keep_company, run_in_background
 from gcs_autotune.workflow.experiments import dive_for
-from gcs_autotune.workflow.open_runs import forget_run, note_run, refuse_open_runs
-from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import (
     STAGE,
     check_signs,
-    make_ready,
     most_speed_of,
     sign_check_for,
     steered_meanwhile,
 )
-from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import SETTLED, Connection, TuneSettings
+from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tune_log import TuneLog
-from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["TuneContext", "armed", "recorder"]
+__all__ = ["TuneContext", "tune_runner"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -53,22 +45,28 @@ class TuneContext:
 
     ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
     the model to design from, None to identify on the water. ``throttle`` [fraction] and ``speed`` [m/s] are what is
-    tuned at. ``worker`` is where it is computed; ``earlier`` what was flown before.
+    tuned at. ``earlier`` is what was flown before.
     """
 
     settings: TuneSettings
-    operator: Operator
-    log: TuneLog
-    record: RunDirectory
-    craft: MavlinkCraft
+    visit: Visit[TuneLog]
     runner: ManoeuvreRunner
-    worker: Worker
     earlier: Earlier
     axis: Axis
     given: SuppliedModel | None
     present: Mapping[str, float]
     throttle: float
     speed: float
+
+    @property
+    def craft(self) -> MavlinkCraft:
+        """The vehicle."""
+        return self.visit.craft
+
+    @property
+    def log(self) -> TuneLog:
+        """What has happened so far."""
+        return self.visit.log
 
     @property
     def law(self) -> Law:
@@ -79,7 +77,7 @@ class TuneContext:
         """Say which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it comes to no good end."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
-            beside(self.craft, partial(self.record.keep, flown))
+            self.visit.keep(flown)
             self.log.flown(flown)
             self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
             return Flown(flown, Outcome("completed", flown.reason))
@@ -111,20 +109,20 @@ class TuneContext:
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
             return work()
-        self.worker.begin(work)
+        self.visit.worker.begin(work)
         try:
             self.turn_around(before, math.inf)
         except BaseException:
-            self.worker.abandon()
+            self.visit.worker.abandon()
             raise
         found: T = self.await_worker()
         return found
 
     def await_worker(self) -> Any:
         """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
-        if not self.worker.done:
+        if not self.visit.worker.done:
             keep_company(self.craft)
-        return await_worker(self.craft, self.worker, self.runner.bear)
+        return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:
         """See that what is driven acts, and the right way, before a loop or a relay relies on it; dive where needed.
@@ -187,79 +185,16 @@ class TuneContext:
 
     def run_in_background(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
         """Return ``work(*args, **named)``, done by the worker while the link is served."""
-        return run_in_background(self.craft, self.worker, self.runner.bear, work, *args, **named)
-
-    def agrees(self, question: str) -> bool:
-        """Whether the operator agrees; of a simulated vehicle nobody is asked."""
-        return agreed(self.craft, self.operator, self.log, question)
+        return run_in_background(self.craft, self.visit.worker, self.runner.bear, work, *args, **named)
 
 
-def recorder(craft: MavlinkCraft, record: RunDirectory, log: TuneLog) -> Callable[[Trial], None]:
-    """Return what keeps a trial on disk and tells of it, while the link is served."""
+def tune_runner(settings: TuneSettings, visit: Visit[TuneLog], speed: float) -> ManoeuvreRunner:
+    """Return what flies the experiments and proofs at *speed* [m/s], and keeps and reports every trial."""
+    log = visit.log
 
     def keep(trial: Trial) -> None:
-        beside(craft, partial(record.keep, trial))
+        visit.keep(trial)
         log.flown(trial.proper)
         log.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
 
-    return keep
-
-
-@contextmanager
-def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connection: Connection) -> Iterator[Journal]:
-    """Arm, and put everything back on the way out; the journal is on disk before anything is armed, moved or written.
-
-    It is settled only when the craft was left as found, else ``gcs-autotune restore`` has work to do.
-
-    Raises
-    ------
-    PreconditionFailed
-        The journal cannot be written; then nothing is done.
-    NotAsFound
-        Something could not be put back.
-    """
-    journal: Journal | None = None
-
-    def settle() -> None:
-        try:
-            if journal is not None:
-                journal.close()
-                forget_run(record.journal)
-        except PreconditionFailed as error:  # a disk that is full by now does no harm
-            watcher.say(
-                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
-                f"check"
-            )
-
-    def open_journal(found: Observation) -> Journal:
-        refuse_open_runs(craft)
-        if not craft.session.transport.is_simulated:  # a vehicle in this process is nobody else's, and ends with it
-            note_run(record.journal)
-        craft.session.at_work = True
-        opened = Journal(
-            record.journal,
-            vehicle=craft.session.vehicle,
-            link=connection.uri,
-            mode=found.mode,
-            armed=found.armed,
-            fingerprint=fingerprint_of(craft.parameters),
-        )
-        craft.on_order = lambda event, what: beside(craft, partial(note_order, opened, event, what))
-        return opened
-
-    def note_order(opened: Journal, event: str, what: Mapping[str, Any]) -> None:
-        with suppress(PreconditionFailed):  # a full disk keeps nobody from ordering neutral; restore then asks
-            opened.record(event, **what)
-
-    try:
-        with restore_on_exit(craft, watcher, settle) as found:
-            journal = open_journal(found)
-            make_ready(craft, watcher)
-            craft.arm()
-            say_link_times(craft, watcher)
-            yield journal
-    finally:
-        if journal is not None:
-            craft.on_order = lambda event, what: None
-            craft.session.at_work = False
-            journal.leave()
+    return visit.runner(replace(settings.envelope, cruise=speed), keep, gains=True)

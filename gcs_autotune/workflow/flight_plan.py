@@ -42,7 +42,7 @@ from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune_files import Refused, clipped, parse, read_text
 
-__all__ = ["FlightLeg", "FlightPlan", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
+__all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
@@ -223,23 +223,38 @@ class FlightPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlightLeg:
-    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, and its limits.
+class FlightRun:
+    """A planned run with what is known of it.
 
-    ``preview`` is of the manoeuvre alone, ``excursion`` of the whole visit.
+    Attributes
+    ----------
+    throttle, speed, envelope : a boat's throttle [fraction] and speed [m/s], and the limits.
+    preview : of the manoeuvre alone. excursion : of all that comes before and after it, too.
+    trial : its record, once it was flown.
     """
 
-    run: PlannedRun
+    planned: PlannedRun
     throttle: float
     speed: float
     envelope: Envelope
     preview: Preview
     excursion: Excursion
+    trial: Trial | None = None
+
+    @property
+    def name(self) -> str:
+        """Its name in the plan."""
+        return self.planned.name
+
+    @property
+    def settings(self) -> FlySettings:
+        """What is flown."""
+        return self.planned.settings
 
     @property
     def why_not(self) -> str:
-        """Why it is refused before arming: a limit that was set and cannot be kept; empty for nothing."""
-        return self.excursion.beyond(self.envelope, self.run.name)
+        """Why it is rejected before arming: a limit that the user set and that it cannot keep; empty for nothing."""
+        return self.excursion.beyond(self.envelope, self.name)
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}

@@ -19,8 +19,8 @@ from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_result import FlightResult, draw_previews
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
 from gcs_autotune.workflow.settings import CommonSettings
@@ -56,16 +56,15 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
             raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
-        paper = nominal_plant(settings, None, {}, throttle, s.speed or 0.0)
-        if paper.assumed:
+        speed = s.speed or 0.0
+        plant = nominal_plant(settings, None, {}, throttle, speed)
+        if plant.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
             raise UsageError(f"model '{settings.model.name}' is of {have}, but {run.name} moves {wanted}")
-        runs.append(
-            FlownRun(
-                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
-            )
-        )
+        envelope = settings.envelope(speed)
+        seen = preview(settings.make(throttle, speed=speed), plant, envelope)
+        runs.append(FlightRun(run, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
     return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
 
 
@@ -85,7 +84,7 @@ class FlightPreviewer:
     checks: Sequence[str] = ()
     several: bool = False
 
-    def leg_of(self, run: PlannedRun) -> FlightLeg:
+    def run_of(self, run: PlannedRun) -> FlightRun:
         """Return *run* with its preview from where the craft is now."""
         settings = run.settings
         throttle, speed = settings.cruise(self.craft.firmware, self.held)
@@ -93,29 +92,29 @@ class FlightPreviewer:
         now = self.craft.observe()
         here = None if self.area is None else self.area.seen_from(now.x, now.y, now.psi)
         seen = self._foreseen(settings, replace(envelope, area=here), now)
-        return FlightLeg(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
+        return FlightRun(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
 
-    def made_to_fit(self, leg: FlightLeg) -> FlightLeg:
+    def made_to_fit(self, run: FlightRun) -> FlightRun:
         """Return a run that stays inside the limits: smaller and shorter than usual in what nobody gave, if need be.
 
         One that does not fit whatever is tried is returned as it is, with what all of it takes.
         """
-        settings, troubled, why = leg.run.settings, leg.preview, leg.why_not
+        settings, troubled, why = run.settings, run.preview, run.why_not
         limited = "" if troubled.refusal or why else self._limited(troubled, settings)
         if not troubled.refusal and not why and not limited:
-            return leg
+            return run
         for smaller in settings.smaller():
-            fits = self.leg_of(replace(leg.run, settings=smaller))
+            fits = self.run_of(replace(run.planned, settings=smaller))
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
-                large = troubled.refusal or limited or f"it needs {leg.excursion.needs:g} m"
+                large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
                 self.watcher.say(
-                    f"{leg.run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
+                    f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
                 )
                 return fits
         if not troubled.craft.assumed:
-            return leg
+            return run
         whole = self._foreseen(settings, NO_LIMITS, self.craft.observe())
-        return replace(leg, preview=replace(whole, refusal=troubled.refusal))
+        return replace(run, preview=replace(whole, refusal=troubled.refusal))
 
     def _limited(self, seen: Preview, settings: FlySettings) -> str:
         """Return that an actuator stands at its limit too often, where the autopilot's own loop is to be looked at."""

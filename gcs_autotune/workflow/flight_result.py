@@ -15,21 +15,12 @@ from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import CommonSettings
 
-__all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlownRun:
-    """A run of the plan, as it was foreseen and, unless it was only previewed, as it was flown."""
-
-    planned: PlannedRun
-    preview: Preview
-    trial: Trial | None = None
+__all__ = ["FlightResult", "draw_previews", "read_flight"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +30,7 @@ class FlightResult:
     ``steps``: the story of a trial that planned itself; its model is the one of the form asked for.
     """
 
-    runs: Sequence[FlownRun]
+    runs: Sequence[FlightRun]
     page: Path | None = None
     sheets: Sequence[Sheet] = ()
     models: Sequence[FlightModel] = ()
@@ -62,7 +53,7 @@ class FlightResult:
         return self.models[0].fit if self.models else None
 
 
-def draw_previews(runs: Sequence[FlownRun], plan: FlightPlan, directory: Path, when: str) -> Path:
+def draw_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path, when: str) -> Path:
     """Draw the predicted tracks in *directory*."""
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
@@ -75,7 +66,7 @@ def read_flight(
     plan: FlightPlan,
     common: CommonSettings,
     record: RunDirectory,
-    runs: Sequence[FlownRun],
+    runs: Sequence[FlightRun],
     when: str,
     steps: Sequence[TrialStep] = (),
 ) -> FlightResult:

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Fact, Progress, Watcher
+from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 
-__all__ = ["TURNING", "Itinerary", "Leg", "Pace", "Paced", "legs_of_experiment", "legs_of_tune", "pace_of"]
+__all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
 TURNING = "turning about"
 DIVE, HOLD = 20.0, 10.0
@@ -236,16 +236,16 @@ class Itinerary:
         self._now, self._leg_began = index, self._t
 
 
-class Paced:
-    """A watcher that tells another where in the stages each tick is."""
+class MissionLog:
+    """A watcher that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
 
-    def __init__(self, watcher: Watcher, itinerary: Itinerary) -> None:
+    def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
-        self._itinerary = itinerary
+        self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
         """Pass the tick on."""
-        self._watcher.update(self._itinerary.at(progress))
+        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
         """Pass it on."""
@@ -254,3 +254,12 @@ class Paced:
     def note(self, fact: Fact) -> None:
         """Pass it on."""
         self._watcher.note(fact)
+
+    def announce(self, intentions: tuple[str, ...]) -> None:
+        """State, before anything moves, what will be done."""
+        self.note(Intentions(intentions))
+        for text in intentions:
+            self.say(f"will {text}")
+
+    def abort(self, error: BaseException) -> None:
+        """Take note of what ended the mission early."""

@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightRun, FlySettings, PlannedRun
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import CommonSettings
 
@@ -287,7 +287,7 @@ class SelfPlanner:
     def __init__(
         self,
         until: Precision,
-        first: FlightLeg,
+        first: FlightRun,
         firmware: Firmware,
         overhead: float,
         say: Callable[[str], None],
@@ -298,17 +298,17 @@ class SelfPlanner:
         self._until, self._say = until, say
         self._overhead = OVERHEAD + overhead
         self._known = known
-        self._offers = offers_for(until, first.run.settings, firmware, first.throttle, options)
+        self._offers = offers_for(until, first.settings, firmware, first.throttle, options)
         self._before: Fit | None = None
         self._left = until.seconds - (0.0 if known else first.preview.seconds)
         self._why = "flown before" if known else "the first"
-        self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.run.name
-        self._tried = [] if known else [first.run.settings.kind.name]
+        self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.name
+        self._tried = [] if known else [first.settings.kind.name]
         self.steps: list[TrialStep] = []
 
-    def next_leg(
-        self, runs: Sequence[Trial], think: Think, leg_of: Callable[[PlannedRun], FlightLeg]
-    ) -> FlightLeg | None:
+    def next_run(
+        self, runs: Sequence[Trial], think: Think, run_of: Callable[[PlannedRun], FlightRun]
+    ) -> FlightRun | None:
         """Return what to fly after *runs*; None when what was asked for is reached, or nothing helps or fits any more.
 
         Raises
@@ -320,18 +320,18 @@ class SelfPlanner:
         seen = think(look_ahead, runs, self._before, until, self._offers, self._overhead)
         self._before = seen.fit
         self._say(f"after run {len(runs)}: {until.told(seen.relative)}")
-        leg, why = self._best(seen, len(runs) + 1, leg_of)
-        self._say(f"next: {why}" if leg is not None else why)
+        run, why = self._best(seen, len(runs) + 1, run_of)
+        self._say(f"next: {why}" if run is not None else why)
         seconds = 0.0 if len(runs) == self._known else runs[-1].duration
-        self.steps.append(TrialStep(self._name, self._why, seconds, until, seen, "" if leg is not None else why))
-        if leg is not None:
-            self._why, self._name = why, leg.run.name
-            self._left -= leg.preview.seconds + self._overhead
-        return leg
+        self.steps.append(TrialStep(self._name, self._why, seconds, until, seen, "" if run is not None else why))
+        if run is not None:
+            self._why, self._name = why, run.name
+            self._left -= run.preview.seconds + self._overhead
+        return run
 
     def _best(
-        self, seen: Outlook, number: int, leg_of: Callable[[PlannedRun], FlightLeg]
-    ) -> tuple[FlightLeg | None, str]:
+        self, seen: Outlook, number: int, run_of: Callable[[PlannedRun], FlightRun]
+    ) -> tuple[FlightRun | None, str]:
         """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
         until = self._until
         if until.reached(seen.relative):
@@ -347,7 +347,7 @@ class SelfPlanner:
                 "contain (see the doubts; gcs-autotune diagnose searches for the cause)"
             )
         if seen.choices is None:
-            return self._blindly(number, leg_of)
+            return self._blindly(number, run_of)
         worth = [c for c in seen.choices if c.gain >= _noticed(away[-1])]
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
@@ -359,25 +359,25 @@ class SelfPlanner:
             if choice.seconds > self._left:
                 troubles.append(f"{offer.title} takes longer than the remaining time (--total-time)")
                 continue
-            leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
-            guessed = leg.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
-            trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble) or leg.why_not
+            run = run_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
+            guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
+            trouble = _beyond(choice, run.envelope) or ("" if guessed else run.preview.trouble) or run.why_not
             if not trouble:
                 expected = until.told(choice.relative)
-                return leg, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
+                return run, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
-    def _blindly(self, number: int, leg_of: Callable[[PlannedRun], FlightLeg]) -> tuple[FlightLeg | None, str]:
+    def _blindly(self, number: int, run_of: Callable[[PlannedRun], FlightRun]) -> tuple[FlightRun | None, str]:
         """Return the gentlest run of a manoeuvre not flown yet, where the model runs away and foretells nothing."""
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:
                 continue
             self._tried.append(name)
-            leg = leg_of(PlannedRun(f"{number}-{name}", offer.settings))
-            if leg.preview.seconds <= self._left and not leg.preview.trouble and not leg.why_not:
-                return leg, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
+            run = run_of(PlannedRun(f"{number}-{name}", offer.settings))
+            if run.preview.seconds <= self._left and not run.preview.trouble and not run.why_not:
+                return run, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
         return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"
 
 
