@@ -15,7 +15,7 @@ from gcs_autotune.workflow.excursion import (
 )
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH
 from gcs_autotune.workflow.itinerary import Itinerary
-from gcs_autotune.workflow.settings import SETTLED, CommonSettings, TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
 __all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "whole_of"]
 
@@ -28,14 +28,14 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
     if speed:
         envelope = replace(settings.envelope, cruise=speed)
         metres, usual = whole.metres(envelope), (whole.usual or whole).needs
-        if settings.stop_rule != SETTLED and not excitation_of(dof).by_throttle:
+        if settings.ends_early and not excitation_of(dof).by_throttle:
             # short of turning around a boat may still fly an oscillation and a step, whatever its stages take on paper
             limit = envelope.distance_limit
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
         usually = f", usually about {usual:.0f} m" if usual < metres else ""
         turns = FAR_OUT * envelope.distance_limit
         between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
-        between = ". It turns around before each stage" if settings.stop_rule == SETTLED else between
+        between = ". It turns around before each stage" if not settings.ends_early else between
         return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance needs less"
     below = ""
     if excitation_of(dof).below_surface:

@@ -24,7 +24,6 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, res
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
 from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
-from gcs_autotune.workflow.settings import SETTLED
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, step_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel
@@ -101,7 +100,7 @@ class _AutopilotLoop:
 
     def _fly_step(self, proof: Proof) -> Trial:
         """Return the step with the present gains; a boat turns around first where it would leave its space."""
-        if not self.context.law.controls_velocity and self.context.settings.stop_rule != SETTLED:
+        if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
         return self.context.fly(proof.step("step-before"), "step with present gains").trial
 
@@ -119,7 +118,7 @@ class _DesignedGains(_AutopilotLoop):
         moving, found = context.law.controls_velocity, self._found
         if moving:
             if context.given is None:
-                found = identify(context, early=context.settings.stop_rule != SETTLED)
+                found = identify(context, early=context.settings.ends_early)
                 if not found.short:  # else it has just turned around
                     context.turn_around("step-before", STEP_AHEAD)
             proof = self._proof_of_velocity(found or context.given)
@@ -175,7 +174,7 @@ class _DesignedGains(_AutopilotLoop):
         """Return what ends the oscillations once the gains are known, from the step before; None: nothing does."""
         context, before = self.context, self._before
         noise = noise_while_held(before, grain)
-        if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
+        if not context.settings.ends_early or not math.isfinite(noise):
             return None
         criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
         return KnownDesign(context.craft, context.visit.worker, question_of(context, criteria, before), context.log)

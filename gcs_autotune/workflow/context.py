@@ -29,7 +29,7 @@ from gcs_autotune.workflow.preflight import (
 )
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tune_log import TuneLog
 
@@ -101,7 +101,7 @@ class TuneContext:
         """
         if self.earlier.has(before):
             return False
-        ahead = math.inf if self.settings.stop_rule == SETTLED else ahead
+        ahead = math.inf if not self.settings.ends_early else ahead
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
     def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
@@ -138,8 +138,7 @@ class TuneContext:
         for dof in (axis.dof, *(["yaw"] if meanwhile else [])):
             check = sign_check_for(
                 dof,
-                firmware,
-                servos,
+                self.craft,
                 self.throttle,
                 axis.needs_speed,
                 output if dof == axis.dof else None,

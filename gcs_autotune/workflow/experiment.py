@@ -64,7 +64,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
     dive = dive_for(axis.dof, firmware, now)
     pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
-    legs = legs_of_experiment(axis.dof, pace, under_way=firmware.needs_way, dives=dive is not None)
+    legs = legs_of_experiment(axis.dof, pace, dives=dive is not None)
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
 

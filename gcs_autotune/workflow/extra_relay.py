@@ -25,12 +25,10 @@ from gcs_autotune.identify import (
     pays,
     unexplained,
 )
-from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.experiments import relay_for
+from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
 
@@ -76,29 +74,11 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_extra(
-    third: ThirdRelay,
-    settings: TuneSettings,
-    dof: str,
-    craft: MavlinkCraft,
-    throttle: float,
-    runner: ManoeuvreRunner,
-    watcher: Watcher,
-) -> list[Trial]:
-    """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
+def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watcher: Watcher) -> list[Trial]:
+    """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
     watcher.say(third.why)
-    least = craft.least_period
-    relay = relay_for(
-        settings,
-        dof,
-        throttle,
-        third.output,
-        "relay-3",
-        keep_still=not craft.firmware.needs_way,
-        least_period=least,
-    )
     try:
-        return [runner.fly(relay, "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
     except NotAchieved as error:
         watcher.say(f"{error}; continuing with the two flown")
         return []

@@ -149,7 +149,7 @@ class FlightPreviewer:
         z = math.nan if firmware.floats else self._depth_before(settings, now)
         visit = VisitPreview(paper, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
-            check = sign_check_for(dof, firmware, self.craft.servos, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, self.craft, throttle, needs_speed=firmware.needs_way)
             visit.fly(check, STAGE)
         visit.fly(manoeuvre, manoeuvre.name)
         if self.several and not tied:

@@ -331,7 +331,7 @@ class _Flight:
         throttle = max(run.throttle for run in left)
         looped = self._looped
         for dof in checked:
-            check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
             check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
             _dive(runner, dive_for(dof, firmware, home))
         for dof in looped:

@@ -23,7 +23,7 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
+from gcs_autotune.workflow.experiments import SWING_AHEAD, Relays, noise_in, second_output, throttle_steps_for
 from gcs_autotune.workflow.extra_relay import extra_relay, fly_extra
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
@@ -81,13 +81,13 @@ def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
 
 def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -> Identified:
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
-    relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", keep_still=still, least_period=least)
+    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
+    relay = relays.relay("relay-1", s.relay_output)
     if turns_first:
         context.turn_around("relay-1", SWING_AHEAD)
     first = context.fly(relay, "first self-oscillation").trial
     room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
-    relay = relay_for(s, dof, throttle, second_output(first, room), "relay-2", keep_still=still, least_period=least)
+    relay = relays.relay("relay-2", second_output(first, room))
     context.turn_around("relay-2", SWING_AHEAD)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
@@ -97,7 +97,7 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
         if third is not None:
             context.turn_around("relay-3", SWING_AHEAD)
             context.come_down()
-            trials += fly_extra(third, s, dof, craft, throttle, context.runner, log)
+            trials += fly_extra(third, relays, context.runner, log)
             plain = _plain(context, trials)
     log.fit = plain
     return _with_curve(context, plain, trials, step)
@@ -110,12 +110,11 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     not explained then is flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
-    noise = noise_in(step, excitation_of(dof).signal) if still else None
+    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
+    noise = noise_in(step, excitation_of(dof).signal) if relays.keep_still else None
     rule.start()
     context.turn_around("relay-1", SWING_AHEAD)
-    relay_of = partial(relay_for, s, dof, throttle, keep_still=still, least_period=least)
-    relay = relay_of(s.relay_output, "relay-1", noise_std=noise, rule=rule)
+    relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
     again = context.earlier.has("relay-1")
     first = context.fly(relay, "first self-oscillation").trial
     if again:
@@ -130,7 +129,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
     turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
-    relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
+    relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
     second = context.fly(relay, "second self-oscillation").trial
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")

@@ -14,7 +14,7 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
@@ -41,12 +41,13 @@ class Pace:
     rests: float
     settles: float
     moving: float
+    under_way: bool = True
 
 
 _PACES: Mapping[str, Pace] = {
     "rudder": Pace(40.0, 32.0, 110.0, 12.0, 30.0, 7.0, 12.0, 24.0, 16.0),
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
-    "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0),
+    "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
 }
 """Chosen: as simulated craft took (Charlie; a BlueBoat; a BlueROV2, a VideoRay). How quick a craft is nobody knows
 before it has moved, but those that thrusters turn are small and quick."""
@@ -89,7 +90,6 @@ def legs_of_tune(
     dof: str,
     pace: Pace,
     *,
-    under_way: bool,
     moving: bool,
     given: bool,
     dives: bool,
@@ -97,16 +97,16 @@ def legs_of_tune(
 ) -> tuple[Leg, ...]:
     """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown; *beside*: a
     turn-rate step accompanies that in heading."""
-    turn = pace.turn if under_way else 0.0
+    turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
     legs = _first(pace, dives=dives, steers=dof != "yaw")
     before = Leg("step with present gains", step, kind="step")
-    thorough = moving or settings.stop_rule == SETTLED
-    turn = turn if settings.stop_rule == SETTLED else 0.0
-    flown = _swings(dof, pace, under_way) if thorough else _known(pace, under_way)
+    thorough = moving or not settings.ends_early
+    turn = turn if not settings.ends_early else 0.0
+    flown = _swings(dof, pace) if thorough else _known(pace)
     swings = [] if given else [replace(swing, before=turn) for swing in flown]
     back = turn if swings else 0.0
-    if swings and under_way and excitation_of(dof).by_throttle and settings.stop_rule != SETTLED:
+    if swings and pace.under_way and excitation_of(dof).by_throttle and settings.ends_early:
         first = replace(swings[0], seconds=pace.answered * len(LEVELS[0]))
         swings, back = [first], pace.turn  # the step is the way back
     legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
@@ -118,13 +118,13 @@ def legs_of_tune(
     return tuple(legs)
 
 
-def legs_of_experiment(dof: str, pace: Pace, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
+def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
-    first, second = _swings(dof, pace, under_way)
+    first, second = _swings(dof, pace)
     return (
         *_first(pace, dives=dives, steers=dof != "yaw"),
         first,
-        replace(second, before=pace.turn if under_way else 0.0),
+        replace(second, before=pace.turn),
     )
 
 
@@ -133,17 +133,17 @@ def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:
     return [Leg(STAGE, pace.check * (2.0 if steers else 1.0))] + [Leg("diving", DIVE)] * dives
 
 
-def _swings(dof: str, pace: Pace, under_way: bool) -> list[Leg]:
-    if excitation_of(dof).by_throttle and under_way:
+def _swings(dof: str, pace: Pace) -> list[Leg]:
+    if excitation_of(dof).by_throttle and pace.under_way:
         return _two("throttle steps", pace.level * len(LEVELS[0]))
     return _two("self-oscillation", pace.relay)
 
 
-def _known(pace: Pace, under_way: bool) -> list[Leg]:
+def _known(pace: Pace) -> list[Leg]:
     """Return the self-oscillations that end once the gains are known: one under way, two of a craft at rest, whose
     thrusters mostly have a dead band."""
     legs = _two("self-oscillation", pace.known)
-    return legs[:1] if under_way else legs
+    return legs[:1] if pace.under_way else legs
 
 
 def _two(kind: str, seconds: float) -> list[Leg]:
@@ -156,7 +156,7 @@ def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
     if each is None:
         kind = axis_kind(settings.axis)
         each = kind.guessed_duration if moving else kind.step_duration
-    if settings.stop_rule == SETTLED:
+    if not settings.ends_early:
         return HOLD + 2.0 * each
     return pace.rests + 2.0 * min(each, pace.moving if moving else pace.settles)
 
@@ -229,10 +229,9 @@ class Itinerary:
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
-            if past.kind and took > 0.0:
-                for i in range(index, len(self.legs)):
-                    if self.legs[i].kind == past.kind:
-                        self.legs[i] = replace(self.legs[i], seconds=took)
+            alike = [i for i in range(index, len(self.legs)) if past.kind and self.legs[i].kind == past.kind]
+            for i in alike if took > 0.0 else ():
+                self.legs[i] = replace(self.legs[i], seconds=took)
         self._now, self._leg_began = index, self._t
 
 

@@ -79,8 +79,7 @@ def checked_dof(kind: ManoeuvreKind) -> str:
 
 def sign_check_for(
     dof: str,
-    firmware: Firmware,
-    servos: ServoMap,
+    craft: MavlinkCraft,
     throttle: float,
     needs_speed: bool,
     output: float | None = None,
@@ -88,12 +87,13 @@ def sign_check_for(
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given.
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
     A craft that needs no way to steer by is checked at rest, whatever *throttle* it is flown at: under way it may turn
     by itself, for many an ROV is unstable on its course.
     """
+    firmware, servos = craft.firmware, craft.servos
     if excitation_of(dof).by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
     d = excitation_of(dof)

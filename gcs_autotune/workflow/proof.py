@@ -35,7 +35,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 
 __all__ = [
@@ -154,7 +154,7 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
 
 def _enough(settings: TuneSettings, seconds: float) -> float:
     """Return the *seconds* after which a wait may end early: never with Miskovic2010's stop rule."""
-    return math.inf if settings.stop_rule == SETTLED else seconds
+    return math.inf if not settings.ends_early else seconds
 
 
 def proof_of_velocity(
@@ -189,7 +189,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
     share, least_duration = (
-        (SETTLE_OF_TIME, LEAST_DURATION) if settings.stop_rule == SETTLED else (SHORT_OF_TIME, LEAST_SHORT)
+        (SETTLE_OF_TIME, LEAST_DURATION) if not settings.ends_early else (SHORT_OF_TIME, LEAST_SHORT)
     )
     duration = settings.step_duration or min(max(share * time, least_duration), MOST_DURATION)
     enough, least = _enough(settings, ENOUGH), _enough(settings, LEAST)

@@ -21,7 +21,8 @@ __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "TuneSetting
 
 SETTLED = "settled"
 STOP_RULES = ("design", SETTLED)
-"""When experiments end: once the design is known, or once five periods agree within 10 % (Miskovic2010, 6.7)."""
+"""Criteria by which a relay ends: five periods agree within 10 % (Miskovic2010, 6.7), and with ``design`` also that the
+design is known."""
 
 
 _COMMON_NUMBERS = ("throttle", "speed", "delay", "control_rate", "patience")
@@ -123,7 +124,7 @@ class TuneSettings(CommonSettings):
     given : a model to design from, instead of experiments. full_scale : its input at full output, in its unit.
     dry_run : whether to write nothing.
     most_relays : most relays flown, 2 or 3; the third only if two do not separate a dead zone from a thrust curve.
-    stop_rule : when experiments end, one of :data:`STOP_RULES`.
+    stop_rule : when relays end, one of :data:`STOP_RULES`.
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file.
     beyond_ranges : whether gains may leave their documented ranges.
@@ -157,3 +158,8 @@ class TuneSettings(CommonSettings):
         _check_limits(self, _TUNE_NUMBERS, self.axis)
         if self.stop_rule not in STOP_RULES:
             raise UsageError(f"unknown stop rule '{self.stop_rule}'. Use {' or '.join(STOP_RULES)}")
+
+    @property
+    def ends_early(self) -> bool:
+        """Whether relays, steps and waits end once they have shown enough; else a boat also turns before each stage."""
+        return self.stop_rule != SETTLED

@@ -69,7 +69,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     )
     itinerary = Itinerary(tune_legs(context, pace, now), pace.turn)
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
-    whole = excursion_of(context, now, (itinerary, patient) if settings.stop_rule != SETTLED else (itinerary,))
+    whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
     changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones prove better"
 

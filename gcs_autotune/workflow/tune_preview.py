@@ -80,9 +80,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
     for itinerary in itineraries:
         for like in assumed_crafts(under_way=True, skid=craft.skid):
             paper = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
-            check = sign_check_for(
-                axis.dof, craft.firmware, craft.servos, context.throttle, axis.needs_speed, settings.relay_output
-            )
+            check = sign_check_for(axis.dof, craft, context.throttle, axis.needs_speed, settings.relay_output)
             limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
             visit = VisitPreview(paper, limits, PlantState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
@@ -96,11 +94,8 @@ def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, 
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
-    way = firmware.needs_way
     beside = flies_beside(context) and context.settings.gains is None
-    return legs_of_tune(
-        context.settings, dof, pace, under_way=way, moving=moving, given=given, dives=dives, beside=beside
-    )
+    return legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
 
 
 def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:

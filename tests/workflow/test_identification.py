@@ -57,13 +57,20 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         relays.append(relay)
         return SimpleNamespace(trial=flown(relay.name))
 
-    def relay_for(*args: Any, **options: Any) -> Any:
-        return SimpleNamespace(name=args[4], **options)
+    class Relays:
+        keep_still = True
+
+        @classmethod
+        def of(cls, *_: object) -> Relays:
+            return cls()
+
+        def relay(self, name: str, output: float | None, **options: Any) -> Any:
+            return SimpleNamespace(name=name, **options)
 
     def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
         return Identified(SimpleNamespace(fit_percent=100.0 - context.left), trials)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(identification, "relay_for", relay_for)
+    monkeypatch.setattr(identification, "Relays", Relays)
     monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
@@ -81,7 +88,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def names(context: Any) -> list[tuple[str, bool]]:
-    return [(relay.name, getattr(relay, "rule", None) is not None) for relay in context.relays]
+    return [(relay.name, getattr(relay, "criterion", None) is not None) for relay in context.relays]
 
 
 def test_where_one_oscillation_tells_the_gains_no_other_is_flown_and_the_step_is_in_the_fit(context: Any) -> None:

@@ -39,7 +39,7 @@ def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple
     craft.session.pause(45.0)  # its position filter is ready then
     craft.set_mode("MANUAL")
     craft.arm()
-    check = sign_check_for("surge", craft.firmware, craft.servos, WORKING, needs_speed=False)
+    check = sign_check_for("surge", craft, WORKING, needs_speed=False)
     assert isinstance(check, ThrustCheck)
     flying_since.append(server.now)
     return check, Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(check)
@@ -129,6 +129,6 @@ def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none(
 @pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])
 def test_steering_is_checked_at_rest_where_a_craft_needs_no_way_for_it(firmware: str, throttle: float) -> None:
     """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
-    nothing = SimpleNamespace(driving=lambda force: [])
-    check = sign_check_for("yaw", FIRMWARE[firmware], nothing, 0.25, needs_speed=False)  # type: ignore[arg-type]
+    craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], servos=SimpleNamespace(driving=lambda force: []))
+    check = sign_check_for("yaw", craft, 0.25, needs_speed=False)
     assert check.asked["throttle"] == throttle
