@@ -12,8 +12,9 @@ from dataclasses import replace
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, scatter_of, told_over
-from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.link import Journal, ParameterTransaction
+from gcs_autotune.errors import ParameterMissing
+from gcs_autotune.firmware import Axis, Firmware, read_named
+from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
@@ -28,8 +29,9 @@ from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, step_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop
+from gcs_autotune.workflow.tune_log import TuneLog
 
-__all__ = ["autopilot_loop", "on_the_other_axis"]
+__all__ = ["autopilot_loop", "learn_parameters", "on_the_other_axis"]
 
 PROVING = "step with new gains"
 """The stage in which a proposal is proved."""
@@ -40,6 +42,29 @@ def autopilot_loop(context: TuneContext) -> TunableLoop:
     if context.settings.gains is not None:
         return _SuppliedGains(context, context.settings.gains)
     return _DesignedGains(context)
+
+
+def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axis, dict[str, float]]:
+    """Return *axis* under the vehicle's own names, and the values found, keyed by those.
+
+    Raises
+    ------
+    ParameterMissing
+        The vehicle has one of the gains under no name we know.
+    """
+    wanted = [*(gain.parameter for gain in axis.gains), *axis.context]
+    names, found = read_named(craft.parameters, wanted)
+    missing = [name for name in wanted if names.own(name) not in found]
+    gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
+    if gains:
+        raise ParameterMissing(
+            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
+            "Its firmware is too old, too new or lacks that feature",
+            name=gains[0],
+        )
+    if missing:
+        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
+    return axis.called(names), found
 
 
 class _AutopilotLoop:
@@ -58,10 +83,8 @@ class _AutopilotLoop:
         return self.context.axis.name
 
     def read(self) -> Mapping[str, float]:
-        """Return the gains as read before anything was flown, by the vehicle's own names."""
-        names = self.context.axis.names
-        own = (names.own(gain.parameter) for gain in self.context.axis.gains)
-        return {name: self.context.log.parameters_before[name] for name in own}
+        """Return the gains that the vehicle has now, and what the design uses beside them, by the vehicle's names."""
+        return self.context.craft.parameters.read_existing(self.context.log.parameters_before, as_is=True)
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return the transaction on the vehicle's parameters."""

@@ -79,7 +79,7 @@ class TunableLoop(Protocol):
         """What the loop controls, one word."""
 
     def read(self) -> Mapping[str, float]:
-        """Return the present gains by name."""
+        """Return the gains that are in place now, and what else the proof depends on, by name."""
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return what applies new gains and restores the present ones; it keeps *journal* where a crash needs one."""

@@ -11,14 +11,13 @@ from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.design import LAWS
-from gcs_autotune.errors import AutotuneError, BadFile, ParameterMissing, UsageError
-from gcs_autotune.firmware import FIRMWARE, Axis, read_named
-from gcs_autotune.link import Journal, MavlinkCraft
+from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import battery, how_long, room
-from gcs_autotune.workflow.autopilot_loop import autopilot_loop
+from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.context import TuneContext, tune_runner
 from gcs_autotune.workflow.experiments import speed_for
@@ -31,7 +30,7 @@ from gcs_autotune.workflow.resuming import Earlier, way_on
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.supplied_gains import changes_of
 from gcs_autotune.workflow.supplied_model import supplied_for
-from gcs_autotune.workflow.tunable_loop import tune_loop
+from gcs_autotune.workflow.tunable_loop import TunableLoop, tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
 
@@ -73,9 +72,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
     changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones prove better"
 
-    def fly(journal: Journal) -> None:
-        tune_loop(autopilot_loop(context), log, visit.agrees, journal, dry_run=settings.dry_run)
-
+    loop = autopilot_loop(context)
     return Mission(
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),
@@ -85,10 +82,10 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             how_long(itinerary, patient.seconds),
             battery(now, settings.envelope, itinerary.seconds),
         ),
-        fly=fly,
+        fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,
         held=log.parameters_before,
-        finish=partial(read_again, craft, log, visit.record),
+        finish=partial(_read_back, loop, visit),
         way_on=lambda error: way_on(settings, log.finished, error),
     )
 
@@ -137,36 +134,14 @@ def _leave_report(log: TuneLog, record: RunDirectory) -> None:
         log.say(f"the report could not be written to {record.path}: {error}")
 
 
-def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axis, dict[str, float]]:
-    """Return *axis* under the vehicle's own names, and the values found, keyed by those.
-
-    Raises
-    ------
-    ParameterMissing
-        The vehicle has one of the gains under no name we know.
-    """
-    wanted = [*(gain.parameter for gain in axis.gains), *axis.context]
-    names, found = read_named(craft.parameters, wanted)
-    missing = [name for name in wanted if names.own(name) not in found]
-    gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
-    if gains:
-        raise ParameterMissing(
-            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
-            "Its firmware is too old, too new or lacks that feature",
-            name=gains[0],
-        )
-    if missing:
-        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
-    return axis.called(names), found
-
-
-def read_again(craft: MavlinkCraft, log: TuneLog, record: RunDirectory) -> None:
-    """Read the parameters once more, whatever happened: the proof of what the vehicle holds now."""
+def _read_back(loop: TunableLoop, visit: Visit[TuneLog]) -> None:
+    """Read the gains once more, whatever happened: the proof of what the vehicle holds now."""
+    log = visit.log
     try:
-        with craft.shielded():
-            after = craft.parameters.read_existing(log.parameters_before, as_is=True)
+        with visit.craft.shielded():
+            after = dict(loop.read())
     except AutotuneError as error:
         log.say(f"the parameters could not be read back: {error}")
     else:
         log.parameters_after = after
-        record.save_parameters("after", after)
+        visit.record.save_parameters("after", after)
