@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,8 +88,7 @@ def bare(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gcs_autotune.link.open_link", opened)
     monkeypatch.setattr("gcs_autotune.workflow.settings.open_link", opened)
-    for name in ("tune", "experiment"):
-        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "jit_warmup", opened)
+    monkeypatch.setattr("gcs_autotune.workflow.mission.jit_warmup", opened)
     return tmp_path
 
 
