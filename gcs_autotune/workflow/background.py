@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.operator import Operator, can_be_asked
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "keep_company", "run_in_background"]
+__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -44,7 +44,7 @@ def run_in_background(
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
-    keep_company(craft)
+    hold_neutral(craft)
     worker.begin(partial(work, *args, **named))
     found: T = await_worker(craft, worker, bear)
     return found
@@ -106,7 +106,7 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     """Return the operator's answer; until it comes the craft is held and monitored."""
     if craft.armed:
-        keep_company(craft)
+        hold_neutral(craft)
     return operator.ask(question, craft.observe)
 
 
@@ -129,7 +129,7 @@ def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, questio
     return operator.ask(question, craft.session.pump)
 
 
-def keep_company(craft: MavlinkCraft) -> None:
+def hold_neutral(craft: MavlinkCraft) -> None:
     """Hold, unless it does already; sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())

@@ -17,7 +17,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.background import await_worker, keep_company, run_in_background
+from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import (
@@ -107,7 +107,7 @@ class TuneContext:
         ahead = math.inf if not self.settings.ends_early else ahead
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
-    def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
+    def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
         """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
@@ -124,7 +124,7 @@ class TuneContext:
     def await_worker(self) -> Any:
         """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
         if not self.visit.worker.done:
-            keep_company(self.craft)
+            hold_neutral(self.craft)
         return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:

@@ -121,7 +121,7 @@ def read_flight(
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
     """Return the steps of a trial that planned itself as the page shows them."""
     return [
-        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.foretold, s.ended)
+        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
     ]
 
