@@ -145,7 +145,8 @@ def test_a_flight_ahead_checks_what_it_steers_by(tmp_path: Any) -> None:
         fly(settings, Unattended(), Ear(harness.said), WHEN)
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
-    assert {file.stem for file in (harness.directory / "trials").glob("*.csv")} == {"sign-check"}
+    kept = [file.stem for file in (harness.directory / "trials").glob("*.csv")]
+    assert kept and all("sign-check" in name for name in kept), "no step was flown"
 
 
 @pytest.mark.slow
