@@ -1,7 +1,12 @@
 """Simulated preview of a manoeuvre: track, space, time, and a limit that would end it.
 
-The degrees of freedom are uncoupled. The craft turns by its yaw model, and neither slows down in turns nor drifts
-sideways unless driven. This is conservative for space, since a craft that slows down needs less.
+Every preview is one closed loop of manoeuvre and :class:`Plant` (:func:`fly_on`): of the nominal plant here, of an
+identified model in ``experiments``.
+
+The nominal plant stands for a craft of which few figures are known, so its degrees of freedom are uncoupled: it turns
+by its yaw model, and neither slows down in turns nor drifts sideways unless driven. This is conservative for space.
+Its equations are in plain Python: previews are computed while the link is served, where nothing may wait for a
+compiler.
 """
 
 from __future__ import annotations
@@ -62,9 +67,7 @@ class NominalPlant:
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
-    """Where a craft on paper is and how it moves: time [s], heading [rad], metres from home, depth (NaN: it floats),
-    speeds.
-    """
+    """The state of a simulated craft: time [s], heading [rad], metres from home, depth (NaN: it floats), velocities."""
 
     t: float = 0.0
     psi: float = 0.0
@@ -212,7 +215,7 @@ class _NominalMotion:
 
 
 class _Monitor:
-    """Ends a preview at a safety limit (``refusal``), or where the manoeuvre itself ends for want of space."""
+    """Ends a preview at a safety limit (``refusal``), or where the manoeuvre ends for lack of space (``outcome``)."""
 
     def __init__(self, manoeuvre: Manoeuvre, envelope: Envelope, now: Observation) -> None:
         self._manoeuvre, self._depth = manoeuvre, now.z

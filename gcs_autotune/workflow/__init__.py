@@ -1,11 +1,14 @@
 """Whole jobs, from link to report: what the command line's verbs do.
 
-* ``tune``, its first half ``experiment``, and ``fly`` share a ``context``: ``connection``, ``preflight``, the
-  ``runner`` of manoeuvres, the ``record`` directory, a ``worker`` that computes in the ``background``.
-  ``announcement`` and ``itinerary`` say beforehand what is done. ``tunable_loop`` is the order of every tune; the
-  autopilot's loops in ``autopilot_loop`` use ``identification``, ``proof`` and ``designing``. What ``fly`` takes is
-  seen before by ``flight_preview``, in the ``flight_area``.
-* ``restore``: putting a vehicle back. ``study`` (in ``study_sections``), ``diagnosis``: work on records, without one.
+* ``mission``: one job on one vehicle, declared before anything moves and carried out in one order. ``tune``,
+  ``experiment`` and ``fly`` are three declarations of it. They share ``settings``, ``connection``, ``preflight``, the
+  ``runner`` of manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the
+  ``background``.
+* Before anything moves: ``itinerary`` (stages and times), ``tune_preview`` and ``flight_preview`` (space, on the
+  ``nominal_plant``, as an ``excursion``), ``announcement`` (all of it in words).
+* ``tunable_loop`` is the order of every tune; the autopilot's loops in ``autopilot_loop`` use ``identification``,
+  ``stop_rule``, ``proof`` and ``designing``.
+* ``restore`` restores a vehicle after a run that was cut off. ``study`` and ``diagnosis`` work on records, without one.
 """
 
 from __future__ import annotations

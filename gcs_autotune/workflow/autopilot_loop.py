@@ -38,7 +38,7 @@ PROVING = "step with new gains"
 
 
 def autopilot_loop(context: TuneContext) -> TunableLoop:
-    """Return the loop of the tune's axis: with the gains of a file where one is supplied, else designed here."""
+    """Return the loop of the tune's axis: with the supplied gains of a file, else with gains designed here."""
     if context.settings.gains is not None:
         return _SuppliedGains(context, context.settings.gains)
     return _DesignedGains(context)
@@ -83,7 +83,7 @@ class _AutopilotLoop:
         return self.context.axis.name
 
     def read(self) -> Mapping[str, float]:
-        """Return the gains that the vehicle has now, and what the design uses beside them, by the vehicle's names."""
+        """Return the gains that the vehicle has now, and what else the design uses, by the vehicle's names."""
         return self.context.craft.parameters.read_existing(self.context.log.parameters_before, as_is=True)
 
     def lend(self, journal: Journal) -> GainLoan:
@@ -91,7 +91,7 @@ class _AutopilotLoop:
         return ParameterTransaction(self.context.craft.parameters, journal)
 
     def fly_baseline(self) -> None:
-        """Fly the turn-rate step beside a heading step, where the craft is known well enough to size it."""
+        """Fly the turn-rate step that accompanies a heading step, where the craft is known well enough to size it."""
         self._beside = StepBeside.flown(self.context, self._known)
 
     def prove(self) -> ProofResult:
@@ -289,7 +289,7 @@ def on_the_other_axis(
 
 
 def _promise(proposal: Proposal) -> str:
-    """Say what the new gains promise on the identified model, before anybody is asked about them."""
+    """Return in words what the identified model predicts for the new gains."""
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "

@@ -20,14 +20,14 @@ from gcs_autotune.workflow.settings import CommonSettings, Connection
 __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 SERVO_RATE = 40.0
-"""Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
+"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched: the fastest of a 50 Hz ArduRover."""
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
 """Hz of a vehicle whose loop is quicker, on a link with room: a Falcon's damping is six times as certain by it."""
 
 
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
-"""Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
-half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+"""Default rate [Hz] of ATTITUDE, and so of our relay. The craft of ArduPilot's own simulator turn in half a second, and
+a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
 
 
 def arming(craft: MavlinkCraft) -> str:
@@ -123,7 +123,7 @@ def connect_craft(
 
 
 def _pass_words_on(session: Session, watcher: Watcher) -> None:
-    """Tell *watcher* what the vehicle says in words from now on."""
+    """Pass the vehicle's STATUSTEXT messages on to *watcher* from now on."""
     told = session.texts.count
 
     def hear(message: Message) -> None:
@@ -143,12 +143,12 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
 
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
-    """Say how late things are on the link of a craft just armed, and what that allows."""
+    """Report the delays on the link of a craft just armed, and the shortest oscillation that they allow."""
     watcher.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
 
 
 def _leave(craft: MavlinkCraft) -> None:
-    """Let go of the sticks, should a broken visit have left them in our hands, and put the message rates back."""
+    """Release the overrides, which a broken visit may have left, and restore the message rates."""
     try:
         craft.release()
     finally:

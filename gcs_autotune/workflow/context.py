@@ -1,4 +1,4 @@
-"""What the stages of one tune or experiment have in common: the vehicle, the axis, the wish, and who is told of it."""
+"""What the stages of one tune or experiment share: the vehicle, the axis, the settings, the log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.background import await_worker, keep_company, run_in_background
+from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import (
@@ -41,9 +41,12 @@ P = ParamSpec("P")
 class TuneContext:
     """One tune or experiment on one vehicle.
 
-    ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
-    the model to design from, None to identify on the water. ``throttle`` [fraction] and ``speed`` [m/s] are what is
-    tuned at. ``earlier`` is what was flown before.
+    Attributes
+    ----------
+    earlier : trials of an earlier run to use.
+    axis : with the vehicle's own parameter names. present : their values under the canonical names.
+    given : the model to design from; None: identify on the water.
+    throttle, speed : what to tune at [fraction, m/s].
     """
 
     settings: TuneSettings
@@ -72,7 +75,7 @@ class TuneContext:
         return lookup(LAWS, self.axis.law, "control law")
 
     def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
-        """Say which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it comes to no good end."""
+        """Report which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it fails."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
             self.visit.keep(flown)
@@ -93,16 +96,16 @@ class TuneContext:
             self.runner.fly(dive, "diving")
 
     def turn_around(self, before: str, ahead: float, *, last: bool = False) -> bool:
-        """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
+        """Turn a boat around before the trial *before* of up to *ahead* [s], if the space requires it; return whether.
 
-        Not before a trial that an earlier run has flown; with the stop rule of Miskovic2010 in any case.
+        Not before a trial that an earlier run has flown; where stages do not end early, in any case.
         """
         if self.earlier.has(before):
             return False
         ahead = math.inf if not self.settings.ends_early else ahead
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
-    def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
+    def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
         """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
@@ -119,14 +122,14 @@ class TuneContext:
     def await_worker(self) -> Any:
         """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
         if not self.visit.worker.done:
-            keep_company(self.craft)
+            hold_neutral(self.craft)
         return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:
-        """See that what is driven acts, and the right way, before a loop or a relay relies on it; dive where needed.
+        """Check that the actuators act in the right direction before a loop or a relay uses them; dive where needed.
 
-        That is the actuator of the axis, and what steers meanwhile. Returns the context with the throttle that the boat
-        needs for its speed, where the one of its cruise pair drives it far too fast.
+        These are the actuator of the axis and the one that steers during the run. Returns the context with the throttle
+        that the boat needs for its speed, if that of its cruise pair drives it far too fast.
         """
         axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
         output, limit = self.settings.relay_output, self.runner.speed_limit
@@ -154,7 +157,7 @@ class TuneContext:
         return context
 
     def _with_throttle(self, throttle: float) -> TuneContext:
-        """Return the context with the *throttle* [fraction] just learnt, having said so."""
+        """Report the *throttle* [fraction] just measured, and return the context with it."""
         pair = (
             f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, the speed of "
             f"CRUISE_SPEED and CRUISE_THROTTLE; {throttle:.1%} is enough"

@@ -54,7 +54,7 @@ __all__ = [
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
-    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless told otherwise."""
+    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless the user set them."""
     if not axis.needs_speed:
         return settings.throttle or 0.0, settings.speed or 0.0
     throttle = settings.throttle
@@ -80,7 +80,7 @@ def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float
 
 
 LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
-"""Chosen: between them there is way on, and room for the autopilot to make up for turned thrust."""
+"""Chosen: between them the boat has headway, and the autopilot has range to compensate turned thrust."""
 
 
 def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool = False) -> ThrottleSteps:
@@ -150,10 +150,10 @@ class Relays:
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:
-    """Return the relay output of the second experiment: as different as there is *room* for (Miskovic2010, 7.1).
+    """Return the relay output of the second experiment: as different as *room* allows (Miskovic2010, 7.1).
 
-    Smaller than that of the *first* where there is no room above it, or where a larger one would swing the craft
-    faster than the relay can follow tick by tick.
+    Smaller than that of the *first* if there is no room above it, or if a larger one would oscillate faster than the
+    relay can follow tick by tick.
     """
     C = float(first.meta["C"])
     return min(2.0 * C, room) if C <= room / 1.5 and not _is_hasty(first) else 0.5 * C
@@ -169,13 +169,13 @@ def _is_hasty(relay: Trial) -> bool:
 
 
 STEP_AHEAD, SWING_AHEAD = 60.0, 30.0
-"""Chosen [s]: what a proof, and an experiment that swings or is over soon, take of going straight ahead at most."""
+"""Chosen [s]: longest time straight ahead of a proof, and of an experiment that oscillates or is short."""
 WORKING_DEPTH, SHALLOW = 1.5, 1.0
 """Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
 
 
 def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
-    """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
+    """Return the dive that takes an ROV off the surface before its depth oscillates; None if it is deep enough."""
     if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
@@ -220,8 +220,8 @@ def measure_halves(
     Each is read over its first ``windows`` [s], or as long as it was recorded; never beyond that.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end. *noise_std*
-    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass of two degrees
-    cannot tell one.
+    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a
+    resolution of two degrees cannot show one.
     """
     signal = str(trial.meta["signal"])
     late = _seen_late(trial, signal)

@@ -1,8 +1,8 @@
-"""A third size of self-oscillation, when two cannot tell a dead band from a thrust curve.
+"""A third size of self-oscillation, when two do not separate a dead zone from a thrust curve.
 
-A square wave of one size tells one point of the actuator's characteristic. Two points fit a dead band and a curve
-alike, whatever the noise; a third parts them. It is flown only where the first two call for either, at the size at
-which the two explanations differ most for the time it takes on the water.
+A square wave of one size shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit two
+points, whatever the noise; a third separates them. It is flown only if the first two need either, at the size at which
+the two models differ most per second of its oscillation.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ __all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
 Array = NDArray[np.float64]
 
 _ALIKE = 0.9
-"""Chosen: explanations that leave so much alike (ratio of what is left) have not been told apart."""
+"""Chosen: two models whose residuals have at least this ratio are not separated."""
 _WEAKEST = 0.5
-"""Chosen: a smaller relay must leave so much of the force of the smallest flown, or it takes too long, and a constant
-force outweighs it."""
+"""Chosen: a smaller relay must have this share of the force of the smallest flown; else it takes too long, and a
+constant force outweighs it."""
 _APART = 1.25
 """Chosen: a third size differs at least so much (ratio) from those flown."""
 
@@ -52,7 +52,7 @@ class ThirdRelay:
 
 
 def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
-    """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
+    """Return the relay that separates a dead zone from a thrust curve; None if the *runs* need neither, or suffice.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
     """

@@ -1,4 +1,4 @@
-"""What a flight will take, seen before anything moves: each run flown on paper, and made to fit the limits."""
+"""Previews of a flight before anything moves: each run simulated, and reduced to fit the limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gcs_autotune.workflow.settings import CommonSettings
 __all__ = ["COMING_BACK", "DEEPER", "FlightPreviewer", "preview_of_model"]
 
 DEEPER = 0.5
-"""Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
+"""Chosen [m]: an ROV dives so much deeper than a plan's least depth, since its depth oscillates."""
 _LEFT = 0.7
 """Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
 SATURATED, OFTEN = 0.98, 0.05
@@ -40,12 +40,12 @@ _BOTTOMLESS = 1e3
 
 
 def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> FlightResult:
-    """Preview a plan with the model given, no vehicle at hand, and draw it where the settings say.
+    """Preview a plan with its model, without a vehicle, and plot it in the run directory.
 
     Raises
     ------
     UsageError
-        The model is not about what moves, or there is no speed for a throttle.
+        The model lacks what moves, or there is no speed for a throttle.
     """
     if plan.area is not None:
         raise UsageError("the area check needs the vehicle's position. Preview with --connect")
@@ -70,10 +70,14 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
 
 @dataclass(frozen=True, slots=True)
 class FlightPreviewer:
-    """Sees runs on paper from where *craft* is, with the parameters *held* aboard, inside *area*.
+    """Simulates runs from where *craft* is.
 
-    ``least_depth`` [m]: to which an ROV dives before each run. ``checks``: degrees of freedom whose actuators are
-    checked before the first run; ``several``: there are more, and a boat comes back after each.
+    Attributes
+    ----------
+    held : the vehicle's parameters that show how it moves. area : where it must stay.
+    least_depth : depth [m] to which an ROV dives before each run.
+    checks : degrees of freedom whose actuators are checked before the first run.
+    several : whether there are several runs; then a boat returns to the start after each.
     """
 
     craft: MavlinkCraft
@@ -95,9 +99,9 @@ class FlightPreviewer:
         return FlightRun(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
 
     def made_to_fit(self, run: FlightRun) -> FlightRun:
-        """Return a run that stays inside the limits: smaller and shorter than usual in what nobody gave, if need be.
+        """Return the run, smaller and shorter than usual in the options left open, if that keeps it inside the limits.
 
-        One that does not fit whatever is tried is returned as it is, with what all of it takes.
+        One that cannot be made to fit is returned unchanged, with the preview of all of it.
         """
         settings, troubled, why = run.settings, run.preview, run.why_not
         limited = "" if troubled.refusal or why else self._limited(troubled, settings)
@@ -117,7 +121,7 @@ class FlightPreviewer:
         return replace(run, preview=replace(whole, refusal=troubled.refusal))
 
     def _limited(self, seen: Preview, settings: FlySettings) -> str:
-        """Return that an actuator stands at its limit too often, where the autopilot's own loop is to be looked at."""
+        """Return in words that an actuator is at its limit too often for a test of the autopilot's own loop."""
         axis = settings.kind.axis
         force = DOFS[axis_kind(axis).dof].force if axis else ""
         if not axis or force not in seen.trial or settings.kind.drives:
@@ -127,7 +131,7 @@ class FlightPreviewer:
         return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
     def _whole(self, run: PlannedRun, seen: Preview, now: Observation) -> Excursion:
-        """Return what *run* takes with all that comes before and after it, of the worst craft where it is assumed."""
+        """Return the excursion of *run* with all that comes before and after it; of the worst assumed craft."""
         settings, firmware = run.settings, self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         papers = [seen.craft]
@@ -157,7 +161,7 @@ class FlightPreviewer:
         return visit.excursion()
 
     def _foreseen(self, settings: FlySettings, envelope: Envelope, now: Observation) -> Preview:
-        """Return the preview from *now*; where it is of assumed numbers, of the craft of which it comes out worse."""
+        """Return the preview from *now*; where heave is driven, the worse of a craft that sinks and one that rises."""
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0

@@ -25,9 +25,10 @@ __all__ = ["FlightResult", "draw_previews", "read_flight"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightResult:
-    """What came of it: ``runs``, ``sheets`` of figures, a model per degree of freedom in ``models``, what to doubt.
+    """The result of a flight.
 
-    ``steps``: the story of a trial that planned itself; its model is the one of the form asked for.
+    ``runs`` with their records, ``sheets`` of figures, a model per degree of freedom in ``models``, and ``remarks``.
+    ``steps`` are those of a trial that planned itself; its model has the required form.
     """
 
     runs: Sequence[FlightRun]
@@ -70,10 +71,10 @@ def read_flight(
     when: str,
     steps: Sequence[TrialStep] = (),
 ) -> FlightResult:
-    """Read figures and models off the records; what they do not tell is a remark, for the records are good.
+    """Read figures and models off the records; a figure or model that they do not determine is a remark.
 
-    A model is fitted per degree of freedom to its runs but those held out: the ones the plan says, else the last of
-    several. On these it is validated. A trial that planned itself (*steps*) has its model already; each of its runs
+    A model is fitted per degree of freedom to its runs except those held out: the ones of the plan, else the last of
+    several. It is validated on these. A trial that planned itself (*steps*) has its model already; each of its runs
     was predicted by the model before it.
     """
     remarks: list[str] = []
@@ -118,15 +119,15 @@ def read_flight(
 
 
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
-    """Return the steps of a trial that planned itself as the page tells them."""
+    """Return the steps of a trial that planned itself as the page shows them."""
     return [
-        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.foretold, s.ended)
+        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
     ]
 
 
 def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
-    """Return the runs to fit and those held out, per degree of freedom that the runs tell about."""
+    """Return the runs to fit and those held out, per degree of freedom that the runs excite."""
     found: dict[str, tuple[list[Trial], list[Trial]]] = {}
     for planned, trial in flown:
         dof = str(trial.meta.get("dof", ""))
@@ -150,7 +151,7 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
 
 
 def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Path) -> list[str]:
-    """Return a remark on what the runs moved besides *dof*, which a model of one degree of freedom leaves out."""
+    """Return a remark on other motions than *dof* in the runs, which a model of one degree of freedom omits."""
     swung = [trial for planned, trial in flown if planned.settings.kind.identifies and trial.meta.get("dof") == dof]
     moved = moved_besides(swung, {dof})
     if not moved:
@@ -165,7 +166,7 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
 
 
 def _limited(trial: Trial) -> list[str]:
-    """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
+    """Return a remark where an actuator gave clearly less than commanded: it was at a limit."""
     return [
         f"of {asked:.0%} {force} commanded, {came:.0%} reached the output: it is at a limit"
         f"{' (less --throttle leaves thrusters range to steer)' * (force == 'N')}. "

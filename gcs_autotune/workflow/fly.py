@@ -54,11 +54,11 @@ PLAN_FILE = "plan.toml"
 BACK, LOOKING = 45.0, 6.0
 """Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
 _FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
-"""Parameters that tell how a boat moves."""
+"""Parameters that show how a boat moves."""
 SHOWN_FIRST = "heading"
 """The axis whose telemetry comes first on a slow link: most manoeuvres steer."""
 _POINTS = 400
-"""Chosen: of a predicted track that are told; more no screen shows."""
+"""Chosen: points of a predicted track that are passed on; a screen shows no more."""
 
 
 def fly(
@@ -425,7 +425,7 @@ def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:
 
 
 def _checks(dofs: Sequence[str]) -> str:
-    """Return in words how the actuators of *dofs* are checked, those that are checked alike together."""
+    """Return in words how the actuators of *dofs* are checked; those with the same check are named together."""
     alike: dict[str, list[str]] = {}
     for dof in dofs:
         alike.setdefault(excitation_of(dof).check, []).append(dof)

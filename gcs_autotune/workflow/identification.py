@@ -1,4 +1,4 @@
-"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that explains both."""
+"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that fits both."""
 
 from __future__ import annotations
 
@@ -33,9 +33,13 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
-    actuator that the record calls for, or None. ``short``: oscillations were ended early for
-    being explained by themselves, or throttle steps; what they leave open of the gains nobody has looked at.
+    """The model of one axis.
+
+    Attributes
+    ----------
+    runs : what it was fitted to.
+    curved : the same model with the thrust curve or dead zone that the record requires, or None.
+    short : whether the experiments ended early without an assessment of the gains.
     """
 
     fit: AxisFit
@@ -59,10 +63,10 @@ def identify(
 ) -> Identified:
     """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
 
-    step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
-    rule : ends relays once the gains are known; without it five periods that agree do.
-    turns_first : bring a boat back before the first of them, too.
-    early : a boat's throttle steps are not flown on the way back where they would tell nothing new.
+    step : flown before under the autopilot's own loop, if any; it separates a dead zone from a thrust curve.
+    rule : ends relays once the gains are known; without it they end when five periods agree.
+    turns_first : turn a boat around before the first of them, too.
+    early : omit a boat's throttle steps on the way back where they add no information.
     """
     if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
@@ -75,7 +79,7 @@ def identify(
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
-    """Return the delay [s] to identify with: the one asked for, else it is estimated."""
+    """Return the delay [s] to identify with: that of the settings, else it is estimated."""
     return "auto" if settings.delay is None else settings.delay
 
 
@@ -146,11 +150,11 @@ BENT_UNEXPLAINED = 10.0
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
+    """Return *found* with the thrust curve that *step* shows, flown about the speed that *found* predicts.
 
-    The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
-    Not of a boat's steering: the autopilot drives its own throttle meanwhile, on which that rests. Of its surge the
-    step is the way back.
+    The oscillations are of one size each, larger than the outputs of such a step, which alone shows small outputs. A
+    boat's steering is left out: it depends on the throttle, which the autopilot changes. For its surge the step is the
+    way back.
     """
     if found.short and excitation_of(context.axis.dof).by_throttle:
         return _with_step_back(context, found, step)
@@ -190,7 +194,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     first = context.fly(out, "first throttle steps").trial
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
-        alone = context.come_back_meanwhile("step-before", partial(_or_none, fitted, [first]))
+        alone = context.compute_while_turning("step-before", partial(_or_none, fitted, [first]))
         if alone is not None and unexplained(alone) < BY_ITSELF:
             log.fit = alone
             return Identified(alone, [first], short=True)
@@ -203,9 +207,9 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
 
 
 def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return the surge that a way out and the *step* on the way back tell together; else fly throttle steps back, too.
+    """Return the surge model of the way out and the *step* on the way back; else fly throttle steps back, too.
 
-    Together they tell nothing sure where they show a current, or where it is open how drag or thrust goes.
+    These two do not suffice where they show a current, or leave the form of drag or thrust open.
     """
     log, s, first = context.log, context.settings, found.runs[0]
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
@@ -226,7 +230,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
 
 
 def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
-    """Return the fit of *trials*; None where they tell none by themselves: then more is flown."""
+    """Return the fit of *trials*; None if they do not suffice: then more is flown."""
     try:
         return fitted(trials)
     except AutotuneError:

@@ -1,7 +1,7 @@
-"""The stages of a tune or an experiment in their order, with how long each takes: told beforehand, kept while it runs.
+"""The stages of a mission in their order with their times: announced before, updated while it runs.
 
-Times are of the vehicle. What is flown by a clock (a step) is known; how long a self-oscillation takes is the craft's
-affair, so it is estimated from craft that steer alike, and from the first one flown for the next.
+Times are of the vehicle. The time of a step is known. That of a self-oscillation depends on the craft: it is estimated
+from craft that steer in the same way, and then from the first one flown.
 """
 
 from __future__ import annotations
@@ -22,14 +22,21 @@ TURNING = "turning about"
 DIVE, HOLD = 20.0, 10.0
 """Seconds of a dive, and of holding still before a step that is flown by the clock."""
 SETTLE, GAINS = 6.0, ("present", "new")
-"""Seconds before a turn-rate step beside a heading step, and what it is flown with."""
+"""Seconds before a turn-rate step that accompanies a heading step, and the gains it is flown with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long [s] what is not flown by the clock takes: a sign check, a turn about, a self-oscillation and a throttle
-    level until they are steady, both where they end once enough is ``known``; holding before a step until the craft
-    ``rests``, and a half of one until it ``settles`` at its target, in a speed or a turn rate (``moving``) as well.
+    """How long [s] stages take that have no fixed duration.
+
+    Attributes
+    ----------
+    check, turn : the sign check, turning around.
+    relay, level : a self-oscillation and a throttle level until they are steady.
+    known, answered : the same where they end early: the gains are known, the boat has responded.
+    rests : holding before a step until the craft is at rest.
+    settles, moving : half of a step until the craft settles at its target, and that in a speed or a turn rate.
+    under_way : whether it is a boat, which turns around between stages.
     """
 
     check: float
@@ -49,12 +56,12 @@ _PACES: Mapping[str, Pace] = {
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
     "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
 }
-"""Chosen: as simulated craft took (Charlie; a BlueBoat; a BlueROV2, a VideoRay). How quick a craft is nobody knows
-before it has moved, but those that thrusters turn are small and quick."""
+"""Chosen: times of simulated craft (Charlie; a BlueBoat; a BlueROV2, a VideoRay). Before a craft has moved its speed of
+response is unknown, but craft that thrusters turn are small and quick."""
 
 
 _RESTLESS = 110.0
-"""Chosen [s]: a self-oscillation of a craft that comes to no rest, as an ROV that hunts in its thrusters' dead band."""
+"""Chosen [s]: a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone."""
 
 
 def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
@@ -68,10 +75,10 @@ def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One stage: its name as the sequencer is told it, seconds, and those of turning about before it.
+    """One stage: its name for the sequencer, its seconds, and those of turning around before it.
 
-    Stages of one ``kind`` take alike: of the first flown, the others are guessed. One that was not planned is of the
-    kind its name ends with.
+    Stages of one ``kind`` take the same time: the first one flown gives the estimate of the others. A stage that was
+    not planned is of the kind its name ends with.
     """
 
     stage: str
@@ -95,8 +102,11 @@ def legs_of_tune(
     dives: bool,
     beside: bool = False,
 ) -> tuple[Leg, ...]:
-    """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown; *beside*: a
-    turn-rate step accompanies that in heading."""
+    """Return the stages of a tune.
+
+    moving : the loop controls a velocity. given : no experiments are flown. dives : an ROV dives first.
+    beside : a turn-rate step accompanies that in heading.
+    """
     turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
     legs = _first(pace, dives=dives, steers=dof != "yaw")
@@ -162,7 +172,7 @@ def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
 
 
 class Itinerary:
-    """Where one is in the stages, by the *stage* of each tick; one that was not planned is put in where it comes.
+    """The present place in the stages, by the *stage* of each tick; one that was not planned is inserted.
 
     turn : seconds of a turn about that was not planned.
     """

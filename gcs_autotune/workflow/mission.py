@@ -57,7 +57,7 @@ class Visit(Generic[Log]):
         return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
 
     def agrees(self, question: str) -> bool:
-        """Return whether the operator agrees; for a simulated vehicle nobody is asked."""
+        """Return whether the operator agrees; for a simulated vehicle there is no question."""
         return agreed(self.craft, self.operator, self.log, question)
 
 

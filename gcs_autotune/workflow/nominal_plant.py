@@ -1,4 +1,4 @@
-"""The craft that a manoeuvre is previewed on: from a model file, from the vehicle's own figures, else assumed."""
+"""The nominal plant that a manoeuvre is previewed on: from a model file, the vehicle's own figures, or assumptions."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ class AssumedCraft:
 
     Attributes
     ----------
-    radius : of the turn at full steering [m], of a boat. rate : at full output [rad/s], of an ROV. lag : of both [s].
-    ahead, gains : speed at full thrust [m/s] where no cruise says it, and seconds in which it gains speed.
-    sinks : one whose heave is driven sinks by itself, or comes up.
+    radius : a boat's turning radius at full steering [m]. rate : an ROV's yaw rate at full output [rad/s].
+    lag : time constant of turning [s].
+    ahead : speed at full thrust [m/s], where there is no cruise speed. gains : time constant of surge [s].
+    sinks : whether an ROV without vertical thrust sinks; else it rises.
     """
 
     radius: float = 4.0
@@ -47,10 +48,10 @@ USUAL: Mapping[str, AssumedCraft] = {
     "thrusters": AssumedCraft(lag=0.7, gains=1.6),
     "rov": AssumedCraft(lag=0.25, gains=1.0),
 }
-"""Chosen: in the middle of boats of 1 to 3 m, and of published ROVs, where nothing is known. Yaw rates of ROVs:
-AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11; Benzon2022, table
-A1). None of ArduSub's
-parameters tells it: they limit what its loops ask for, not what its thrusters give."""
+"""Chosen for craft without any figures: the middle of boats of 1 to 3 m, and of published ROVs.
+
+Yaw rates of ROVs: AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11;
+Benzon2022, table A1). ArduSub's parameters limit what its loops command; they do not show what its thrusters give."""
 _KIN: Mapping[str, tuple[AssumedCraft, ...]] = {
     "rudder": (AssumedCraft(radius=6.7, lag=3.7), AssumedCraft(radius=3.0, lag=1.0)),
     "thrusters": (AssumedCraft(radius=4.0, lag=1.0, gains=2.0), AssumedCraft(radius=2.5, lag=0.5, gains=1.4)),
@@ -60,21 +61,22 @@ _KIN: Mapping[str, tuple[AssumedCraft, ...]] = {
         AssumedCraft(rate=1.6, lag=0.3, ahead=1.8, gains=1.3),
     ),
 }
-"""Chosen: slow and quick craft of each kind, and an ROV that is fast and heavy, which coasts furthest. A boat that
-steers by two thrusters turns in less water than one that steers by a rudder."""
+"""Chosen: slow and quick craft of each kind, and a fast and heavy ROV, which coasts furthest. A boat that steers by two
+thrusters turns in less space than one with a rudder."""
 TIED = 1e9
-"""Inertia and drag of what does not move."""
+"""Inertia and drag of a craft that is tied up."""
 _FULL_SPEED: Mapping[str, float] = {"Y": 1.0, "Z": 1.5}
-"""Chosen [m/s]: speed at full output to the side and down of a craft that nobody knows. Up and down it is quicker than
-ROVs of up to 100 kg are (0.6 to 1.3): what is foreseen as too small ends at a limit."""
+"""Chosen [m/s]: speed at full output to the side, and up and down, of an unknown craft. The vertical one is above that
+of
+ROVs of up to 100 kg (0.6 to 1.3): too small a prediction would end at a limit."""
 _SIDEWAYS = 0.3
-"""Chosen [s]: in which such a craft gains its speed to the side, up and down (0.1 to 0.6): they are short of mass for
-their thrusters there."""
+"""Chosen [s]: time constant of such a craft to the side, and up and down (0.1 to 0.6)."""
 _BY_SQUARE = 0.7
-"""Chosen: share of the square in an ROV's yaw drag at full output, between Falcon (affine) and VideoRay and AutoMarine
+"""Chosen: share of quadratic drag in an ROV's yaw drag at full output, between Falcon (none) and VideoRay and
+AutoMarine
 (all of it; Miskovic2010, 7.2 to 7.4). Such a craft turns slowly at small outputs and takes long to come to rest."""
 _WEIGHT = 0.03
-"""Chosen [of full]: weight left in the water of an ROV that nobody knows, or buoyancy (0.02 to 0.03)."""
+"""Chosen [of full output]: weight in water, or buoyancy, of an unknown ROV (0.02 to 0.03)."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
 
 
@@ -84,7 +86,7 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     Raises
     ------
     UsageError
-        It has none, or its input is an angle or a force and nobody says what full output is.
+        It has none, or its input is an angle or a force and its value at full output is unknown.
     """
     reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -101,10 +103,10 @@ def nominal_plant(
     speed: float,
     like: AssumedCraft | None = None,
 ) -> NominalPlant:
-    """Return the craft on paper: from the model given, from its own figures, else an assumed one of its size.
+    """Return the nominal plant: from the model of *settings*, from the vehicle's own figures, else an assumed one.
 
-    Its cruise tells how far it goes straight ahead. Its feed-forward gain tells its turning only so so: the rate loop
-    works with far less than the rudder that a turn takes, and tunes keep it within ArduRover's range. So it is assumed.
+    Its cruise shows how far it goes straight ahead. Its feed-forward gain shows its turning only roughly: the rate loop
+    works with far less rudder than a turn takes, and tunes keep it within ArduRover's range. So the turning is assumed.
 
     *like*: which assumed craft; None: the usual one.
     """
@@ -153,7 +155,7 @@ def assumed_plant(
     speed: float,
     like: AssumedCraft | None = None,
 ) -> NominalPlant:
-    """Return an assumed craft, of the vehicle's own figures as far as they go; *like* None: the usual one."""
+    """Return an assumed plant with the vehicle's own figures as far as there are any; *like* None: the usual craft."""
     under_way = firmware is not None and firmware.needs_way
     like = like or USUAL["rudder" if under_way else "rov"]
     gain = present.get("ATC_STR_RAT_FF", 0.0)
@@ -174,21 +176,22 @@ def assumed_plant(
 
 
 def assumed_crafts(*, under_way: bool, skid: bool) -> tuple[AssumedCraft, ...]:
-    """Return the craft that one of which nothing is known may be, the usual one first."""
+    """Return the craft to assume for one without figures, the usual one first."""
     kind = "rov" if not under_way else "thrusters" if skid else "rudder"
     known = (USUAL[kind], *_KIN[kind])
     return known if under_way else (*known, *(replace(like, sinks=False) for like in known))
 
 
 def _by_the_square(dof: str, full_speed: float) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
+    """Return a motion that reaches *full_speed* [m/s] at full output, with quadratic drag and the usual lag."""
     drag = full_speed**-2
     return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
 
 
 def _lively(dof: str, full_speed: float, lag: float, share: float = 0.5) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s, rad/s] at full output in *lag* [s], *share* of its drag by the
-    square.
+    """Return a motion that reaches *full_speed* [m/s, rad/s] at full output with the time constant *lag* [s].
+
+    share : of quadratic drag in its drag at full speed.
     """
     linear, square = (1.0 - share) / full_speed, share / full_speed**2
     return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * lag, linear, square)

@@ -1,4 +1,4 @@
-"""What must be right before anything swings: the vehicle is ready, the actuator acts, the right way, with way on.
+"""Checks before anything oscillates: the vehicle is ready and under way, the actuator acts in the right direction.
 
 A freshly booted ArduRover passes its checks after half a minute, and takes GUIDED (while armed) only when its estimator
 has a position, most of a minute after boot: measured 23 s and 42 s on ArduPilot's own simulator.
@@ -71,7 +71,7 @@ _ROUNDING = 0.005
 def checked_dof(kind: ManoeuvreKind) -> str:
     """Return the degree of freedom whose actuator is checked before a manoeuvre of the *kind*; empty for none.
 
-    None of a craft that is tied up, or before a wall: the relay there tells itself when it is driven the wrong way.
+    Empty, too, for a craft that is tied up or before a wall: that relay itself detects a reversed actuator.
     """
     unchecked = kind.tied or kind.needs
     return "" if unchecked else next((CHECKED[force] for force in sorted(kind.drives) if force in CHECKED), "")
@@ -90,8 +90,8 @@ def sign_check_for(
     """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
-    A craft that needs no way to steer by is checked at rest, whatever *throttle* it is flown at: under way it may turn
-    by itself, for many an ROV is unstable on its course.
+    A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
+    course, so that they turn under way without steering.
     """
     firmware, servos = craft.firmware, craft.servos
     if excitation_of(dof).by_throttle:
@@ -144,7 +144,7 @@ def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
 
 
 def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to change on a craft that goes astern when told to go ahead."""
+    """Return what to change on a craft that goes astern when commanded ahead."""
     if firmware.frame_parameter:
         return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
@@ -186,7 +186,7 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
     Raises
     ------
     PreconditionFailed
-        The actuator is dead, turned round, saturated or too weak, or there is no way on; the message has the cure.
+        The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
     """
     flown = fly(check, STAGE)
     if flown.outcome.ending == "aborted":
@@ -202,7 +202,7 @@ def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
-    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; none where *throttle* was given.
+    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; infinite if *throttle* is set.
 
     limit : the safety limit of the speed.
     """
@@ -216,9 +216,9 @@ TOO_FAST = 1.6
 
 
 def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
-    """See that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
+    """Check that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
 
-    Capped at less it stands at its limit for most of every manoeuvre, and nothing is learnt from it.
+    With a lower cap it is at its limit for most of every manoeuvre, which then identifies nothing.
 
     Raises
     ------
@@ -237,16 +237,16 @@ def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> No
 
 
 _PRESSURE_PATIENCE = 2.0
-"""Chosen [s]: a sensor that has not told its pressure by then, asked for it, tells none."""
+"""Chosen [s]: a sensor that has not reported a pressure by then, on request, does not report one."""
 
 
 def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
-    """See that the water-pressure sensor can tell a depth; one that is not heard by itself is asked for.
+    """Check that the water-pressure sensor reports a depth; it is requested if the vehicle does not send it.
 
     Raises
     ------
     PreconditionFailed
-        It tells less than nothing: the autopilot then takes its zero anew at every reading, and every depth is 0.
+        Its pressure is negative: the autopilot then resets its zero at every reading, and every depth is 0.
     """
     if not excitation_of(dof).below_surface:
         return
@@ -290,7 +290,7 @@ _PRED_POS_HORIZ_ABS = 1 << 9
 
 
 class _Estimator:
-    """What the vehicle's estimator last said of itself."""
+    """The last status report of the vehicle's estimator."""
 
     def __init__(self, craft: MavlinkCraft) -> None:
         self.flags: int | None = None
@@ -314,9 +314,9 @@ class _Estimator:
 
 
 def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
-    """Wait, neutral overrides flowing, until a disarmed vehicle passes its checks and a boat knows where it is.
+    """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
 
-    Whether the checks pass is for arming to say: after half a minute they are left to that, with the reasons.
+    After half a minute the checks are left to arming, which reports why they fail.
 
     Raises
     ------
@@ -362,12 +362,12 @@ def _reasons(craft: MavlinkCraft) -> str:
 
 
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
-    """See that the craft has what a manoeuvre drives, and steers by what it was told.
+    """Check that the vehicle has what a manoeuvre drives, and a rudder where an angle is set.
 
     Raises
     ------
     WrongVehicle
-        It has not. UsageError: a rudder is meant, and there is none.
+        It lacks it. UsageError: a rudder angle is set, and there is no rudder.
     """
     kind, firmware = settings.kind, craft.firmware
     if kind.axis and kind.axis not in firmware.axes:
@@ -388,13 +388,13 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
 
 
 _TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
-"""Signal that not every vehicle tells -> its message, and the rate [Hz] asked for."""
+"""Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
 _WAITING = 5.0
 """Chosen [s]: for the first of them."""
 
 
 def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
-    """Ask for what *kind* is read off, and see that a signal it cannot do without comes.
+    """Request the messages that *kind* is evaluated from, and check that a signal it requires arrives.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Going on from a run that ended early: what of it was flown to its end is used, when nothing has changed since.
+"""Resuming a run that ended early: its completed trials are used if nothing has changed since.
 
-A trial tells about one vehicle with one set of parameters. So the vehicle must be the same, by its board or its
-fingerprint, its firmware too, and hold the parameters recorded then; axis and settings must be those of that run. What
-makes a flight safe, the sign check and the dive, is always flown again.
+A trial is valid for one vehicle with one set of parameters. So the board (or the fingerprint), the firmware and the
+parameters must be the recorded ones; axis and settings must be those of that run. The sign check and the dive, which
+make a flight safe, are always flown again.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
 SETTING_OUT = "setting_out.json"
-"""What a run set out with, in its directory."""
+"""File of a run directory with the settings, vehicle and parameters that the run started with."""
 USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
 """Trials that a later run may use."""
 _SHAPING = (
     *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
     *("full_scale", "stop_rule"),
 )
-"""Settings that say what is flown."""
+"""Settings that determine what is flown."""
 
 
 def _shape(settings: CommonSettings) -> dict[str, Any]:
@@ -84,16 +84,16 @@ class _SetOut(Struct, frozen=True):
 
 
 class Earlier:
-    """The finished trials of an earlier run (``settings.resume``) that are called *names*; none without it.
+    """The completed trials called *names* of an earlier run (``settings.resume``); none without it.
 
-    *alike*: it was flown with the same settings, as its trials are to take the place of those flown now.
+    alike : whether the settings must be the same, since its trials replace those of this run.
 
     Raises
     ------
     UsageError
-        It is no run that can be gone on with, or was flown with other settings.
+        It is not a run that can be resumed, or was flown with other settings.
     PreconditionFailed
-        It left its vehicle with something to be put back.
+        It has not restored everything on its vehicle.
     BadFile
         It cannot be read.
     """
@@ -144,7 +144,7 @@ class Earlier:
         return name in self._trials
 
     def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
-        """See that the vehicle is the one of that run, and holds what it held then (*own*: name -> value now).
+        """Check that vehicle and parameters are those of that run (*own*: name -> value now).
 
         Raises
         ------

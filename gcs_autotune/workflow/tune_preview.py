@@ -63,7 +63,7 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
 
 
 def _stepped(context: TuneContext) -> tuple[float, float]:
-    """Return how far a step that was given goes from where the craft began: heading [rad] and depth [m]."""
+    """Return how far a step of the settings goes from the start: heading [rad] and depth [m]."""
     step, dof = context.settings.step, context.axis.dof
     size = 0.0 if step is None or axis_kind(context.axis.name).stepped not in ("psi", "z") else abs(step)
     return (size, 0.0) if dof == "yaw" else (0.0, size)
@@ -99,9 +99,9 @@ def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, 
 
 
 def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
-    """Fly the *check* and the *legs* of a tune or an experiment of a boat on paper.
+    """Simulate the *check* and the *legs* of a tune or an experiment of a boat.
 
-    A step or an oscillation about the course is flown straight ahead at *speed* [m/s]: that takes most water.
+    A step or an oscillation about the course is simulated straight ahead at *speed* [m/s]: that needs most space.
     """
     visit.fly(check, legs[0].stage)
     for leg in legs[1:]:

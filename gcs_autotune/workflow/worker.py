@@ -25,8 +25,7 @@ class Worker:
 
     Parameters
     ----------
-    apart : whether in a process of its own; else the work is done at once, where it is asked for: in simulated time
-        nothing waits for us.
+    apart : whether in a process of its own; else the work is done at once: simulated time stands still for it.
     """
 
     def __init__(self, *, apart: bool = True) -> None:
@@ -61,7 +60,7 @@ class Worker:
         return job.result()
 
     def abandon(self) -> None:
-        """Nobody wants the result any more."""
+        """The result is not needed any more."""
         if self._job is not None and not self._job.done and self._process is not None:
             self._process.kill()
             self._abandoned = True

@@ -201,7 +201,7 @@ def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_fl
         earlier=SimpleNamespace(has=lambda name: False),
         fly=fly,
         turn_around=lambda *where: None,
-        come_back_meanwhile=lambda before, work: work(),
+        compute_while_turning=lambda before, work: work(),
         run_in_background=lambda work, *args: work(*args),
     )
     with pytest.MonkeyPatch.context() as patch:
