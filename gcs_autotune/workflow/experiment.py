@@ -11,7 +11,7 @@ from gcs_autotune.errors import OperatorStopped, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.report import render_study
+from gcs_autotune.report import study_document, to_html
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import after_a_silence, battery, excursion_of, how_long, room
 from gcs_autotune.workflow.background import asked_now
@@ -67,8 +67,8 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     onboard.identify([fit], when)
     record.save_json("fit.json", fit.to_dict())
     save_model(fit, record.path / "model.json")
-    page = render_study(study_of(fit, [run.proper for run in found.runs], f"Experiment: {settings.axis}", when))
-    (record.path / "report.html").write_text(page, encoding="utf-8")
+    study = study_of(fit, [run.proper for run in found.runs], f"Experiment: {settings.axis}", when)
+    (record.path / "report.html").write_text(to_html(study_document(study)), encoding="utf-8")
     return fit
 
 

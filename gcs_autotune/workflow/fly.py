@@ -33,7 +33,7 @@ from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
+from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, read_flight, write_previews
 from gcs_autotune.workflow.foresight import COMING_BACK, DEEPER, Foresight
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, Paced, pace_of
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
@@ -114,7 +114,7 @@ def fly_plan(
         flight.foresee(only_preview=only_preview)
         if only_preview:
             runs = [FlownRun(leg.run, leg.preview) for leg in flight.legs]
-            return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+            return write_previews(runs, plan, common.directory, when)
         await_warmup(craft, worker, watcher)
         with log_of_run(common.fetch_log, craft, record, operator, watcher) as onboard:
             flight.announce()

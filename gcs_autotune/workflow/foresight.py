@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, PaperVisit, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews
+from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, write_previews
 from gcs_autotune.workflow.paper_craft import kin_of, paper_craft
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
 from gcs_autotune.workflow.settings import TuneSettings
@@ -66,7 +66,7 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
                 run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
             )
         )
-    return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+    return write_previews(runs, plan, common.directory, when)
 
 
 @dataclass(frozen=True, slots=True)
