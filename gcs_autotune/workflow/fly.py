@@ -25,7 +25,7 @@ from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
-from gcs_autotune.workflow.flight_result import FlightResult, draw_previews, read_flight
+from gcs_autotune.workflow.flight_result import FlightResult, read_flight, write_previews
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, MissionLog, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
@@ -101,7 +101,7 @@ def fly_plan(
         if only_preview:
             with visit as at:
                 flight.show_preview(at)
-            return FlightResult(flight.runs, draw_previews(flight.runs, plan, common.directory, when))
+            return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
     onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
