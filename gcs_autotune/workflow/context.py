@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import LAWS, Law
-from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
@@ -151,26 +149,12 @@ class TuneContext:
             if dof == axis.dof:
                 check_signs(check, self.runner.attempt)
             else:
-                self._check_steering(check)
+                envelope = replace(self.settings.envelope, cruise=self.speed)
+                self.runner.check_steering(check, envelope)
             if isinstance(check, SignCheck) and check.eased:
                 context = self._with_throttle(check.throttle)
         self.come_down()
         return context
-
-    def _check_steering(self, check: SignCheck | ThrustCheck) -> None:
-        """Check that the actuator that steers during the run does not act in the wrong direction.
-
-        A craft that turns by itself, or hardly responds, is rejected by the tune of that axis; here it is reported.
-        """
-        envelope = replace(self.settings.envelope, cruise=self.speed, heading_excursion=math.inf)
-        try:
-            check_signs(check, partial(self.runner.attempt, envelope=envelope))
-        except PreconditionFailed as error:
-            seen = check.answer if isinstance(check, SignCheck) else None
-            wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
-            if wrong or self.runner.contradicted:
-                raise
-            self.log.say(f"steering, which is held during this: {error}")
 
     def _with_throttle(self, throttle: float) -> TuneContext:
         """Report the *throttle* [fraction] just measured, and return the context with it."""

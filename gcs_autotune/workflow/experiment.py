@@ -10,7 +10,7 @@ from gcs_autotune.errors import WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import Journal
-from gcs_autotune.report import render_study
+from gcs_autotune.report import study_document, to_html
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
@@ -52,9 +52,8 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     onboard.identify([fit], when)
     record.save_json("fit.json", fit.to_dict())
     save_model(fit, record.path / "model.json")
-    runs = [run.proper for run in identified.runs]
-    page = render_study(study_of(fit, runs, f"Experiment: {settings.axis}", when))
-    (record.path / "report.html").write_text(page, encoding="utf-8")
+    study = study_of(fit, [run.proper for run in identified.runs], f"Experiment: {settings.axis}", when)
+    (record.path / "report.html").write_text(to_html(study_document(study)), encoding="utf-8")
     return fit
 
 

@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, draw_previews
+from gcs_autotune.workflow.flight_result import FlightResult, write_previews
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
 from gcs_autotune.workflow.settings import CommonSettings
@@ -65,7 +65,7 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         envelope = settings.envelope(speed)
         seen = preview(settings.make(throttle, speed=speed), plant, envelope)
         runs.append(FlightRun(run, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
-    return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+    return write_previews(runs, plan, common.directory, when)
 
 
 @dataclass(frozen=True, slots=True)

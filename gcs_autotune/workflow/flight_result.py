@@ -10,7 +10,15 @@ from pathlib import Path
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import Fit, Validation, fit_axis, moved_besides, save_model, validate, with_doubt_of_thrust
 from gcs_autotune.manoeuvres import Preview, limited_orders
-from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
+from gcs_autotune.report import (
+    Document,
+    FlightModel,
+    FlightStory,
+    TrialTold,
+    flight_document,
+    preview_document,
+    to_html,
+)
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.thrusters import write_pulls
@@ -20,7 +28,7 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import CommonSettings
 
-__all__ = ["FlightResult", "draw_previews", "read_flight"]
+__all__ = ["FlightResult", "read_flight", "write_previews"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,11 +36,13 @@ class FlightResult:
     """The result of a flight.
 
     ``runs`` with their records, ``sheets`` of figures, a model per degree of freedom in ``models``, and ``remarks``.
-    ``steps`` are those of a trial that planned itself; its model has the required form.
+    ``document``: the report, written to ``page``. ``steps`` are those of a trial that planned itself; its model has the
+    required form.
     """
 
     runs: Sequence[FlightRun]
-    page: Path | None = None
+    page: Path
+    document: Document
     sheets: Sequence[Sheet] = ()
     models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
@@ -54,13 +64,14 @@ class FlightResult:
         return self.models[0].fit if self.models else None
 
 
-def draw_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path, when: str) -> Path:
-    """Draw the predicted tracks in *directory*."""
+def write_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path, when: str) -> FlightResult:
+    """Write the predicted tracks to ``preview.html`` in *directory*."""
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
     told = [(run.planned.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
-    page.write_text(render_preview(f"Preview of {plan.title}", when, told), encoding="utf-8")
-    return page
+    document = preview_document(f"Preview of {plan.title}", when, told)
+    page.write_text(to_html(document), encoding="utf-8")
+    return FlightResult(runs, page, document)
 
 
 def read_flight(
@@ -112,10 +123,9 @@ def read_flight(
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri}"
-    page.write_text(
-        render_flight(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)), encoding="utf-8"
-    )
-    return FlightResult(runs, page, sheets, models, remarks, steps)
+    document = flight_document(FlightStory(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)))
+    page.write_text(to_html(document), encoding="utf-8")
+    return FlightResult(runs, page, document, sheets, models, remarks, steps)
 
 
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:

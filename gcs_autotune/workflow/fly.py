@@ -25,7 +25,7 @@ from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
 from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
-from gcs_autotune.workflow.flight_result import FlightResult, draw_previews, read_flight
+from gcs_autotune.workflow.flight_result import FlightResult, read_flight, write_previews
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, MissionLog, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
@@ -39,6 +39,7 @@ from gcs_autotune.workflow.preflight import (
     check_vehicle_suits,
     checked_dof,
     sign_check_for,
+    steered_meanwhile,
 )
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, same_options
@@ -100,7 +101,7 @@ def fly_plan(
         if only_preview:
             with visit as at:
                 flight.show_preview(at)
-            return FlightResult(flight.runs, draw_previews(flight.runs, plan, common.directory, when))
+            return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
     onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
@@ -151,7 +152,7 @@ class _Flight:
         return Mission(
             itinerary=Itinerary([*first, *self._stages()], pace.turn),
             modes=() if idle else tuple(modes),
-            movements=COMPLETE if idle else f"{_checks(checked)}{self._movements()}",
+            movements=COMPLETE if idle else f"{_checks([*checked, *self._steered(checked)])}{self._movements()}",
             needs=(*self._needs(whole), *self._continues(whole), battery(now, visit.common.envelope, whole.seconds)),
             fly=lambda journal: self._fly(),
             held=held,
@@ -172,6 +173,7 @@ class _Flight:
             plan.again.meet(craft)
         area = area_of_flight(craft, plan.area, log)
         checks, several = self._checks_of(plan.runs), len(plan.runs) > 1 or plan.until is not None
+        checks += self._steered(checks)
         self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several)
         for planned in plan.runs:
             check_vehicle_suits(planned.settings, craft)
@@ -250,6 +252,12 @@ class _Flight:
     def _checked(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
         return self._checks_of([run.planned for run in self._left])
+
+    def _steered(self, checked: Sequence[str]) -> list[str]:
+        """Return ``yaw`` where it is not among those *checked*, but is steered while they are driven."""
+        firmware, servos = self._visit.craft.firmware, self._visit.craft.servos
+        meanwhile = any(steered_meanwhile(dof, firmware, servos) for dof in checked)
+        return ["yaw"] if meanwhile and "yaw" not in checked else []
 
     @property
     def _looped(self) -> list[str]:
@@ -334,6 +342,9 @@ class _Flight:
             check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
             check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
             _dive(runner, dive_for(dof, firmware, home))
+        for dof in self._steered(checked):
+            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            runner.check_steering(check, left[0].envelope)
         for dof in looped:
             _dive(runner, dive_for(dof, firmware, craft.observe()))
         for k, run in enumerate(itertools.chain(left, self._chosen(runner))):

@@ -20,7 +20,7 @@ from gcs_autotune.errors import (
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
 from gcs_autotune.logs import load_runs
-from gcs_autotune.report import beside_telemetry, render_study
+from gcs_autotune.report import beside_telemetry, study_document, to_html
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.operator import Operator
@@ -94,8 +94,8 @@ class RunLog:
                 self.watcher.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
                 continue
             self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
-            page = render_study(study_of(found, runs, f"{fit.dof} from the onboard log", when))
-            (self.record.path / f"onboard{stem}.html").write_text(page, encoding="utf-8")
+            document = study_document(study_of(found, runs, f"{fit.dof} from the onboard log", when))
+            (self.record.path / f"onboard{stem}.html").write_text(to_html(document), encoding="utf-8")
             for line in beside_telemetry(fit, found):
                 self.watcher.say(line)
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.craft import Intervention
@@ -32,6 +33,8 @@ from gcs_autotune.manoeuvres import (
     Flown,
     Manoeuvre,
     Sequencer,
+    SignCheck,
+    ThrustCheck,
     TurnAbout,
     TurnAboutSettings,
     far_out,
@@ -39,6 +42,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
+from gcs_autotune.workflow.preflight import check_signs
 from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
 
 __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
@@ -124,6 +128,25 @@ class ManoeuvreRunner:
             self._watcher.say(f"continuing: {stage or again.name} is flown again from its start")
             self._come_down(again)
             manoeuvre = deepcopy(again)
+
+    def check_steering(self, check: SignCheck | ThrustCheck, envelope: Envelope) -> None:
+        """Check what steers the craft while another degree of freedom is tried.
+
+        A craft that turns by itself, or that hardly answers, is reported here. The tune of its own axis refuses it.
+
+        Raises
+        ------
+        PreconditionFailed
+            It turns the wrong way, or its sensors contradict each other.
+        """
+        try:
+            check_signs(check, partial(self.attempt, envelope=replace(envelope, heading_excursion=math.inf)))
+        except PreconditionFailed as error:
+            seen = check.answer if isinstance(check, SignCheck) else None
+            wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
+            if wrong or self.contradicted:
+                raise
+            self._watcher.say(f"steering, which is held during this: {error}")
 
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
         """Whether this computer left the vehicle without commands for long since link time *begun* [s].

@@ -138,6 +138,18 @@ def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) 
 
 
 @pytest.mark.slow
+def test_a_flight_ahead_checks_what_it_steers_by(tmp_path: Any) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
+    settings = FlySettings("steps", harness.common(), {}, force="X")
+    with pytest.raises(PreconditionFailed, match=r"the wrong way\. Left and right are swapped"):
+        fly(settings, Unattended(), Ear(harness.said), WHEN)
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    kept = [file.stem for file in (harness.directory / "trials").glob("*.csv")]
+    assert kept and all("sign-check" in name for name in kept), "no step was flown"
+
+
+@pytest.mark.slow
 def test_a_cruise_pair_that_is_wrong_by_five_is_learnt(tmp_path: Any) -> None:
     file = tmp_path / "five.toml"
     thrust = '{ value = 276.0, unit = "N", source = "five times that of the boat it is like" }'
