@@ -50,7 +50,7 @@ from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
-from sitl.autopilot.rover_modes import GuidedTarget
+from sitl.autopilot import GuidedTarget
 from sitl.plants import Wrench
 from sitl.vehicle import Vehicle
 

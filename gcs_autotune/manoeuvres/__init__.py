@@ -22,7 +22,8 @@ from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, PaperState, Preview, preview
-from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings, StopRule
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopRule
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet

@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import relay_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Progress
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["LEAST_REVERSALS", "OptionNames", "Relay", "RelaySettings", "StopRule", "WallRelay"]
+__all__ = ["LEAST_REVERSALS", "Relay", "StopRule", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -49,84 +49,6 @@ ROUNDING = 1e-9
 
 LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
-
-
-class OptionNames(NamedTuple):
-    """What a person sets a relay's size by: named in advice."""
-
-    output: str = "--relay-output"
-    hysteresis: str = "--relay-hysteresis"
-
-
-OF_A_TUNE = OptionNames()
-"""Those of ``tune`` and ``experiment``."""
-
-
-@dataclass(frozen=True, slots=True)
-class RelaySettings:
-    """Settings. Outputs are normalised; angles rad, lengths m, times s.
-
-    Attributes
-    ----------
-    signal, force : the feedback signal (``psi``, ``z``, ``d``; ``x``, ``y`` for integrated surge and sway speed) and
-        the driven force.
-    output : relay output C; None: start at ``first_output`` and grow by ``growth`` up to ``most_output``.
-    hysteresis : switching value x_a; None: ``least_hysteresis`` or five times the measured noise.
-    throttle : constant thrust ahead during the experiment (a boat's rudder needs speed).
-    reference_speed : mean speed of a surge relay [m/s].
-    keep_still : hold an ROV's other axes (heading, depth).
-    periods, tolerance : the stop rule.
-    unsettled_periods, most_widenings : after this many unsettled periods an automatic hysteresis is widened by
-        ``growth``, at most this many times.
-    patience : longest time without a switching [s].
-    least_distance : nearest to a wall ahead [m], of a relay on ``d``.
-    noise_std : noise of the signal, if known; then there is no approach.
-    least_period : shortest period [s] that the link can resolve; a shorter one is widened, then rejected.
-    names : what the command at hand calls output and hysteresis.
-
-    Raises
-    ------
-    UsageError
-        An output is not within 0 to 1, a hysteresis not above 0, or a number not finite.
-    """
-
-    signal: str
-    force: str
-    output: float | None = None
-    hysteresis: float | None = None
-    throttle: float = 0.0
-    reference_speed: float = 0.0
-    keep_still: bool = False
-    first_output: float = 0.3
-    growth: float = 1.5
-    most_output: float = 0.9
-    least_hysteresis: float = math.radians(10.0)
-    periods: int = 5
-    tolerance: float = 0.10
-    most_periods: int = 30
-    unsettled_periods: int = 10
-    most_widenings: int = 2
-    patience: float = 30.0
-    least_period: float = 0.0
-    least_distance: float = 0.0
-    noise_std: float | None = None
-    names: OptionNames = OF_A_TUNE
-
-    def __post_init__(self) -> None:
-        """See that a relay can be made of it: it switches, and pushes no harder than there is."""
-        for name in ("output", "first_output", "most_output"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value <= 1.0:
-                raise UsageError(
-                    f"relay: {name} is {value:g}. It must be a normalised output above 0, at most 1"
-                    + (f" with a throttle of {self.throttle:g}" if self.throttle else "")
-                )
-        for name in ("hysteresis", "least_hysteresis"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise UsageError(f"relay: {name} is {value:g}. The switching value must be finite and above 0")
-        if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
-            raise UsageError(f"relay: throttle {self.throttle:g} or speed {self.reference_speed:g} m/s is out of range")
 
 
 class StopRule(Protocol):
