@@ -43,7 +43,7 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import wanders
+from gcs_autotune.diagnose.weathered import above_the_command, wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Fitted, Problem
 from gcs_autotune.sname import DOFS
@@ -66,6 +66,9 @@ DONE = 0.5
 
 RESTARTS = 3
 """Better fits of the same model that a winner may lead to, at most."""
+
+CALM = 0.2
+"""Chosen: size of a drifting force over that of what is commanded up to which a free run may still be explained."""
 
 FOLLOWED, FARTHEST = 3, 3
 """Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
@@ -322,7 +325,8 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return None
     state, adrift = wanders(state)
     search = None if state.beneath is None else state.beneath[1]
-    if adrift and search is not None and search.named and _is_all(search.dof, state.problem):
+    rough = adrift and search is not None and above_the_command(search) > CALM
+    if rough and search is not None and search.named and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)
