@@ -34,6 +34,7 @@ class CommandCoupling(ActuatorEffect):
     grows_with = ("gain",)
     shown_by = "residual against the other axis' command, at once and in proportion"
     mistaken_for = ("input-bias", "tether-pull", "gain-drift", "channel-swap")
+    yields_to = ("input-bias", "net-buoyancy")  # a command that hardly changes acts like a constant
     separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
