@@ -270,7 +270,10 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is not None and kept.cost - rival.fitted.cost - bic_penalty(rival.fitted, kept) > ALIKE:
+    if rival is None:
+        return state
+    likelihood = (kept.cost - rival.fitted.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival.fitted, kept) > ALIKE:
         return state.with_model(rival.fitted, rival.unseen)
     return state
 
@@ -379,7 +382,7 @@ def _as_likely(
                 continue
             effects = tuple(other if e is effect else e for e in now.effects)
             fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
-            if fit is not None and fit.cost < now.cost + ALIKE:
+            if fit is not None and (fit.cost - now.cost) / correlation_of(now) < ALIKE:
                 return other, fit
     return None
 

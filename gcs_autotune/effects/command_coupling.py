@@ -20,6 +20,10 @@ VARIES = 0.2
 always the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
 
 
+NONE = 1e-6
+"""Chosen: a command smaller than this share of the largest one is none: what a mixer's arithmetic leaves of zero."""
+
+
 class CommandCoupling(ActuatorEffect):
     """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: a line of thrust beside the centre, unequal thrusters.
 
@@ -71,5 +75,7 @@ class CommandCoupling(ActuatorEffect):
 
 def _varies(name: str, data: DataSummary) -> bool:
     extent = data.extent.get(name, (0.0, 0.0))
+    if max(map(abs, extent)) < NONE * max(data.amplitude.values(), default=0.0):
+        return False
     low, high = data.usual.get(name, extent)
     return high - low > VARIES * max(map(abs, extent))
