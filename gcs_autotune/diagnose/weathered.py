@@ -17,6 +17,7 @@ from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
     asked_of,
     may_be_weighed,
+    refits_of,
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
@@ -401,12 +402,10 @@ def seconds_ahead(
     """
     squares = []
     each: dict[str, tuple[float, float]] = {}
-    for train, test in search.folds:
-        rest, seen = search.problem.on(train), search.problem.on(test)
-        errors = []
-        for one in (other, search.fit):
-            again = rest.fit(one.theta, one.effects, one.water, rounds=4)
-            errors.append(seen.ahead(again or one, ahead))
+    both = (other, search.fit)
+    for (train, test), *refits in zip(search.folds, *(refits_of(search, one) for one in both), strict=True):
+        seen = search.problem.on(test)
+        errors = [seen.ahead(again or one, ahead) for again, one in zip(refits, both, strict=True)]
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
         left_out = {s.run for s in test}

@@ -186,8 +186,7 @@ class PropellerWash(ActuatorEffect):
         low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
         thrust = np.linspace(min(low, 0.0), high, 201)
         gain = self._gain(effect, thrust)
-        unit = data.inputs.get(THRUST, SIGNALS[THRUST][0])
-        x_label, y_label = f"{THRUST} commanded [{unit}]", f"gain of {name} [1]"
+        x_label, y_label = f"{THRUST} commanded [{data.command_unit(THRUST)}]", f"gain of {name} [1]"
         return EffectCurve(thrust, gain, x_label, y_label, "Steering over thrust", plain=np.ones_like(thrust))
 
 

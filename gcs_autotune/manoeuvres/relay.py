@@ -24,7 +24,7 @@ from gcs_autotune.watch import Progress
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["LEAST_REVERSALS", "Relay", "StopRule", "WallRelay"]
+__all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -51,12 +51,12 @@ LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
-class StopRule(Protocol):
-    """Ends a relay before its limit cycle has settled, once the record suffices. It is asked at every tick.
+class StopCriterion(Protocol):
+    """A criterion that ends a relay before its periods agree, once the record suffices. It is asked at every tick.
 
     Attributes
     ----------
-    counted_to : the vehicle's time [s] up to which the record counts when the rule ended the relay; NaN for its end.
+    counted_to : the vehicle's time [s] up to which the record counts when it ended the relay; NaN for its end.
     """
 
     counted_to: float
@@ -71,18 +71,18 @@ class StopRule(Protocol):
 
 
 class Relay(Manoeuvre):
-    """Approach (way on, noise measured), then the relay until the limit cycle has settled, or *rule* says enough."""
+    """Approach (way on, noise measured), then the relay until its periods agree or *criterion* is met."""
 
     kind = "relay"
 
-    def __init__(self, settings: RelaySettings, name: str = "relay", rule: StopRule | None = None) -> None:
+    def __init__(self, settings: RelaySettings, name: str = "relay", criterion: StopCriterion | None = None) -> None:
         super().__init__(name, signal=settings.signal, force=settings.force)
         self._settings = settings
         self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
         self._output = settings.output if settings.output is not None else settings.first_output
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
-        self._rule, self._enough = rule, False
+        self._criterion, self._enough = criterion, False
         self._counted_to = math.nan
         if settings.noise_std is not None:
             self._approach.skip(settings.noise_std)
@@ -106,7 +106,7 @@ class Relay(Manoeuvre):
     def asked(self) -> Mapping[str, Any]:
         """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began.
 
-        ``enough`` : a rule ended it, so that few periods are no fault of it.
+        ``enough`` : the criterion of the caller ended it, so that few periods are no fault of it.
         """
         s = self._settings
         return {
@@ -218,14 +218,9 @@ class Relay(Manoeuvre):
         ):
             self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
             return
-        enough = self._rule.update(self, state.switchings) if self._rule is not None and state.proper else ""
+        enough = self._met_criterion()
         if enough:
-            assert self._rule is not None
-            self._enough, self._counted_to = True, self._rule.counted_to
             self._end("completed", enough)
-            return
-        if state.settled:
-            self._end("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
         if state.switchings >= self._judged + 2:
             self._judged = state.switchings
@@ -243,6 +238,17 @@ class Relay(Manoeuvre):
             self._settle(t)
         elif state.switchings >= 2 * s.most_periods:
             self._give_up(messages.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
+
+    def _met_criterion(self) -> str:
+        """Return the stop criterion that is met, in words; empty for none.
+
+        There are two: the one of the caller, where there is one, and that the periods agree.
+        """
+        s, criterion, state = self._settings, self._criterion, self._monitor.state
+        enough = criterion.update(self, state.switchings) if criterion is not None and state.proper else ""
+        if criterion is not None and enough:
+            self._enough, self._counted_to = True, criterion.counted_to
+        return enough or (f"{s.periods} periods within {100 * s.tolerance:.0f} %" if state.settled else "")
 
     def _grow(self, t: float, otherwise: str) -> None:
         """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
@@ -291,8 +297,8 @@ class Relay(Manoeuvre):
     def _reset_monitor(self) -> None:
         self._judged = 0
         self._monitor = self._new_monitor()
-        if self._rule is not None:
-            self._rule.begin()
+        if self._criterion is not None:
+            self._criterion.begin()
 
     def _new_monitor(self) -> LimitCycleMonitor:
         from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take

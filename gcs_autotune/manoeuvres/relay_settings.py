@@ -35,7 +35,7 @@ class RelaySettings:
     throttle : constant thrust ahead during the experiment (a boat's rudder needs speed).
     reference_speed : mean speed of a surge relay [m/s].
     keep_still : hold an ROV's other axes (heading, depth).
-    periods, tolerance : the stop rule.
+    periods, tolerance : so many periods in a row, within this share of each other, agree.
     unsettled_periods, most_widenings : after this many unsettled periods an automatic hysteresis is widened by
         ``growth``, at most this many times.
     patience : longest time without a switching [s].

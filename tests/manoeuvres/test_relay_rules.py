@@ -203,7 +203,7 @@ class Rule:
 
 def test_a_stop_rule_is_asked_at_every_tick_while_the_oscillation_is_proper_and_begins_with_each_size() -> None:
     def by(rule: Rule, script: Script) -> tuple[Relay, list[tuple[Observation, Actuate]]]:
-        relay = Relay(RelaySettings("psi", "N", noise_std=0.0, least_hysteresis=H), rule=rule)
+        relay = Relay(RelaySettings("psi", "N", noise_std=0.0, least_hysteresis=H), criterion=rule)
         return relay, answered(relay, lambda t, command: at_rest(t=t, psi=script(t, relay)))
 
     rule = Rule(4.0)
