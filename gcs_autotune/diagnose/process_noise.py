@@ -29,7 +29,7 @@ from gcs_autotune.diagnose.process_noise_starts import (
     momentary,
     plain_under_process_noise,
 )
-from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, rms_ahead, stands
+from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, refitted, rms_ahead, stands
 from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import (
@@ -45,7 +45,15 @@ from gcs_autotune.models import Form
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WeatherSearch", "asked_of", "may_be_told", "search_under_process_noise", "weathered_form"]
+__all__ = [
+    "CONSTANT",
+    "WeatherSearch",
+    "asked_of",
+    "may_be_told",
+    "refits_of",
+    "search_under_process_noise",
+    "weathered_form",
+]
 
 Array = NDArray[np.float64]
 
@@ -582,10 +590,13 @@ def _rough(
     return max(ends, key=lambda f: f.total, default=None)
 
 
+def refits_of(search: WeatherSearch, fit: WanderingFit) -> list[WanderingFit | None]:
+    """Return *fit*, refitted to what each fold does not leave out; None where it runs away."""
+    seconds = foresight(search.problem, search.plain)
+    return [refitted(search.problem.on(train), fit, REFIT, seconds) for train, _ in search.folds]
+
+
 def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[WanderingFit | None]:
     """Return *fit*, refitted to the rest, as it is on what each fold leaves out; None where it runs away."""
-    found = []
-    for train, test in search.folds:
-        again = search.problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
-        found.append(None if again is None else search.problem.on(test).judge(again))
-    return found
+    refits = zip(refits_of(search, fit), search.folds, strict=True)
+    return [None if again is None else search.problem.on(test).judge(again) for again, (_, test) in refits]

@@ -43,7 +43,7 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import wanders
+from gcs_autotune.diagnose.weathered import above_the_command, wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Fitted, Problem
 from gcs_autotune.sname import DOFS
@@ -66,6 +66,9 @@ DONE = 0.5
 
 RESTARTS = 3
 """Better fits of the same model that a winner may lead to, at most."""
+
+CALM = 0.2
+"""Chosen: size of a drifting force over that of what is commanded up to which a free run may still be explained."""
 
 FOLLOWED, FARTHEST = 3, 3
 """Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
@@ -267,7 +270,10 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is not None and kept.cost - rival.fitted.cost - bic_penalty(rival.fitted, kept) > ALIKE:
+    if rival is None:
+        return state
+    likelihood = (kept.cost - rival.fitted.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival.fitted, kept) > ALIKE:
         return state.with_model(rival.fitted, rival.unseen)
     return state
 
@@ -322,7 +328,8 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return None
     state, adrift = wanders(state)
     search = None if state.beneath is None else state.beneath[1]
-    if adrift and search is not None and search.named and _is_all(search.dof, state.problem):
+    rough = adrift and search is not None and above_the_command(search) > CALM
+    if rough and search is not None and search.named and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)
@@ -375,7 +382,7 @@ def _as_likely(
                 continue
             effects = tuple(other if e is effect else e for e in now.effects)
             fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
-            if fit is not None and fit.cost < now.cost + ALIKE:
+            if fit is not None and (fit.cost - now.cost) / correlation_of(now) < ALIKE:
                 return other, fit
     return None
 

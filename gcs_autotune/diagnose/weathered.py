@@ -17,6 +17,7 @@ from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
     asked_of,
     may_be_weighed,
+    refits_of,
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
@@ -296,8 +297,11 @@ def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:
     names = base.form.parameters
     theta = np.array([values.get(n, v) for n, v in zip(names, base.theta.tolist(), strict=True)])
     effects = in_order([_scaled(e, inertia, math.copysign(1.0, inertia)) for e in search.fit.effects])
+    # The states of a base that is lost may be no craft's.
+    starts = (base.initial, state.problem.first_states(state.problem.segments))
     with np.errstate(all="ignore"):
-        return state.problem.states(theta, effects, base.initial)
+        fits = [state.problem.states(theta, effects, initial) for initial in starts]
+    return min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
 
 
 # -- for the report
@@ -398,12 +402,10 @@ def seconds_ahead(
     """
     squares = []
     each: dict[str, tuple[float, float]] = {}
-    for train, test in search.folds:
-        rest, seen = search.problem.on(train), search.problem.on(test)
-        errors = []
-        for one in (other, search.fit):
-            again = rest.fit(one.theta, one.effects, one.water, rounds=4)
-            errors.append(seen.ahead(again or one, ahead))
+    both = (other, search.fit)
+    for (train, test), *refits in zip(search.folds, *(refits_of(search, one) for one in both), strict=True):
+        seen = search.problem.on(test)
+        errors = [seen.ahead(again or one, ahead) for again, one in zip(refits, both, strict=True)]
         good = min(len(e) for e in errors)
         squares.append(np.array([e[:good] ** 2 for e in errors]))
         left_out = {s.run for s in test}

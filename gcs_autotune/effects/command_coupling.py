@@ -7,17 +7,20 @@ from math import inf
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, redrawn
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, with_other
 from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES
-from gcs_autotune.sname import SIGNALS
 
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
 """Chosen: least range of the other command for eight tenths of the time, in shares of its largest. What is nearly
 always the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
+
+
+NONE = 1e-6
+"""Chosen: a command smaller than this share of the largest one is none: what a mixer's arithmetic leaves of zero."""
 
 
 class CommandCoupling(ActuatorEffect):
@@ -34,6 +37,7 @@ class CommandCoupling(ActuatorEffect):
     grows_with = ("gain",)
     shown_by = "residual against the other axis' command, at once and in proportion"
     mistaken_for = ("input-bias", "tether-pull", "gain-drift", "channel-swap")
+    yields_to = ("input-bias", "net-buoyancy")  # a command that hardly changes acts like a constant
     separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -55,29 +59,21 @@ class CommandCoupling(ActuatorEffect):
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Add the other command, or what other effects have made of it where it drives something."""
         name, other = columns_of(effect.place)
-        if name not in drive.channels:
-            return drive
-        if other in drive.channels:
-            acting = drive.channels[name] + effect["gain"] * drive.channels[other]
-            return drive.with_channel(name, acting)
-        own = drive.measured[other]
-        known = np.isfinite(own.values)
-        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
-        held = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
-        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
-        return redrawn(drive, name, t, u + effect["gain"] * held)
+        both = with_other(drive, name, other)
+        return drive if both is None else redrawn(drive, name, both[0], both[1] + effect["gain"] * both[2])
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """What acts here over the other command."""
         name, other = columns_of(effect.place)
         low, high = data.extent[other]
         command = np.linspace(min(low, 0.0), max(high, 0.0), 101)
-        unit = data.inputs.get(other, SIGNALS[other][0])
-        x_label, y_label = f"{other} commanded [{unit}]", f"{name} acting [{data.inputs[name]}]"
+        x_label, y_label = f"{other} commanded [{data.command_unit(other)}]", f"{name} acting [{data.inputs[name]}]"
         return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Another axis' command acts here")
 
 
 def _varies(name: str, data: DataSummary) -> bool:
     extent = data.extent.get(name, (0.0, 0.0))
+    if max(map(abs, extent)) < NONE * max(data.amplitude.values(), default=0.0):
+        return False
     low, high = data.usual.get(name, extent)
     return high - low > VARIES * max(map(abs, extent))

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers, with_other
 from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
@@ -56,7 +56,7 @@ class SpeedDependentSteering(ActuatorEffect):
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that turns the craft, when a speed is recorded and varies."""
         name = _speed(data.channels)
-        if name is None or data.rms.get(name, 0.0) <= 0.0:
+        if name is None or name in data.still or data.rms.get(name, 0.0) <= 0.0:
             return ()
         low, high = data.extent.get(name, (0.0, 0.0))
         if high - low < VARIES * data.rms[name]:
@@ -173,21 +173,8 @@ class PropellerWash(ActuatorEffect):
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Scale the commands with the thrust commanded, or with what other effects have made of it."""
         name, other = columns_of(effect.place)
-        if name not in drive.channels:
-            return drive
-        if other in drive.channels:
-            acting = drive.channels[name] * self._gain(effect, drive.channels[other])
-            return drive.with_channel(name, acting)
-        if other not in drive.measured:
-            return drive
-        own = drive.measured[other]
-        known = np.isfinite(own.values)
-        if not known.any():
-            return drive
-        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
-        thrust = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
-        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
-        return redrawn(drive, name, t, u * self._gain(effect, thrust))
+        both = with_other(drive, name, other)
+        return drive if both is None else redrawn(drive, name, both[0], both[1] * self._gain(effect, both[2]))
 
     def _gain(self, effect: EffectInstance, thrust: Array) -> Array:
         gain: Array = (1.0 - effect["share"]) + effect["share"] * thrust * np.abs(thrust) / effect["X_ref"] ** 2
@@ -199,8 +186,7 @@ class PropellerWash(ActuatorEffect):
         low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
         thrust = np.linspace(min(low, 0.0), high, 201)
         gain = self._gain(effect, thrust)
-        unit = data.inputs.get(THRUST, SIGNALS[THRUST][0])
-        x_label, y_label = f"{THRUST} commanded [{unit}]", f"gain of {name} [1]"
+        x_label, y_label = f"{THRUST} commanded [{data.command_unit(THRUST)}]", f"gain of {name} [1]"
         return EffectCurve(thrust, gain, x_label, y_label, "Steering over thrust", plain=np.ones_like(thrust))
 
 

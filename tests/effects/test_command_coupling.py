@@ -58,6 +58,7 @@ def test_a_command_that_drives_is_added_as_it_acts_and_its_own_axis_keeps_all_of
 def test_it_sits_where_another_command_was_recorded_that_changes() -> None:
     assert ENTRY.places(data_summary()) == ()
     assert ENTRY.places(data_summary(X=(-0.5, 1.0), u=(0.0, 1.0), Z=(0.0, 0.3))) == ("N+X", "N+Z")
+    assert ENTRY.places(data_summary(X=(-5e-17, 1e-16))) == (), "what a mixer's arithmetic leaves of zero"
     assert ENTRY.places(data_summary(X=(0.9, 1.0))) == (), "thrust that hardly changes acts like a constant"
     idle = replace(data_summary(X=(-0.5, 1.0)), amplitude={"N": 0.0})
     assert ENTRY.places(idle) == ()
@@ -72,6 +73,7 @@ def test_it_is_drawn_over_all_of_the_other_command_that_was_given() -> None:
     drawn = ENTRY.curve(LEAKS, data_summary(X=(0.5, 2.0)))
     assert drawn is not None
     assert (drawn.x[0], drawn.x[-1], drawn.y[-1]) == (0.0, 2.0, -1.0)
+    assert drawn.x_label == "X commanded [1]", "a share, as the input that drives"
 
 
 def test_a_throttle_that_is_put_on_once_is_no_place_for_it() -> None:
