@@ -26,7 +26,7 @@ from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_under
+from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_among
 from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
 from gcs_autotune.diagnose.weathered import supported
 from gcs_autotune.effects import EFFECTS
@@ -60,8 +60,8 @@ def _searched(case: Case, slugs: Sequence[str]) -> WeatherSearch | None:
 
 def _gain(found: WeatherSearch | None, slug: str) -> float | None:
     """Return what *slug* gained in the first step, None where it did not come so far."""
-    judged = () if found is None else found.judged
-    return max((a.gain for a in judged if a.step == 1 and a.effect.slug == slug), default=None)
+    judged = found.steps[0].judged if found is not None and found.steps else ()
+    return max((a.gained for a in judged if a.effect.slug == slug), default=None)
 
 
 def _answer(found: WeatherSearch | None) -> Row:
@@ -70,9 +70,9 @@ def _answer(found: WeatherSearch | None) -> Row:
         return {"named": [], "groups": [], "hints": [], "chance": 0.0}
     told, refused, _ = supported(found)
     return {
-        "named": [a.effect.slug for a in told.named],
+        "named": [a.effect.slug for a in told.accepted],
         "groups": [list(g) for g in told.alike],
-        "hints": [w.one.effect.slug for w in weak_under(told, refused)],
+        "hints": [w.one.effect.slug for w in weak_among(told.steps, told.tried, told.names, refused)],
         "chance": chance_of(FAINT, 1, found.tried),
     }
 

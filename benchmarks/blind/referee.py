@@ -228,8 +228,8 @@ def _worth(case: Case) -> float:
     form = plain_form(runs)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
     found = search_under_process_noise(problem, base, list(case.truth), (), lambda *_: None)
-    judged = [] if found is None else [a for a in found.judged if a.effect.slug in case.truth]
-    return max((a.gain for a in judged), default=0.0)
+    judged = [] if found is None else [a for step in found.steps for a in step.judged if a.effect.slug in case.truth]
+    return max((a.gained for a in judged), default=0.0)
 
 
 def _pulls(slug: str, found: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, list[float]]:

@@ -147,7 +147,7 @@ def _diagnosed(
     strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:
-        chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
+        chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.accepted))
         try:
             check_effort("what is left over")
             sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.diagnose.attested import WORTH
+from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
     Day,
     Doubt,

@@ -8,20 +8,30 @@ three and ten nats, or more and not the rest, is a hint.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune import chi_square
-from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of
-from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
-from gcs_autotune.diagnose.sampling_interval import stands
-from gcs_autotune.diagnose.score import LUCK, Judged, is_material, is_needed
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
+from gcs_autotune.identify import Fitted, WanderingFit
 
-__all__ = ["ENOUGH", "FAINT", "WeakCandidate", "chance_of", "hints_of", "own_gain", "surest", "weak_under", "worth"]
+__all__ = [
+    "ENOUGH",
+    "FAINT",
+    "Score",
+    "Steps",
+    "WeakCandidate",
+    "chance_of",
+    "hints_of",
+    "own_gain",
+    "surest",
+    "weak_among",
+    "worth",
+]
 
 FAINT, ENOUGH = 3.0, 10.0
 """Log-likelihood gained by one number from which on a candidate is a hint, and from which on it is named where it also
@@ -32,7 +42,8 @@ ALIKE = 3.0
 
 MOST_HINTS = 3
 
-Candidate = Attested | Judged
+Score = CandidateScore[Fitted] | CandidateScore[WanderingFit]
+Steps = Sequence[SearchStep[Fitted] | SearchStep[WanderingFit]]
 
 
 def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
@@ -61,58 +72,45 @@ def worth(gained: float, numbers: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeakCandidate:
-    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, and the rest of what a hint has."""
+    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, its ``chance``, what it lacks."""
 
-    one: Candidate
+    one: Score
     size: float
-    gained: float
-    unseen: tuple[float, ...]
     chance: float
     lacks: Lack
 
 
 def hints_of(
-    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Candidate], Mapping[str, Value]]
+    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Score], Mapping[str, Value]]
 ) -> tuple[Hint, ...]:
     """Return the hints of a finished search, the likeliest first; *causes*: those that are identified."""
-    weak = _weak(state) if state.weather is None else weak_under(state.weather, state.refused)
-    known = {(e.slug, e.place) for e in causes}
-    best = [w for w in weak if _key(w.one) not in known][:MOST_HINTS]
+    search = state.weather
+    if search is None:
+        weak = weak_among(state.steps, state.tried)
+    else:
+        weak = weak_among(search.steps, search.tried, search.names, state.refused)
+    known = {key_of(e) for e in causes}
+    best = [w for w in weak if key_of(w.one.effect) not in known][:MOST_HINTS]
     return tuple(_hint(state, w, best, values_of(w.one)) for w in best)
 
 
-def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
-    """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
+def weak_among(
+    steps: Steps, tried: int, told: Collection[str] = (), refused: Sequence[Score] = ()
+) -> list[WeakCandidate]:
+    """Return the candidates of the last of *steps* that are hints, none of the names *told*, and causes *refused*.
 
-    Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
-    left out.
+    Of so many *tried*. Left out are those of which the 95 % interval contains no effect. What was refused comes first:
+    it held on the parts left out.
     """
-    last_step = max((a.step for a in search.judged), default=0)
-    told = {name for group in search.alike for name in group} | {name_of(a.effect) for a in search.named}
-    beside = [(a, _lack(search, a)) for a in search.judged if a.step == last_step and name_of(a.effect) not in told]
-    own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
+    last: Sequence[Score] = steps[-1].judged if steps else ()
+    beside = [a for a in last if name_of(a.effect) not in told]
     found = []
-    for one, lacks in own.values():
-        if one.foretold > 0.0:
-            here = [i for i, e in enumerate(one.fit.effects) if (e.slug, e.place) == _key(one)]
-            numbers = sum(i in here for i, _ in one.fit.free_effects)
-            chance = chance_of(one.gain, numbers, search.tried)
-            unseen = tuple(one.unseen.tolist())
-            found.append(WeakCandidate(one, worth(one.gain, numbers), one.gain, unseen, chance, lacks))
-    held = [w for w in _ranked(found) if any(w.one is a for a, _ in refused)]
+    for one in {key_of(a.effect): a for a in (*beside, *refused)}.values():
+        if one.gain > 0.0 and one.lacks is not None and one.lacks != "uncertain":
+            chance = chance_of(one.gained, one.numbers, tried)
+            found.append(WeakCandidate(one, worth(one.gained, one.numbers), chance, one.lacks))
+    held = [w for w in _ranked(found) if any(w.one is a for a in refused)]
     return [*held, *(w for w in _ranked(found) if w not in held)]
-
-
-def _weak(state: SearchState) -> list[WeakCandidate]:
-    """Return the candidates of the last step, where nothing was accepted, that are hints."""
-    last = state.steps[-1] if state.steps else None
-    found = []
-    for one in () if last is None or last.accepted is not None else last.judged:
-        if one.unseen is not None and one.gain > 0.0:
-            numbers, gained = one.fitted.parameters - state.fitted.parameters, 0.5 * one.likelihood
-            chance = chance_of(gained, numbers, state.tried)
-            found.append(WeakCandidate(one, worth(gained, numbers), gained, (), chance, _lack_of(state, one)))
-    return _ranked(found)
 
 
 def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
@@ -120,10 +118,6 @@ def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
     slugs = {w.one.effect.slug for w in found}
     enough = [w for w in found if w.size >= FAINT]
     return sorted(enough, key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))
-
-
-def _key(one: Candidate) -> tuple[str, str]:
-    return one.effect.slug, one.effect.place
 
 
 def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate], values: Mapping[str, Value]) -> Hint:
@@ -136,8 +130,8 @@ def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate],
         effect.place,
         EFFECTS[effect.slug].meaning,
         values,
-        own.gained,
-        own.unseen,
+        own.one.gained,
+        tuple(own.one.parts.tolist()),
         state.parts.words if state.weather is None else state.weather.parts,
         own.chance,
         own.lacks,
@@ -147,21 +141,3 @@ def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate],
         seconds * (ENOUGH / own.size if own.size < ENOUGH else 1.0 + 1.0 / runs),
         EFFECTS[effect.slug].separated_by,
     )
-
-
-def _lack(search: WeatherSearch, one: Attested) -> Lack:
-    if one.brief:
-        return "brief"
-    if one.unsound:
-        return "no-gain" if stands(search.problem, one.fit) else "no-model"
-    if one.gain <= one.needed:
-        return "weak"
-    return "not-sure" if one.interval[0] < 0.0 else "not-on-each"
-
-
-def _lack_of(state: SearchState, one: Judged) -> Lack:
-    if not is_needed(one.likelihood, one.fitted, state.fitted, state.tried):
-        return "weak"
-    if not is_material(one):
-        return "no-gain"
-    return "not-sure" if one.p >= LUCK else "weak"

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.day_to_day import days_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.identify import Day, Water
+from gcs_autotune.diagnose.score import CandidateScore, key_of
+from gcs_autotune.identify import Day, WanderingFit, Water
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
@@ -312,9 +312,10 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         if not told:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
             found.append(f"it goes with nothing recorded{others}: it is the water, or something that was not recorded")
-    named = {(a.effect.slug, a.effect.place) for a in search.named}
-    last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
-    found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
+    accepted = {key_of(a.effect) for a in search.accepted}
+    last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
+    short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
+    found += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
     return tuple(found)
 
 
@@ -343,10 +344,10 @@ def _of(missing: MissingForce) -> str:
     return "of full output" if missing.unit == "1" else missing.unit
 
 
-def _shortfall_of(unnamed: Attested) -> str:
+def _shortfall_of(unnamed: CandidateScore[WanderingFit]) -> str:
     """Return in words why a candidate that fits the given runs is not named."""
     fits = (
-        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
+        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gained:+.1f} in log-likelihood)"
     )
     if unnamed.unsound:
         return f"{fits}, but {unnamed.unsound}: not named"

@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune import chi_square
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.attested import WORTH, Attested, densities_of, interval_of, plainest
 from gcs_autotune.diagnose.day_to_day import alike_in, differing
+from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
 from gcs_autotune.diagnose.process_noise_starts import (
     FEWEST_TO_COMPARE,
     ROUGH,
@@ -30,7 +29,20 @@ from gcs_autotune.diagnose.process_noise_starts import (
     plain_under_process_noise,
 )
 from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, rms_ahead, stands
-from gcs_autotune.diagnose.score import ALIKE, HALF, SIGNIFICANCE, is_form_of, may_be_none
+from gcs_autotune.diagnose.score import (
+    ALIKE,
+    HALF,
+    WORTH,
+    CandidateScore,
+    SearchStep,
+    alike_of,
+    is_form_of,
+    key_of,
+    lack_by_parts,
+    may_be_none,
+    needed_of,
+    plainest,
+)
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import (
     Fitted,
@@ -99,19 +111,16 @@ MOST_BLOCKS = 4
 class WeatherSearch:
     """What a search under process noise ended with.
 
-    ``plain``: without any cause, ``fit``: with those named, in the order of ``named``. ``judged``: every candidate of
-    every step that was fitted to the end. ``calm``: log-likelihood gained by the wandering force, and waves, over none.
-    ``still``: the same beside the causes named, inf where it was stopped before; ``cut``: where, in words.
-    ``parts``: what was left out in turn, in words; ``alike``: groups of slugs these runs cannot tell apart.
+    ``plain``: without any cause, ``fit``: with those accepted. ``steps``: every candidate that was fitted to the end.
+    ``calm``: log-likelihood gained by the wandering force, and waves, over none. ``still``: the same beside the causes
+    accepted, inf where it was stopped before; ``cut``: where, in words. ``parts``: what was left out in turn, in words.
     """
 
     problem: WanderingProblem
     dof: str
     plain: WanderingFit
     fit: WanderingFit
-    named: tuple[Attested, ...]
-    judged: tuple[Attested, ...]
-    alike: tuple[tuple[str, ...], ...]
+    steps: tuple[SearchStep[WanderingFit], ...]
     calm: float
     tried: int
     parts: str
@@ -122,6 +131,27 @@ class WeatherSearch:
     """A fit with one cause to begin from, besides those the search has itself."""
     interval: str = ""
     """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
+
+    @property
+    def accepted(self) -> tuple[CandidateScore[WanderingFit], ...]:
+        """The causes of the model, in the order found."""
+        found: dict[tuple[str, str], CandidateScore[WanderingFit]] = {}
+        for one in (s.accepted for s in self.steps if s.accepted is not None):
+            found.pop(key_of(one.effect), None)  # accepted again, it was not before
+            found[key_of(one.effect)] = one
+        there = {key_of(e) for e in self.fit.effects}
+        return tuple(one for key, one in found.items() if key in there)
+
+    @property
+    def alike(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of names that these runs do not distinguish, that of the cause first."""
+        known = self.accepted
+        return tuple(s.alike for s in self.steps if len(s.alike) > 1 and s.accepted in known)
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the causes accepted, and those that these runs do not distinguish from them."""
+        return {name for group in self.alike for name in group} | {name_of(a.effect) for a in self.accepted}
 
     @property
     def momentary(self) -> bool:
@@ -187,21 +217,21 @@ def search_under_process_noise(
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_constants(wandering, plain)
     folds, parts = _folds(wandering.segments, held, in_blocks=in_blocks)
-    search = WeatherSearch(wandering, dof, plain, plain, (), (), (), calm, 0, parts, folds, still=calm)
+    search = WeatherSearch(wandering, dof, plain, plain, (), calm, 0, parts, folds, still=calm)
     search = replace(search, hint=hint, interval=words)
     if calm < PRESENT or search.momentary:
         return search
     try:
         search = _with_constant(search, slugs)
-        if search.named:
+        if search.accepted:
             search = replace(search, still=_over_constants(wandering, search.fit))
         for _ in range(MOST_CAUSES):
             before, search = search, _one_more(search, slugs, say)
-            if len(search.named) == len(before.named):
+            if len(search.accepted) == len(before.accepted):
                 break
             search = replace(_without_idle(search), still=math.inf)
             search = replace(search, still=_over_constants(wandering, search.fit))
-        if search.named:
+        if search.accepted:
             wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
             changes = changes_at(wandering, search.fit, wider)
             search = replace(search, interval="; ".join(filter(None, (words, *changes))))
@@ -215,14 +245,11 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
 
     A stock sub's thrust that falls with speed was its quadratic drag, found after it: 0.149 +- 0.2 was left of it.
     """
-    for name in search.named[:-1]:
-        who = (name.effect.slug, name.effect.place)
-        rest = tuple(e for e in search.fit.effects if (e.slug, e.place) != who)
+    for cause in search.accepted[:-1]:
+        rest = tuple(e for e in search.fit.effects if key_of(e) != key_of(cause.effect))
         without = search.problem.fit(search.fit.theta, rest, search.fit.water)
         if without is not None and search.fit.total - without.total < WORTH:
-            named = tuple(a for a in search.named if a is not name)
-            groups = tuple(g for g in search.alike if g[0] != name_of(name.effect))
-            search = replace(search, named=named, fit=without, alike=groups)
+            search = replace(search, fit=without)
     return search
 
 
@@ -279,9 +306,9 @@ def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch
         fit = _beside(problem, plain, own)
         if fit is None:
             continue
-        found = _attested(replace(search, tried=1), own, fit, plain, _unseen(search, plain))
-        if found.paid:
-            search = replace(search, named=(found,), judged=(found,), fit=fit)
+        found = _scored(replace(search, tried=1), own, fit, plain, _unseen(search, plain))
+        if found.lacks is None:
+            search = replace(search, steps=(SearchStep((found,), found),), fit=fit)
     return search
 
 
@@ -365,7 +392,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     problem = search.problem
     present = differing(problem, search.fit)
     choices = _choices(problem.data, slugs, present.effects)
-    stage = f"process noise, cause {len(search.named) + 1}"
+    stage = f"process noise, cause {len(search.accepted) + 1}"
     rough: list[tuple[EffectInstance, WanderingFit]] = []
     tangent = problem.tangent(present)
     if tangent is None:
@@ -399,33 +426,30 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
     judged = []
     for k, (effect, fit) in enumerate(ends):
         say(f"{stage}: runs left out", k, len(ends))
-        judged.append(_sound(search, _attested(search, effect, fit, present, before), present, before))
-    judged.sort(key=lambda a: -(a.gain - _price(a.fit, present)))
-    search = replace(search, judged=(*search.judged, *judged), fit=present)
-    if not search.named:
+        judged.append(_sound(search, _scored(search, effect, fit, present, before), present, before))
+    judged.sort(key=lambda a: -(a.gained - _price(a.fit, present)))
+    if not search.accepted:
         search = replace(search, plain=present)
-    paid = [a for a in judged if a.paid]
+    step = _picked(search, judged)
+    return replace(search, steps=(*search.steps, step), fit=present if step.accepted is None else step.accepted.fit)
+
+
+def _picked(search: WeatherSearch, judged: Sequence[CandidateScore[WanderingFit]]) -> SearchStep[WanderingFit]:
+    """Return the step that ends with these candidates: which is accepted, and what cannot be distinguished from it."""
+    paid = [a for a in judged if a.lacks is None]
     if not paid:
-        return search
+        return SearchStep(tuple(judged), None)
     # On runs it has not seen a model pays for its own parameters; on real water those fitted tell less.
-    best_foretold = max(a.foretold for a in paid)
-    alike = sorted((a for a in paid if a.foretold > best_foretold - 0.5 * ALIKE), key=lambda a: -a.foretold)
-    slugs_alike = {a.effect.slug for a in alike}
-    alike.sort(key=lambda a: len(slugs_alike & set(EFFECTS[a.effect.slug].yields_to)))
+    alike = alike_of(paid)
     # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
     # part left out as well, that is felt.
-    first = alike[0]
-    better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead and bool(np.all(a.unseen > 0.0))]
-    winner = plainest(min(better, key=lambda a: a.ahead, default=first), paid)
-    forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.foretold > HALF * winner.foretold]
-    groups = search.alike
+    better = [a for a in paid if a.ahead < FAR_AHEAD * alike[0].ahead and bool(np.all(a.parts > 0.0))]
+    winner = plainest(min(better, key=lambda a: a.ahead, default=alike[0]), paid)
+    forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.evidence > HALF * winner.evidence]
     told = [winner.effect, *(a.effect for a in (*alike, *forms, *_as_likely(judged, winner)))]
     late = ["measurement-delay" for effect in told if effect.slug in LATE]
-    others = [*twins_of(winner.effect, problem.data), *map(name_of, told[1:]), *late]
-    names = tuple(dict.fromkeys([name_of(winner.effect), *others]))
-    if len(names) > 1:
-        groups = (*groups, names)
-    return replace(search, named=(*search.named, winner), fit=winner.fit, alike=groups)
+    others = [*twins_of(winner.effect, search.problem.data), *map(name_of, told[1:]), *late]
+    return SearchStep(tuple(judged), winner, tuple(dict.fromkeys([name_of(winner.effect), *others])))
 
 
 def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstance, best: WanderingFit) -> WanderingFit:
@@ -434,7 +458,7 @@ def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstan
     Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
     """
     hint, problem = search.hint, search.problem
-    if hint is None or search.named or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
+    if hint is None or search.accepted or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
         return best
     water = replace(hint.water, day_force=present.water.day_force, day_thrust=present.water.day_thrust)
     fits = [problem.fit(hint.theta, hint.effects, w) for w in (water, alike_in(hint.water, problem.runs))]
@@ -446,39 +470,61 @@ def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstan
     return other if far or other.total > best.total else best
 
 
-def _attested(
+def _scored(
     search: WeatherSearch,
     effect: EffectInstance,
     fit: WanderingFit,
     present: WanderingFit,
     left_out: Sequence[WanderingFit | None],
-) -> Attested:
+) -> CandidateScore[WanderingFit]:
     """Return what *effect* gains in *fit* over *present*, whose fits on what is *left_out* are given."""
-    more = fit.unknowns - present.unknowns
-    needed = 0.5 * chi_square.threshold(SIGNIFICANCE / max(search.tried, 1), max(more, 1))
-    gain = fit.total - present.total
-    now = next(e for e in fit.effects if (e.slug, e.place) == (effect.slug, effect.place))
+    problem, tried = search.problem, search.tried
+    gained, needed = fit.total - present.total, needed_of(fit.unknowns - present.unknowns, tried)
+    now = next(e for e in fit.effects if key_of(e) == key_of(effect))
     before = densities_of(left_out, left_out)
-    after = densities_of(_unseen(search, fit), left_out) if gain > min(0.5 * needed, WORTH) else before
-    foretold = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-    lasts, short = _lasts(now, search.problem.data), BRIEF * search.problem.data.interval
+    after = densities_of(_unseen(search, fit), left_out) if gained > min(0.5 * needed, WORTH) else before
+    parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
+    foretold, samples = float(parts.sum()), sum(len(t) for t, _, _ in fit.innovations)
+    found = CandidateScore(
+        now,
+        fit,
+        gained,
+        needed,
+        numbers=sum(fit.effects[i] is now for i, _ in fit.free_effects),
+        evidence=2.0 * foretold,
+        gain=1.0 - math.exp(-max(foretold, -50.0) / max(samples, 1)),
+        p=min(1.0, tried * math.exp(-max(min(foretold, 700.0), 0.0))),
+        parts=parts,
+        interval=interval_of(before, after),
+    )
+    lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
+    return replace(found, lacks=lacks)
+
+
+def _is_brief(problem: WanderingProblem, effect: EffectInstance, fit: WanderingFit) -> bool:
+    """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
+    inertia; or shorter than the interval judged where commands answer the heading.
+    """
+    lasts, short = _lasts(effect, problem.data), BRIEF * problem.data.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
-    brief = lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short)
-    brief = brief or (lasts < search.problem.interval and answers_heading(search.problem, fit))
-    sure, uncertain = interval_of(before, after), may_be_none(now, fit.errors_of(now))
-    return Attested(now, fit, gain, foretold, needed, len(search.named) + 1, sure, brief, uncertain)
+    if lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short):
+        return True
+    return lasts < problem.interval and answers_heading(problem, fit)
 
 
 def _sound(
-    search: WeatherSearch, found: Attested, present: WanderingFit, left_out: Sequence[WanderingFit | None]
-) -> Attested:
-    """Return *found* with its error some seconds ahead, over that of *present*, and why it is not to be named although
-    it pays, if so: no model of the craft stands, or what is *left_out* is predicted no better so far ahead.
+    search: WeatherSearch,
+    found: CandidateScore[WanderingFit],
+    present: WanderingFit,
+    left_out: Sequence[WanderingFit | None],
+) -> CandidateScore[WanderingFit]:
+    """Return *found* with its error some seconds ahead, over that of *present*, and why it is not to be accepted
+    although it pays, if so: no model of the craft stands, or what is *left_out* is predicted no better so far ahead.
     """
-    if not found.paid:
+    if found.lacks is not None:
         return found
     if not stands(search.problem, found.fit):
-        return replace(found, unsound="no model of the craft stands with it")
+        return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
     refitted, seen = _unseen(search, found.fit), []
     for seconds in horizons(search.problem, search.plain):
         squares = [0.0, 0.0]
@@ -495,8 +541,10 @@ def _sound(
     if not seen:
         return found
     ratio, seconds, ahead = min(seen)
-    why = "" if ratio < 1.0 else f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
-    return replace(found, ahead=ahead, unsound=why)
+    if ratio < 1.0:
+        return replace(found, ahead=ahead)
+    why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+    return replace(found, ahead=ahead, lacks="no-gain", unsound=why)
 
 
 def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
@@ -519,15 +567,17 @@ def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
     return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
 
 
-def _as_likely(judged: Sequence[Attested], winner: Attested) -> list[Attested]:
+def _as_likely(
+    judged: Sequence[CandidateScore[WanderingFit]], winner: CandidateScore[WanderingFit]
+) -> list[CandidateScore[WanderingFit]]:
     """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
     brief to be named, and those that explain them better: these runs do not distinguish them.
     """
-    enough = winner.gain - 0.5 * ALIKE
+    enough = winner.gained - 0.5 * ALIKE
     return [
         a
         for a in judged
-        if a.gain > enough and (a.foretold > WORTH or a.gain - _price(a.fit, winner.fit) > winner.gain)
+        if a.gained > enough and (a.foretold > WORTH or a.gained - _price(a.fit, winner.fit) > winner.gained)
     ]
 
 

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.attested import WORTH
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
+from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
     LEAST_DAMPING,
     LONGEST_WAVE,

@@ -11,21 +11,19 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
-from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
-from gcs_autotune.diagnose.evidence import hints_of, own_gain, surest
+from gcs_autotune.diagnose.evidence import Score, Steps, hints_of, own_gain, surest
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.missing_force import next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, ErrorReduction, Ranked, Signature, Value, Verdict
-from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
+from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, CandidateScore, is_form_of, key_of
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import (
     gains_under,
     missing_under,
     numbers_under,
     order_under,
-    ranking_under,
     shares_under,
     values_under,
 )
@@ -119,7 +117,7 @@ def build_report(
             )
             for effect in order
         ),
-        ranking=_ranking(state) if weather is None else ranking_under(weather, state),
+        ranking=_ranking(state),
         indistinguishable=alike,
         gain=min(gains, key=lambda g: g.ratio, default=None),
         gains=gains,
@@ -150,12 +148,13 @@ def build_report(
     )
 
 
-def _values_of(state: SearchState, one: Attested | Judged) -> Mapping[str, Value]:
+def _values_of(state: SearchState, one: Score) -> Mapping[str, Value]:
     """Return the numbers of a candidate with their standard errors, in the base model's units."""
-    if isinstance(one, Attested):
-        assert state.weather is not None
-        return numbers_under(one, state.weather, state)
-    return _values(state.problem, one.fitted)[one.effect.slug, one.effect.place]
+    if isinstance(one.fit, Fitted):
+        return _values(state.problem, one.fit)[key_of(one.effect)]
+    search = state.weather or (None if state.beneath is None else state.beneath[1])
+    assert search is not None
+    return numbers_under(one, search, state)
 
 
 def _without_useless(state: SearchState) -> SearchState:
@@ -282,7 +281,7 @@ def unfinished_report(
     """
     problem, base = state.problem, state.base if state.given is None else state.given
     search = None if state.beneath is None else state.beneath[1]
-    ranking = (*_ranking(state), *(() if search is None else ranking_under(search, state)))
+    ranking = (*_ranked(state, state.steps), *(() if search is None else _ranked(state, search.steps)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
     unknown = Signature(("not looked at: the search was stopped",), math.nan)
     return Diagnosis(
@@ -369,14 +368,26 @@ def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str,
 
 
 def _ranking(state: SearchState) -> tuple[Ranked, ...]:
-    found = []
-    for k, step in enumerate(state.steps):
-        for judged in step.judged:
-            numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
-            found.append(
-                Ranked(judged.effect.slug, judged.effect.place, judged.gain, judged.p, judged.evidence, numbers, k + 1)
-            )
-    return tuple(found)
+    return _ranked(state, state.steps if state.weather is None else state.weather.steps)
+
+
+def _ranked(state: SearchState, steps: Steps) -> tuple[Ranked, ...]:
+    """Return every candidate scored in *steps*."""
+    return tuple(
+        Ranked(
+            one.effect.slug,
+            one.effect.place,
+            one.gain,
+            one.p,
+            one.evidence,
+            _values_of(state, one),
+            k + 1,
+            tuple(one.parts.tolist()),
+            one.interval,
+        )
+        for k, step in enumerate(steps)
+        for one in step.judged
+    )
 
 
 def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
@@ -399,7 +410,7 @@ def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[s
     return tuple(groups)
 
 
-def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
+def _is_alike(state: SearchState, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
     """Whether these runs cannot tell *other* from *best*.
 
     It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
@@ -413,14 +424,14 @@ def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
         best, other, state.problem.data_summary.time_constant
     ):
         return True
-    return best.likelihood - other.likelihood < ALIKE and _is_vague(state, other)
+    return 2.0 * (best.gained - other.gained) < ALIKE and _is_vague(state, other)
 
 
-def _is_vague(state: SearchState, judged: Judged) -> bool:
+def _is_vague(state: SearchState, judged: CandidateScore[Fitted]) -> bool:
     """Whether some number of a candidate is less certain than its whole range."""
     entry, data_summary = EFFECTS[judged.effect.slug], state.problem.data_summary
     bounds = entry.bounds(judged.effect.place, data_summary)
-    numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
+    numbers = _values_of(state, judged)
     spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
     return any(numbers[n].std > span for n, span in spans.items())
 
@@ -436,7 +447,7 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
         if won is None or not any((e.slug, e.place) == (won.effect.slug, won.effect.place) for e in order):
             continue
         same = [j for j in step.judged if j.effect.slug == won.effect.slug and j.effect.place != won.effect.place]
-        alike = [j.effect for j in same if abs(j.fitted.cost - won.fitted.cost) < ALIKE]
+        alike = [j.effect for j in same if abs(j.fit.cost - won.fit.cost) < ALIKE]
         if alike:
             found.append(_elsewhere(won.effect, alike))
     return found
@@ -493,14 +504,14 @@ LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay",
 """Slug -> by how much things are late [s]."""
 
 
-def delay_equivalence(one: Judged, other: Judged, slowest: float) -> bool:
+def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
     """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
     *pace* [s] of the craft, in which it forgets where it began.
     """
     if one.effect.slug not in LATE or other.effect.slug not in LATE:
         return False
     late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
-    left = [_left_after(j.fitted, late, one.fitted.levels) for j in (one, other)]
+    left = [_left_after(j.fit, late, one.fit.levels) for j in (one, other)]
     return abs(left[0] - left[1]) < ALIKE
 
 

@@ -15,7 +15,6 @@ from functools import partial
 
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
-from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.candidates import (
     RUNNERS,
     Attempt,
@@ -28,12 +27,23 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
-from gcs_autotune.diagnose.score import ALIKE, Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
+from gcs_autotune.diagnose.result import ErrorReduction, Number, Numbers
+from gcs_autotune.diagnose.score import (
+    ALIKE,
+    CandidateScore,
+    SearchStep,
+    bic_penalty,
+    error_ratio,
+    further,
+    lack_by_error,
+    needed_of,
+    ordered,
+    winner_of,
+)
 from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
+from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, WanderingFit, fit_base, given_base
 from gcs_autotune.models import Form
 
 __all__ = [
@@ -140,7 +150,7 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``refused``: names of that search that were taken back in the end, and why;
+    problem it was asked about. ``refused``: causes of that search that were taken back in the end;
     ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
     was stopped, and what was not begun, in words.
     """
@@ -154,7 +164,7 @@ class SearchState:
     present_unseen: HeldOut
     given: Fitted | None = None
     given_unseen: HeldOut | None = None
-    steps: tuple[SearchStep, ...] = ()
+    steps: tuple[SearchStep[Fitted], ...] = ()
     renamed: tuple[tuple[str, str], ...] = ()
     tried: int = 0
     restarts: int = 0
@@ -166,7 +176,7 @@ class SearchState:
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
     beneath: tuple[Problem, WeatherSearch | None] | None = None
-    refused: tuple[tuple[Attested, Lack], ...] = ()
+    refused: tuple[CandidateScore[WanderingFit], ...] = ()
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     cut: tuple[str, ...] = ()
 
@@ -212,7 +222,7 @@ class SearchState:
         slugs: Sequence[str] | None = None,
         quick: bool = False,
         most: int = SHORT_LIST,
-    ) -> tuple[SearchState, SearchStep]:
+    ) -> tuple[SearchState, SearchStep[Fitted]]:
         """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
 
         The state returned has the same model, or a better base found on the way. slugs : of candidates, all of the
@@ -250,7 +260,7 @@ class SearchState:
 
     def judged_all(
         self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False, stage: str = "causes"
-    ) -> SearchStep:
+    ) -> SearchStep[Fitted]:
         """Judge fits made on top of *present*, of so many *tried*."""
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
         raised = correlation_of(best)
@@ -263,14 +273,12 @@ class SearchState:
 
         executor = SerialExecutor() if quick else self.question.executor
         judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
-        return SearchStep(tuple(judged), None if quick else self.pick(judged, tried, present))
+        return SearchStep(tuple(judged), None if quick else self.pick(judged))
 
-    def pick(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
+    def pick(self, judged: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
         """Return the winner; none that happens at a moment which a recorded command explains as well."""
         left = list(judged)
-        while (winner := winner_of(left, tried, present)) is not None and self.follows_a_command(
-            winner.effect, winner.fitted
-        ):
+        while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):
             left.remove(winner)
         return winner
 
@@ -294,20 +302,27 @@ class SearchState:
         common: float | None = None,
         *,
         quick: bool = False,
-    ) -> Judged:
+    ) -> CandidateScore[Fitted]:
         """Judge a fit: against its rivals with the *common* number of samples that make one independent one."""
         raised = correlation_of(fitted)
-        likelihood = (present.cost - fitted.cost) / raised
-        evidence = (present.cost - fitted.cost) / (common or raised) - bic_penalty(fitted, present)
+        lower = present.cost - fitted.cost
         now = next(e for e in fitted.effects if (e.slug, e.place) == (effect.slug, effect.place))
-        if evidence <= 0.0 or quick:
-            return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
-        unseen, before = self.unseen(fitted), self.present_unseen
-        gain, p = 0.0, 1.0
-        if unseen.complete and before.rests:
-            gain = 1.0 - error_ratio(before, unseen)
-            p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
-        return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
+        found = CandidateScore(
+            now,
+            fitted,
+            gained=0.5 * lower / raised,
+            needed=needed_of(further(fitted, present), tried),
+            numbers=fitted.parameters - present.parameters,
+            evidence=lower / (common or raised) - bic_penalty(fitted, present),
+        )
+        if found.evidence > 0.0 and not quick:
+            unseen, before = self.unseen(fitted), self.present_unseen
+            found = replace(found, unseen=unseen)
+            if unseen.complete and before.rests:
+                gain = 1.0 - error_ratio(before, unseen)
+                p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
+                found = replace(found, gain=gain, p=p)
+        return replace(found, lacks=lack_by_error(found))
 
     def ends_of(self, rough: Sequence[Attempt], stage: str = "causes") -> list[Attempt]:
         """Fit to the end what was fitted roughly."""
@@ -391,7 +406,7 @@ def _judged_by(
     common: float,
     quick: bool,
     end: tuple[EffectInstance, Fitted],
-) -> Judged:
+) -> CandidateScore[Fitted]:
     effect, fitted = end
     return state.judged(effect, fitted, present, tried, common, quick=quick)
 

@@ -33,13 +33,12 @@ from gcs_autotune.diagnose.heldout import parts_of
 from gcs_autotune.diagnose.score import (
     ALIKE,
     SIGNIFICANCE,
-    Judged,
+    CandidateScore,
     SearchStep,
     bic_penalty,
     is_needed,
     may_be_none,
     ordered,
-    winner_of,
 )
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
@@ -88,7 +87,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 # -- cause after cause
 
 
-def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchState:
+def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> SearchState:
     """Take one step after the other until none pays, or the search is stopped.
 
     first : the next step, judged already.
@@ -105,7 +104,7 @@ def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchSta
     return state
 
 
-def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchState, bool]:
+def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> tuple[SearchState, bool]:
     """Take one more step (or several, where only causes together pay); whether anything was found."""
     stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
@@ -116,31 +115,31 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
         step = judged
     if step.accepted is None:
         state, step = blocked_cv(state, step) or (state, step)
-    taken: tuple[SearchStep, ...] = (step,)
+    taken: tuple[SearchStep[Fitted], ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
         # Beneath a force that wanders every pair looks as good as the next, and there are many; but two causes without
         # any weather look like a force that wanders, too, and only they leave nothing when both are known.
         state, adrift = wanders(state)
         try:
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
-            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fitted)):
+            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
                 taken = ahead
         except OutOfTime as over:  # what was asked about the water is kept: it is long
             state = replace(state, cut=(*state.cut, str(over)))
     accepted = taken[-1].accepted
     if accepted is None:
         return replace(state, steps=(*state.steps, *taken)), False
-    better = _without(state, accepted.fitted)
+    better = _without(state, accepted.fit)
     if better is not None:
         state = state.with_better(better)
-        again = state.judged(accepted.effect, accepted.fitted, better, state.tried)
-        if winner_of([again], state.tried, better) is not None:
+        again = state.judged(accepted.effect, accepted.fit, better, state.tried)
+        if again.lacks is None:
             accepted = again
             taken = (*taken[:-1], replace(taken[-1], accepted=again))
         elif state.restarts < RESTARTS:
             return _one_more(replace(state, restarts=state.restarts + 1), None)
     state = replace(state, steps=(*state.steps, *taken))
-    return state.with_model(accepted.fitted, accepted.unseen), True
+    return state.with_model(accepted.fit, accepted.unseen), True
 
 
 def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
@@ -153,7 +152,7 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
     return again if again is not None and again.cost < present.cost - ALIKE else None
 
 
-def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, SearchStep] | None:
+def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchState, SearchStep[Fitted]] | None:
     """Judge a step again with blocks of every run left out instead of runs; None where that names nothing either.
 
     Where each run shows one size of command only, none tells of the next although one cause explains all of them.
@@ -165,8 +164,8 @@ def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, Searc
         return None
     now = state.with_parts(parts_of(state.problem, in_blocks=True))
     paying = [j for j in step.judged if j.evidence > 0.0]
-    again = ordered([now.judged(j.effect, j.fitted, present, now.tried) for j in paying])
-    winner = now.pick(again, now.tried, present)
+    again = ordered([now.judged(j.effect, j.fit, present, now.tried) for j in paying])
+    winner = now.pick(again)
     return None if winner is None else (now, SearchStep(tuple(again), winner))
 
 
@@ -177,18 +176,18 @@ def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, Searc
 class _Path:
     """Causes in order, and what was judged beside each."""
 
-    taken: tuple[Judged, ...]
-    steps: tuple[SearchStep, ...]
+    taken: tuple[CandidateScore[Fitted], ...]
+    steps: tuple[SearchStep[Fitted], ...]
 
     def price(self, present: Fitted) -> float:
         """Return the cost of its end, parameters paid for."""
-        end = self.taken[-1].fitted
+        end = self.taken[-1].fit
         return end.cost + bic_penalty(end, present)
 
 
 def _look_ahead(
-    state: SearchState, step: SearchStep, stage: str, farthest: int
-) -> tuple[SearchState, tuple[SearchStep, ...] | None]:
+    state: SearchState, step: SearchStep[Fitted], stage: str, farthest: int
+) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
     """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
 
     Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
@@ -196,7 +195,7 @@ def _look_ahead(
     pairs, if it does not pay either, by a third (up to *farthest*).
     """
     paths: list[_Path] = []
-    likely = [j for j in step.judged if j.evidence > 0.0 and not state.follows_a_command(j.effect, j.fitted)]
+    likely = [j for j in step.judged if j.evidence > 0.0 and not state.follows_a_command(j.effect, j.fit)]
     for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
@@ -204,8 +203,8 @@ def _look_ahead(
     while path is not None:
         length, end = len(path.taken), path.taken[-1]
         tried = math.comb(max(state.tried, length), length)
-        whole = state.judged(end.effect, end.fitted, state.fitted, tried)
-        if state.pick([whole], tried, state.fitted) is not None:
+        whole = state.judged(end.effect, end.fit, state.fitted, tried)
+        if state.pick([whole]) is not None:
             return state, _accepted(path, whole)
         state, path = _followed(state, path, stage) if length < farthest else (state, None)
     return state, None
@@ -217,15 +216,15 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and another", path.taken[-1].fitted, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} and another", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
 
 
-def _accepted(path: _Path, whole: Judged) -> tuple[SearchStep, ...]:
+def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fitted], ...]:
     """Return the steps of a path with its causes accepted, their numbers those of its end."""
-    now = {(e.slug, e.place): e for e in whole.fitted.effects}
+    now = {(e.slug, e.place): e for e in whole.fit.effects}
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
         ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
@@ -267,8 +266,8 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is not None and kept.cost - rival.fitted.cost - bic_penalty(rival.fitted, kept) > ALIKE:
-        return state.with_model(rival.fitted, rival.unseen)
+    if rival is not None and kept.cost - rival.fit.cost - bic_penalty(rival.fit, kept) > ALIKE:
+        return state.with_model(rival.fit, rival.unseen)
     return state
 
 
@@ -322,7 +321,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return None
     state, adrift = wanders(state)
     search = None if state.beneath is None else state.beneath[1]
-    if adrift and search is not None and search.named and _is_all(search.dof, state.problem):
+    if adrift and search is not None and search.accepted and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)

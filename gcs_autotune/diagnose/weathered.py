@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
-from gcs_autotune.diagnose.attested import Attested
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of_water
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
@@ -20,11 +19,11 @@ from gcs_autotune.diagnose.process_noise import (
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
-from gcs_autotune.diagnose.result import ErrorReduction, Lack, Ranked, Value
+from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, commanded, horizons
-from gcs_autotune.diagnose.score import ALIKE, may_be_none
+from gcs_autotune.diagnose.score import ALIKE, CandidateScore, key_of, may_be_none
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order, name_of
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, force_unit, in_order
 from gcs_autotune.identify import Doubt, Fitted, WanderingFit
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -37,7 +36,6 @@ __all__ = [
     "no_model_beneath",
     "numbers_under",
     "order_under",
-    "ranking_under",
     "shares_under",
     "values_under",
     "wanders",
@@ -103,7 +101,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     if above > OF_THE_COMMAND:
         state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
     kept = replace(plain, weather=search, refused=refused, own_gains=gains, doubts=state.doubts)
-    if not search.named:
+    if not search.accepted:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
     fitted = _as_fitted(state, search)
     doubt = Doubt(
@@ -115,48 +113,46 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
 
-Refused = tuple[tuple[Attested, Lack], ...]
+Refused = tuple[CandidateScore[WanderingFit], ...]
 
 
 def supported(search: WeatherSearch) -> tuple[WeatherSearch, Refused, dict[tuple[str, str], ErrorReduction]]:
-    """Return the search without the names that help on no data left out, these, and what each other one gains there.
+    """Return the search without the causes that help on no data left out, these, and what each other one gains there.
 
-    A name is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
+    A cause is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
     data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
     None stands beside a drifting force above the commands.
     """
-    refused: list[tuple[Attested, Lack]] = []
+    refused: list[CandidateScore[WanderingFit]] = []
     while True:
         own: dict[tuple[str, str], ErrorReduction] = {}
-        weakest: tuple[float, Attested, WanderingFit] | None = None
-        for name in search.named:
-            who = (name.effect.slug, name.effect.place)
-            rest = tuple(e for e in search.fit.effects if (e.slug, e.place) != who)
-            alone = search.plain if len(search.named) == 1 else None
+        weakest: tuple[float, CandidateScore[WanderingFit], WanderingFit] | None = None
+        for cause in search.accepted:
+            who = key_of(cause.effect)
+            rest = tuple(e for e in search.fit.effects if key_of(e) != who)
+            alone = search.plain if len(search.accepted) == 1 else None
             without = alone or search.problem.fit(search.fit.theta, rest, search.fit.water)
             if without is None:
                 continue
             gain = gain_over(search, without)
             if gain is not None:
                 own[who] = gain
-            ratio = math.inf if _is_none(name, search.fit) else 0.0 if gain is None else gain.ratio
+            ratio = math.inf if _is_none(cause, search.fit) else 0.0 if gain is None else gain.ratio
             if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
-                weakest = ratio, name, without
-        if weakest is None and search.named and above_the_command(search) > OF_THE_COMMAND:
-            refused += [(name, "no-model") for name in search.named]
-            return replace(search, named=(), alike=(), fit=search.plain), tuple(refused), {}
+                weakest = ratio, cause, without
+        if weakest is None and search.accepted and above_the_command(search) > OF_THE_COMMAND:
+            refused += [replace(cause, lacks="no-model") for cause in search.accepted]
+            return replace(search, fit=search.plain), tuple(refused), {}
         if weakest is None:
             return search, tuple(refused), own
-        _, name, without = weakest
-        refused.append((replace(name, uncertain=_is_none(name, search.fit)), "no-gain"))
-        named = tuple(a for a in search.named if a is not name)
-        groups = tuple(g for g in search.alike if g[0] != name_of(name.effect))
-        search = replace(search, named=named, fit=without, alike=groups)
+        _, cause, without = weakest
+        refused.append(replace(cause, lacks="uncertain" if _is_none(cause, search.fit) else "no-gain"))
+        search = replace(search, fit=without)
 
 
-def _is_none(name: Attested, fit: WanderingFit) -> bool:
-    """Whether the 95 % interval of a name's numbers in *fit* contains no effect."""
-    now = next(e for e in fit.effects if (e.slug, e.place) == (name.effect.slug, name.effect.place))
+def _is_none(cause: CandidateScore[WanderingFit], fit: WanderingFit) -> bool:
+    """Whether the 95 % interval of a cause's numbers in *fit* contains no effect."""
+    now = next(e for e in fit.effects if key_of(e) == key_of(cause.effect))
     return may_be_none(now, fit.errors_of(now))
 
 
@@ -214,7 +210,7 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     """
     if _couples(state.causes, search.dof):
         return True
-    named = {(a.effect.slug, a.effect.place) for a in search.named}
+    named = {key_of(a.effect) for a in search.accepted}
     scaled = [_per_inertia(e, search, state) for e in state.causes]
     if {(e.slug, e.place) for e in scaled} <= named:
         return False
@@ -231,7 +227,7 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
         # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
         return other.total - price > search.fit.total - 0.5 * ALIKE
     # Where this search names nothing, the other's name is the luckiest of all that were tried.
-    luck = 0.0 if search.named else math.log(max(state.tried, 1))
+    luck = 0.0 if search.accepted else math.log(max(state.tried, 1))
     return other.total - price > search.fit.total + luck
 
 
@@ -306,7 +302,7 @@ def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:
 def order_under(search: WeatherSearch, state: SearchState) -> list[EffectInstance]:
     """Return the causes named, in the order found, as the final model has them."""
     now = {(e.slug, e.place): e for e in state.fitted.effects}
-    keys = [(a.effect.slug, a.effect.place) for a in search.named]
+    keys = [key_of(a.effect) for a in search.accepted]
     return [now[k] for k in keys if k in now]
 
 
@@ -326,31 +322,17 @@ def _told(effect: EffectInstance, fit: WanderingFit, state: SearchState) -> dict
     return found
 
 
-def numbers_under(one: Attested, search: WeatherSearch, state: SearchState) -> dict[str, Value]:
+def numbers_under(one: CandidateScore[WanderingFit], search: WeatherSearch, state: SearchState) -> dict[str, Value]:
     """Return the numbers of a candidate with their standard errors, in the base model's units."""
     inertia = _inertia(search, state)
     return _told(_scaled(one.effect, inertia, math.copysign(1.0, inertia)), one.fit, state)
-
-
-def ranking_under(search: WeatherSearch, state: SearchState) -> tuple[Ranked, ...]:
-    """Return every candidate judged; ``evidence`` is twice the log-likelihood gained on data left out."""
-    found = []
-    for a in search.judged:
-        samples = sum(len(t) for t, _, _ in a.fit.innovations)
-        gain = 1.0 - math.exp(-max(a.foretold, -50.0) / max(samples, 1))
-        p = min(1.0, search.tried * math.exp(-max(min(a.foretold, 700.0), 0.0)))
-        numbers, parts = numbers_under(a, search, state), tuple(a.unseen.tolist())
-        found.append(
-            Ranked(a.effect.slug, a.effect.place, gain, p, 2.0 * a.foretold, numbers, a.step, parts, a.interval)
-        )
-    return tuple(found)
 
 
 def shares_under(search: WeatherSearch) -> dict[tuple[str, str], float]:
     """Return by which share each cause lowers the variance of the force that wanders."""
     found, before = {}, search.plain
     first = before.water.size
-    for a in search.named:
+    for a in search.accepted:
         drop = (before.water.size**2 - a.fit.water.size**2) / first**2
         found[a.effect.slug, a.effect.place] = float(np.clip(drop, 0.0, 1.0))
         before = a.fit

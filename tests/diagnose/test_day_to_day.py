@@ -34,26 +34,26 @@ def searched(runs: list[Trial]) -> WeatherSearch:
 @pytest.mark.parametrize("seed", APART)
 def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
     found = searched(weathered(seed, size=0.05, count=4, days=APART[seed]))
-    assert found.named == ()
+    assert found.accepted == ()
     assert found.fit.water.day_thrust == 0.05
 
 
 @pytest.mark.parametrize("seed", APART)
 def test_days_of_eight_per_cent_of_thrust_refute_no_true_cause(seed: int) -> None:
     found = searched(weathered(seed, square=0.3, size=0.05, count=4, days=APART[seed]))
-    assert [a.effect.slug for a in found.named] == ["quadratic-drag"]
-    assert found.named[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
+    assert [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
+    assert found.accepted[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
 
 
 def test_a_bias_of_all_runs_is_named_and_no_difference_between_them() -> None:
     found = searched(weathered(6, size=0.05, count=4, days=[(0.2, 0.0)] * 4))
-    assert "input-bias" in [a.effect.slug for a in found.named]
-    assert found.named[0].effect["bias"] == pytest.approx(0.2, abs=0.05)
+    assert "input-bias" in [a.effect.slug for a in found.accepted]
+    assert found.accepted[0].effect["bias"] == pytest.approx(0.2, abs=0.05)
 
 
 def test_a_moment_of_each_days_own_passes_for_no_bias() -> None:
     found = searched(weathered(7, size=0.05, count=4, days=[(0.25, 0.0), (-0.2, 0.0), (0.1, 0.0), (-0.15, 0.0)]))
-    assert found.named == ()
+    assert found.accepted == ()
 
 
 @pytest.mark.parametrize("count", [1, 2])

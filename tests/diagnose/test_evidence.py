@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,12 +13,11 @@ import pytest
 
 from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, weathered
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.evidence import chance_of, weak_under, worth
+from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
 from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.score import may_be_none
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
 from gcs_autotune.diagnose.weathered import supported
-from gcs_autotune.effects import EffectInstance
+from gcs_autotune.effects import EffectInstance, name_of
 from gcs_autotune.identify import WanderingFit
 
 MANY = [
@@ -45,10 +45,24 @@ def test_a_number_whose_own_interval_contains_zero_is_no_cause(std: float, none:
     assert not may_be_none(damping, {})  # it was not fitted
 
 
+def scored(
+    effect: EffectInstance,
+    gained: float,
+    unseen: Sequence[float],
+    needed: float,
+    interval: tuple[float, float] = (0.0, math.inf),
+) -> CandidateScore[WanderingFit]:
+    """Return a candidate's score with process noise, as far as its evidence goes."""
+    parts = np.array(unseen)
+    evidence, gain = 2.0 * float(parts.sum()), 0.1 * float(parts.sum())
+    fit = cast(WanderingFit, None)
+    return CandidateScore(effect, fit, gained, needed, 1, evidence, gain, parts=parts, interval=interval)
+
+
 def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
     effect = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
-    sure = Attested(effect, cast(WanderingFit, None), 30.0, np.array([9.0, 8.0, 9.0]), 7.0, 1, (10.0, 40.0))
-    assert sure.paid and not replace(sure, uncertain=True).paid
+    sure = scored(effect, 30.0, (9.0, 8.0, 9.0), 7.0, (10.0, 40.0))
+    assert lack_by_parts(sure) is None and lack_by_parts(sure, uncertain=True) == "uncertain"
 
 
 @pytest.mark.parametrize(
@@ -57,7 +71,8 @@ def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
 )
 def test_ten_nats_to_which_every_part_left_out_contributes_are_named(unseen: tuple[float, ...], named: bool) -> None:
     effect = EffectInstance("backlash", "N", {"width": 0.1})
-    assert Attested(effect, cast(WanderingFit, None), 11.2, np.array(unseen), 6.4, 1, (-3.2, 25.3)).paid is named
+    lacks = lack_by_parts(scored(effect, 11.2, unseen, 6.4, (-3.2, 25.3)))
+    assert (lacks is None) is named
 
 
 def searched(*named: str) -> WeatherSearch:
@@ -65,11 +80,11 @@ def searched(*named: str) -> WeatherSearch:
     fit = SimpleNamespace(theta=None, effects=effects, water=None, errors_of=lambda _: {})
     plain = SimpleNamespace(theta=None, effects=(), water=None)
     problem = SimpleNamespace(fit=lambda theta, rest, water: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
-    attested = tuple(
-        Attested(e, cast(WanderingFit, fit), 20.0, np.array([9.0, 9.0]), 6.4, k + 1) for k, e in enumerate(effects)
+    steps = tuple(
+        SearchStep((one,), one) for e in effects for one in [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=fit)]
     )
-    plain_search: dict[str, Any] = {"dof": "yaw", "judged": (), "calm": 50.0, "tried": 9, "parts": "", "folds": ()}
-    return WeatherSearch(problem=problem, plain=plain, fit=fit, named=attested, alike=(), **plain_search)  # type: ignore[arg-type]
+    plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "parts": "", "folds": ()}
+    return WeatherSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
 def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,14 +98,14 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
     monkeypatch.setattr(weathered, "gain_over", gain_over)
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 0.5)
     one, refused, gains = supported(searched("dead-zone"))
-    assert not one.named and not gains
-    assert [(a.effect.slug, why) for a, why in refused] == [("dead-zone", "no-gain")]
+    assert not one.accepted and not gains
+    assert [(a.effect.slug, a.lacks) for a in refused] == [("dead-zone", "no-gain")]
     two, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert [a.effect.slug for a in two.named] == ["dead-zone", "backlash"] and not refused
+    assert [a.effect.slug for a in two.accepted] == ["dead-zone", "backlash"] and not refused
     assert gains["dead-zone", "N"].ratio == 0.8
     monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
     none, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert not none.named and not gains and {why for _, why in refused} == {"no-model"}
+    assert not none.accepted and not gains and {a.lacks for a in refused} == {"no-model"}
 
 
 # -- hints
@@ -149,11 +164,11 @@ def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
 def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     """They have one slug; the derivative tells them apart."""
 
-    def product(place: str, step: int) -> Attested:
+    def product(place: str) -> CandidateScore[WanderingFit]:
         effect = EffectInstance("velocity-product", place, {"coefficient": 1.0})
-        fit = cast(WanderingFit, SimpleNamespace(effects=(effect,), free_effects=((0, "coefficient"),)))
-        return Attested(effect, fit, 5.0, np.array([2.0, 2.0, 1.0]), 7.0, step, (-1.0, 9.0))
+        return replace(scored(effect, 5.0, (2.0, 2.0, 1.0), 7.0, (-1.0, 9.0)), lacks="weak")
 
-    named, other = product("N_|u|r", 1), product("N_|v|r", 2)
-    search = SimpleNamespace(judged=(named, other), alike=(), named=(named,), tried=10)
-    assert [w.one.effect.place for w in weak_under(cast(WeatherSearch, search))] == ["N_|v|r"]
+    named, other = product("N_|u|r"), product("N_|v|r")
+    steps = (SearchStep((named,), named), SearchStep((named, other), None))
+    told = {name_of(named.effect)}
+    assert [w.one.effect.place for w in weak_among(steps, 10, told)] == ["N_|v|r"]

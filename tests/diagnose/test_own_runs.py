@@ -114,8 +114,8 @@ def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0, days=[(0.15, 0.0)] * 3))
     found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None and found.calm > PRESENT
-    assert [a.effect.slug for a in found.named] == ["input-bias"]
-    assert found.named[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
+    assert [a.effect.slug for a in found.accepted] == ["input-bias"]
+    assert found.accepted[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -123,7 +123,7 @@ def test_process_noise_alone_has_no_constant(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0))
     found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
-    assert found.named == ()
+    assert found.accepted == ()
 
 
 def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:

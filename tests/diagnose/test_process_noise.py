@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from runs_in_the_tank import towed
+from test_evidence import scored
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
 from gcs_autotune.diagnose import diagnose, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
-from gcs_autotune.diagnose.attested import Attested, densities_of, interval_of
 from gcs_autotune.diagnose.heldout import HeldOut
+from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
@@ -28,6 +29,7 @@ from gcs_autotune.diagnose.process_noise import (
 )
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
 from gcs_autotune.diagnose.report_builder import build_report
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
 from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
 from gcs_autotune.diagnose.state import Question, SearchState, begin
 from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
@@ -130,9 +132,9 @@ def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
     found = search_under_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.1)
+    assert found.accepted[0].effect["delay"] == pytest.approx(true["delay"], rel=0.1)
     damping = case.craft.linear["yaw"] / case.craft.inertia["yaw"]
     assert -found.fit.theta[1] == pytest.approx(damping, rel=0.3)
 
@@ -150,14 +152,14 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
-    nothing = cast(WeatherSearch, SimpleNamespace(named=(), judged=()))
+    nothing = cast(WeatherSearch, SimpleNamespace(accepted=(), steps=()))
     assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
     assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
     coupling = EffectInstance("sway-yaw-coupling", "sway+yaw", dict.fromkeys(("Y_rdot", "N_vdot", "Y_r", "N_v"), 0.2))
-    search = cast(WeatherSearch, SimpleNamespace(dof="yaw", named=()))
+    search = cast(WeatherSearch, SimpleNamespace(dof="yaw", accepted=()))
     assert _outdone(search, cast(SearchState, SimpleNamespace(causes=(coupling,))))
 
 
@@ -211,9 +213,9 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
     case = draw_case("weather", seed, 0, "input-delay")
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
+    assert found.accepted[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
 
 
 @pytest.mark.slow
@@ -227,8 +229,8 @@ def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as
     slugs = ("input-delay", "dead-zone", "quadratic-actuator")
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(late, rel=0.05)
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
+    assert found.accepted[0].effect["delay"] == pytest.approx(late, rel=0.05)
     assert found.alike == (("input-delay", "measurement-delay"),)
 
 
@@ -289,19 +291,19 @@ def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
     problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
     found = search_under_process_noise(problem, base, ("quadratic-drag",), (), nobody)
-    assert found is not None and [a.effect.slug for a in found.named] == ["quadratic-drag"]
+    assert found is not None and [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
     bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
     both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
     assert both is not None
-    idle = replace(found.named[0], effect=bias)
-    groups = (("input-bias", "wind-moment"), ("quadratic-drag", "saturation"))
-    left = process_noise._without_idle(replace(found, named=(idle, *found.named), fit=both, alike=groups))
-    assert [a.effect.slug for a in left.named] == ["quadratic-drag"]
+    idle = replace(found.accepted[0], effect=bias)
+    step = SearchStep((idle,), idle, ("input-bias", "wind-moment"))
+    left = process_noise._without_idle(replace(found, steps=(step, *found.steps), fit=both))
+    assert [a.effect.slug for a in left.accepted] == ["quadratic-drag"]
     assert [e.slug for e in left.fit.effects] == ["quadratic-drag"]
-    assert left.alike == groups[1:]
+    assert left.alike == found.alike
     # One that still explains stays, whatever came after it.
-    kept = process_noise._without_idle(replace(found, named=(*found.named, idle), fit=both))
-    assert [a.effect.slug for a in kept.named] == ["quadratic-drag", "input-bias"]
+    kept = process_noise._without_idle(replace(found, steps=(*found.steps, step), fit=both))
+    assert [a.effect.slug for a in kept.accepted] == ["quadratic-drag", "input-bias"]
 
 
 @pytest.mark.slow
@@ -310,7 +312,7 @@ def test_an_effect_is_named_beneath_waves() -> None:
     assert "waves" in case.circumstances
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-bias"]
+    assert [a.effect.slug for a in found.accepted] == ["input-bias"]
 
 
 def test_water_without_waves_has_none_in_the_model() -> None:
@@ -326,12 +328,12 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     assert case.circumstances == ("driving",)
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
     assert found is not None
-    assert found.named == ()
+    assert found.accepted == ()
     assert process_noise.answers_heading(found.problem, found.plain)
     open_loop = draw_case("rough", 284, 0, "input-delay")
     other = search_under_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
     assert other is not None
-    assert [a.effect.slug for a in other.named] == ["input-delay"]
+    assert [a.effect.slug for a in other.accepted] == ["input-delay"]
     assert not process_noise.answers_heading(other.problem, other.fit)
 
 
@@ -360,14 +362,12 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     effect = EffectInstance(slug, "N", number)
     monkeypatch.setattr(process_noise, "_unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
-    search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
-    fits = [
-        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t, errors_of=lambda _: {})
-        for n, t in ((5, 0), (6, 20))
-    ]
+    search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15)
+    told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
+    fits = [SimpleNamespace(unknowns=n, total=t, innovations=(), free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
-    judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
-    assert judged.brief is brief
+    score = process_noise._scored(*cast(Any, (search, effect, fits[1], fits[0], before)))
+    assert (score.lacks == "brief") is brief
 
 
 @pytest.mark.parametrize(("gain", "unseen", "named"), [(5.6, 18.0, True), (5.6, 6.3, False), (9.0, 2.5, True)])
@@ -376,8 +376,8 @@ def test_a_name_may_earn_far_more_than_so_many_tried_ask_on_the_runs_left_out(
 ) -> None:
     """A dead zone gained 5.6 nats on two runs, and 36 where each was foretold from the other: it was not named."""
     effect = EffectInstance("dead-zone", "N", {"width": 0.1})
-    each = np.array([unseen, unseen])
-    assert Attested(effect, cast(WanderingFit, None), gain, each, 6.4, 1, (1.0, 60.0)).paid is named
+    lacks = lack_by_parts(scored(effect, gain, (unseen, unseen), 6.4, (1.0, 60.0)))
+    assert (lacks is None) is named
 
 
 def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though_its_gain_elsewhere_is_not_sure() -> (
@@ -385,18 +385,16 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 ):
     """A trim and thrust that is weaker to one side: within two nats, and which foretells more changes with the runs."""
 
-    def attested(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> Attested:
-        effect = EffectInstance(slug, "N", {})
-        return Attested(effect, cast(WanderingFit, None), gain, np.array(unseen), 6.4, 1, (low, 40.0))
+    def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[WanderingFit]:
+        return scored(EffectInstance(slug, "N", {}), gain, unseen, 6.4, (low, 40.0))
 
-    winner = attested("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
-    trim = attested("input-bias", 24.4, (3.7, 7.9), -3.0)
-    less = attested("tether-pull", 17.0, (5.0, 5.0), 1.0)
-    assert winner.paid and not trim.paid
+    winner = of("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
+    trim = of("input-bias", 24.4, (3.7, 7.9), -3.0)
+    less = of("tether-pull", 17.0, (5.0, 5.0), 1.0)
+    assert lack_by_parts(winner) is None and lack_by_parts(trim) == "not-sure"
     assert process_noise._as_likely([trim, winner, less], winner) == [trim, winner]
-    short = replace(
-        trim, brief=True
-    )  # never named, but told: a rate limit took the name of a lag of less than a sample
+    # Never accepted, but reported: a rate limit took the name of a lag of less than a sample.
+    short = replace(trim, lacks="brief")
     assert process_noise._as_likely([short, winner], winner) == [short, winner]
 
 

@@ -96,7 +96,7 @@ def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
     slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]
     search = search_under_process_noise(problem, base, slugs, (), quiet)
     assert search is not None
-    first = search.named[0]
+    first = search.accepted[0]
     assert first.effect.slug == "speed-damping" and first.ahead < 0.9
     fit = search.fit
     assert abs(first.effect["N_|u|r"] / OF_SPEED - 1.0) < 0.25
