@@ -11,11 +11,12 @@ from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
 from gcs_autotune.diagnose.intake import taken_in, within_manoeuvre, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
+from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
 from gcs_autotune.diagnose.second_looks import foretells, look_at_all_runs, look_in_pieces
 from gcs_autotune.diagnose.simulation import surrogate_of
-from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
+from gcs_autotune.diagnose.state import begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.score import bic_penalty
 from gcs_autotune.diagnose.undo_data_errors import turned
-from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, EffectResidual, ExtendedSimulator, Observed, in_order
+from gcs_autotune.effects import (
+    EFFECTS,
+    DataSummary,
+    Effect,
+    EffectInstance,
+    EffectResidual,
+    ExtendedSimulator,
+    Observed,
+    in_order,
+)
 from gcs_autotune.executor import Executor, SerialExecutor
 from gcs_autotune.identify import Fitted, Problem, judged_by
 from gcs_autotune.kept_results import recalled
@@ -63,18 +72,23 @@ class EffectCandidate:
     also: tuple[EffectInstance, ...] = ()
 
 
-def candidates(problem: Problem, present: Sequence[EffectInstance], slugs: Sequence[str]) -> list[list[EffectInstance]]:
-    """Return for every effect and place not *present* the values to begin from."""
-    data_summary = problem.data_summary
+def candidates(
+    data: DataSummary,
+    present: Sequence[EffectInstance],
+    slugs: Sequence[str],
+    starts: Callable[[Effect, str], Sequence[Mapping[str, float]]] | None = None,
+) -> list[list[EffectInstance]]:
+    """Return for every effect and place not *present* the values to begin from; *starts*: others than its own."""
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
         entry = EFFECTS[slug]
-        for place in entry.places(data_summary):
+        for place in entry.places(data):
             if (slug, place) in taken:
                 continue
-            constants = dict(entry.constants(place, data_summary))
-            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, data_summary)])
+            constants = dict(entry.constants(place, data))
+            own = entry.starts(place, data) if starts is None else starts(entry, place)
+            found.append([EffectInstance(slug, place, dict(s), constants) for s in own])
     return found
 
 

@@ -10,92 +10,25 @@ with what it came to on the second.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.day_to_day import alike_in, differing
-from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
-from gcs_autotune.diagnose.process_noise_starts import (
-    FEWEST_TO_COMPARE,
-    ROUGH,
-    WAVES,
-    Say,
-    at_the_right_interval,
-    momentary,
-    plain_under_process_noise,
-)
-from gcs_autotune.diagnose.sampling_interval import changes_at, foresight, horizons, rms_ahead, stands
-from gcs_autotune.diagnose.score import (
-    ALIKE,
-    HALF,
-    WORTH,
-    CandidateScore,
-    SearchStep,
-    alike_of,
-    is_form_of,
-    key_of,
-    lack_by_parts,
-    may_be_none,
-    needed_of,
-    plainest,
-)
-from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of, name_of, twins_of
-from gcs_autotune.identify import (
-    Fitted,
-    Problem,
-    Segment,
-    Tangent,
-    WanderingFit,
-    WanderingProblem,
-    thinned_to,
-)
+from gcs_autotune.diagnose.day_to_day import differing
+from gcs_autotune.diagnose.noise_scorer import Folds, WithProcessNoise, choices_of
+from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interval, momentary, plain_under_process_noise
+from gcs_autotune.diagnose.sampling_interval import changes_at
+from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of
+from gcs_autotune.diagnose.search import fits_of, judge
+from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
+from gcs_autotune.identify import Fitted, Problem, Segment, WanderingFit, WanderingProblem, thinned_to
 from gcs_autotune.models import Form
-from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WeatherSearch", "asked_of", "may_be_told", "search_under_process_noise", "weathered_form"]
-
-Array = NDArray[np.float64]
-
-BRIEF = 1.0
-"""Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
-
-AGAINST = 4.0
-"""Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
-command is fed back; open loops of the blind suite came to 2 at most."""
+__all__ = ["WeatherSearch", "asked_of", "search_under_process_noise", "weathered_form"]
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force, with waves, must beat none to be there at all."""
-
-REFIT = 4
-"""Scoring rounds of a fit to the rest when a run is left out."""
-
-RUNNERS = 6
-"""Candidates fitted to the end."""
-
-SLOWER_THAN_FOUND = 2.0
-"""Chosen: factor by which the craft may be slower than a fit took her for that lacks a delay or a lag: how long these
-may be goes with it."""
-
-EVEN = 16
-"""Chosen: times alone are tried so many besides, evenly: beside commands that change often, a delay is found only where
-it is nearly right.
-"""
-
-DOZEN = 12.0
-"""Samples of the record that such times are tried up to at least, and besides as far as the book allows: without her
-delay a quick craft may come out quicker still (rough water, seed 232 case 2: one of two time constants was none tried;
-seed 463: one of 0.39 s, nearly three, which is worth 338)."""
-
-LATE = ("input-delay", "actuator-lag")
-"""What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
-
-FAR_AHEAD = 0.85
-"""Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
 
 CONSTANT = ("input-bias", "net-buoyancy")
 """The constant force of a degree of freedom, by the slugs that it may have."""
@@ -124,7 +57,7 @@ class WeatherSearch:
     calm: float
     tried: int
     parts: str
-    folds: tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
+    folds: Folds
     still: float = math.inf
     cut: str = ""
     hint: WanderingFit | None = None
@@ -226,8 +159,8 @@ def search_under_process_noise(
         if search.accepted:
             search = replace(search, still=_over_constants(wandering, search.fit))
         for _ in range(MOST_CAUSES):
-            before, search = search, _one_more(search, slugs, say)
-            if len(search.accepted) == len(before.accepted):
+            search = _one_more(search, slugs, say)
+            if search.steps[-1].accepted is None:
                 break
             search = replace(_without_idle(search), still=math.inf)
             search = replace(search, still=_over_constants(wandering, search.fit))
@@ -306,15 +239,34 @@ def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch
         fit = _beside(problem, plain, own)
         if fit is None:
             continue
-        found = _scored(replace(search, tried=1), own, fit, plain, _unseen(search, plain))
+        scorer = _scorer_of(search, plain, 1, lambda *_: None)
+        found = replace(scorer, left_out=scorer.unseen(plain)).score(own, fit)
         if found.lacks is None:
-            search = replace(search, steps=(SearchStep((found,), found),), fit=fit)
+            search = replace(search, steps=(SearchStep(plain, (found,), found),), fit=fit)
     return search
 
 
-def _folds(
-    segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: bool
-) -> tuple[tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...], str]:
+def _scorer_of(search: WeatherSearch, present: WanderingFit, tried: int, say: Say) -> WithProcessNoise:
+    stage, hint = f"process noise, cause {len(search.accepted) + 1}", None if search.accepted else search.hint
+    return WithProcessNoise(search.problem, search.folds, search.plain, present, tried, say, stage, hint)
+
+
+def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:
+    """Return the search one step further."""
+    present = differing(search.problem, search.fit)
+    choices = choices_of(search.problem.data, slugs, present.effects)
+    scorer = _scorer_of(search, present, max(search.tried, len(choices)), say)
+    step = judge(scorer, fits_of(scorer, choices))
+    return replace(
+        search,
+        tried=scorer.tried,
+        plain=search.plain if search.accepted else step.present,
+        fit=step.present if step.accepted is None else step.accepted.fit,
+        steps=(*search.steps, step),
+    )
+
+
+def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: bool) -> tuple[Folds, str]:
     runs = list(dict.fromkeys(s.run for s in segments))
     folds: list[tuple[tuple[Segment, ...], tuple[Segment, ...]]] = []
     if len(runs) > 1 and in_blocks:
@@ -338,304 +290,7 @@ def _folds(
     return tuple(folds), words
 
 
-# -- one cause more
-
-
-def _choices(data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
-    found = []
-    slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
-    for slug in slugs:
-        entry = EFFECTS[slug]
-        if not may_be_told(slug):
-            continue
-        for place in entry.places(data):
-            if any(e.slug == slug and e.place == place for e in present):
-                continue
-            constants = dict(entry.constants(place, data))
-            starts = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
-            if [q.unit for q in entry.parameters] == ["s"]:
-                name = entry.parameters[0].name
-                allowed = entry.bounds(place, data).get(name, (0.0, math.inf))[1]
-                most = max(slower.time_constant, DOZEN * data.interval), allowed
-                even = [np.linspace(0.0, t, EVEN + 1)[1:] for t in most if math.isfinite(t)]
-                starts += [{name: float(t)} for t in np.concatenate(even)]
-            own = [s for k, s in enumerate(starts) if s not in starts[:k]]
-            found.append([EffectInstance(slug, place, s, constants) for s in own])
-    return found
-
-
-def may_be_told(slug: str) -> bool:
-    """Whether a search under process noise looks for an effect: what acts on commands or in the equation of motion, at
-    all times.
-    """
-    entry = EFFECTS[slug]
-    return entry.family != "data errors" and not entry.happens_at and _is_motion(slug)
-
-
-def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
-    """Whether a filter can judge an effect that was found otherwise: one that happens at a time, or one of the records'
-    errors at a column of *inputs*, too. When something happened is no question for its tangent; what it is worth once
-    the time is known is.
-    """
-    if EFFECTS[effect.slug].family == "data errors":
-        return all(n in inputs for n in columns_of(effect.place))
-    return _is_motion(effect.slug)
-
-
-def _is_motion(slug: str) -> bool:
-    entry = EFFECTS[slug]
-    return not entry.is_disturbance and bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
-
-
-def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:
-    """Return the search one cause further, or the same with what was judged where none pays."""
-    problem = search.problem
-    present = differing(problem, search.fit)
-    choices = _choices(problem.data, slugs, present.effects)
-    stage = f"process noise, cause {len(search.accepted) + 1}"
-    rough: list[tuple[EffectInstance, WanderingFit]] = []
-    tangent = problem.tangent(present)
-    if tangent is None:
-        return search
-    for k, own in enumerate(choices):
-        fit = _rough(problem, present, own, tangent)
-        if fit is not None:
-            rough.append((own[0], fit))
-        say(stage, k + 1, len(choices))
-    rough.sort(key=lambda f: -(f[1].total - _price(f[1], present)))
-    ends = []
-    for k, (tried_one, fit) in enumerate(rough[:RUNNERS]):
-        say(f"{stage}: fitting to the end", k, RUNNERS)
-        tries = [fit, problem.fit(fit.theta, fit.effects, fit.water)]
-        same = alike_in(fit.water, problem.runs)
-        if fit.water.day_thrust or fit.water.day_force > 1.01 * same.day_force:
-            # What bends thrust makes runs of other commands differ, and may explain them alike.
-            tries.append(problem.fit(fit.theta, fit.effects, same))
-        if fit.water.wavy:
-            # What answers the commands in a rhythm may be taken for waves until its cause is there.
-            tries.append(problem.fit(fit.theta, fit.effects, replace(fit.water, wave_swing=0.0, wave_force=0.0)))
-        best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)
-        ends.append((tried_one, _or_hinted(search, present, tried_one, best_try)))
-    if ends:
-        best = max(ends, key=lambda e: e[1].total)[1]
-        again = problem.fit(best.theta, present.effects, best.water)
-        if again is not None and again.total > present.total + 0.5:
-            present = again
-    search = replace(search, tried=max(search.tried, len(choices)))
-    before = _unseen(search, present)
-    judged = []
-    for k, (effect, fit) in enumerate(ends):
-        say(f"{stage}: runs left out", k, len(ends))
-        judged.append(_sound(search, _scored(search, effect, fit, present, before), present, before))
-    judged.sort(key=lambda a: -(a.gained - _price(a.fit, present)))
-    if not search.accepted:
-        search = replace(search, plain=present)
-    step = _picked(search, judged)
-    return replace(search, steps=(*search.steps, step), fit=present if step.accepted is None else step.accepted.fit)
-
-
-def _picked(search: WeatherSearch, judged: Sequence[CandidateScore[WanderingFit]]) -> SearchStep[WanderingFit]:
-    """Return the step that ends with these candidates: which is accepted, and what cannot be distinguished from it."""
-    paid = [a for a in judged if a.lacks is None]
-    if not paid:
-        return SearchStep(tuple(judged), None)
-    # On runs it has not seen a model pays for its own parameters; on real water those fitted tell less.
-    alike = alike_of(paid)
-    # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
-    # part left out as well, that is felt.
-    better = [a for a in paid if a.ahead < FAR_AHEAD * alike[0].ahead and bool(np.all(a.parts > 0.0))]
-    winner = plainest(min(better, key=lambda a: a.ahead, default=alike[0]), paid)
-    forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.evidence > HALF * winner.evidence]
-    told = [winner.effect, *(a.effect for a in (*alike, *forms, *_as_likely(judged, winner)))]
-    late = ["measurement-delay" for effect in told if effect.slug in LATE]
-    others = [*twins_of(winner.effect, search.problem.data), *map(name_of, told[1:]), *late]
-    return SearchStep(tuple(judged), winner, tuple(dict.fromkeys([name_of(winner.effect), *others])))
-
-
-def _or_hinted(search: WeatherSearch, present: WanderingFit, tried: EffectInstance, best: WanderingFit) -> WanderingFit:
-    """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
-
-    Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
-    """
-    hint, problem = search.hint, search.problem
-    if hint is None or search.accepted or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
-        return best
-    water = replace(hint.water, day_force=present.water.day_force, day_thrust=present.water.day_thrust)
-    fits = [problem.fit(hint.theta, hint.effects, w) for w in (water, alike_in(hint.water, problem.runs))]
-    seconds = foresight(problem, search.plain)
-    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
-    if other is None or seconds is None or other.total <= present.total:
-        return best
-    far = rms_ahead(problem, other, seconds) < FAR_AHEAD * rms_ahead(problem, best, seconds)
-    return other if far or other.total > best.total else best
-
-
-def _scored(
-    search: WeatherSearch,
-    effect: EffectInstance,
-    fit: WanderingFit,
-    present: WanderingFit,
-    left_out: Sequence[WanderingFit | None],
-) -> CandidateScore[WanderingFit]:
-    """Return what *effect* gains in *fit* over *present*, whose fits on what is *left_out* are given."""
-    problem, tried = search.problem, search.tried
-    gained, needed = fit.total - present.total, needed_of(fit.unknowns - present.unknowns, tried)
-    now = next(e for e in fit.effects if key_of(e) == key_of(effect))
-    before = densities_of(left_out, left_out)
-    after = densities_of(_unseen(search, fit), left_out) if gained > min(0.5 * needed, WORTH) else before
-    parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-    foretold, samples = float(parts.sum()), sum(len(t) for t, _, _ in fit.innovations)
-    found = CandidateScore(
-        now,
-        fit,
-        gained,
-        needed,
-        numbers=sum(fit.effects[i] is now for i, _ in fit.free_effects),
-        evidence=2.0 * foretold,
-        gain=1.0 - math.exp(-max(foretold, -50.0) / max(samples, 1)),
-        p=min(1.0, tried * math.exp(-max(min(foretold, 700.0), 0.0))),
-        parts=parts,
-        interval=interval_of(before, after),
-    )
-    lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
-    return replace(found, lacks=lacks)
-
-
-def _is_brief(problem: WanderingProblem, effect: EffectInstance, fit: WanderingFit) -> bool:
-    """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
-    inertia; or shorter than the interval judged where commands answer the heading.
-    """
-    lasts, short = _lasts(effect, problem.data), BRIEF * problem.data.interval
-    # Of a craft that shows no inertia, what takes time is that inertia.
-    if lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short):
-        return True
-    return lasts < problem.interval and answers_heading(problem, fit)
-
-
-def _sound(
-    search: WeatherSearch,
-    found: CandidateScore[WanderingFit],
-    present: WanderingFit,
-    left_out: Sequence[WanderingFit | None],
-) -> CandidateScore[WanderingFit]:
-    """Return *found* with its error some seconds ahead, over that of *present*, and why it is not to be accepted
-    although it pays, if so: no model of the craft stands, or what is *left_out* is predicted no better so far ahead.
-    """
-    if found.lacks is not None:
-        return found
-    if not stands(search.problem, found.fit):
-        return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
-    refitted, seen = _unseen(search, found.fit), []
-    for seconds in horizons(search.problem, search.plain):
-        squares = [0.0, 0.0]
-        for (_, test), before, after in zip(search.folds, left_out, refitted, strict=True):
-            runs = search.problem.on(test)
-            for k, fit in enumerate((before, after)):
-                errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
-                squares[k] += float(np.sum(errors**2))
-        given = [rms_ahead(search.problem, fit, seconds) for fit in (present, found.fit)]
-        if 0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf:
-            seen.append((math.sqrt(squares[1] / squares[0]), seconds, given[1] / given[0]))
-        if seen and seen[-1][0] < 1.0:
-            break
-    if not seen:
-        return found
-    ratio, seconds, ahead = min(seen)
-    if ratio < 1.0:
-        return replace(found, ahead=ahead)
-    why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
-    return replace(found, ahead=ahead, lacks="no-gain", unsound=why)
-
-
-def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
-    """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
-
-    Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
-    late. Told by the ranks of innovations and of the commands' next changes.
-    """
-    pushed, turned = [], []
-    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
-        row = np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)
-        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
-            for _, share in problem.form.inputs.get(name, ()):
-                pushed.append((e / np.sqrt(S))[:-1])
-                turned.append(np.diff(column[row]) * (-1.0 if str(share).startswith("-") else 1.0))
-    one, two = np.concatenate(pushed), np.concatenate(turned)
-    if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
-        return False
-    sense = math.copysign(1.0, float(fit.theta[0]))
-    return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
-
-
-def _as_likely(
-    judged: Sequence[CandidateScore[WanderingFit]], winner: CandidateScore[WanderingFit]
-) -> list[CandidateScore[WanderingFit]]:
-    """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
-    brief to be named, and those that explain them better: these runs do not distinguish them.
-    """
-    enough = winner.gained - 0.5 * ALIKE
-    return [
-        a
-        for a in judged
-        if a.gained > enough and (a.foretold > WORTH or a.gained - _price(a.fit, winner.fit) > winner.gained)
-    ]
-
-
-def _lasts(effect: EffectInstance, data: DataSummary) -> float:
-    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
-    times = [math.inf]
-    for q in EFFECTS[effect.slug].parameters:
-        value = abs(effect.values.get(q.name, math.inf))
-        if q.unit == "s":
-            times.append(value)
-        elif q.unit == f"{INPUT}/s":
-            times.append(data.amplitude.get(effect.place, math.inf) / max(value, 1e-300))
-    return min(times)
-
-
-def _price(fit: WanderingFit, present: WanderingFit) -> float:
-    """Return what additional parameters cost (Schwarz), as log-likelihood."""
-    samples = sum(len(e) for _, e, _ in fit.innovations)
-    return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
-
-
 def _price_of_effects(fit: WanderingFit, present: WanderingFit) -> float:
     """Return what the additional numbers of effects alone cost (Schwarz), as log-likelihood."""
     samples = sum(len(e) for _, e, _ in fit.innovations)
     return 0.5 * (len(fit.free_effects) - len(present.free_effects)) * math.log(max(samples, 2))
-
-
-TRACE = 0.1
-"""A small amount of an effect, in shares of the size it is tried at."""
-
-
-def _rough(
-    problem: WanderingProblem, present: WanderingFit, choices: Sequence[EffectInstance], tangent: Tangent
-) -> WanderingFit | None:
-    """Return the better end of the most promising of the values to begin from, and of small amounts of them, all else
-    adapted.
-
-    Both are gone on from: a trace changes little and so looks well, where the whole has yet to find its pace.
-    """
-    entry = EFFECTS[choices[0].slug]
-    growing = [n for n in entry.grows_with if n in choices[0].values]
-    zero = {n: entry.neutral.get(n, 0.0) for n in growing}
-    traces = [
-        o.with_values({n: zero[n] + TRACE * (o.values[n] - zero[n]) for n in growing}) for o in choices if growing
-    ]
-    ends = []
-    for group in (choices, traces):
-        tried = [problem.adapted(present, own, tangent) for own in group]
-        best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
-        end = None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
-        ends += [] if end is None else [end]
-    return max(ends, key=lambda f: f.total, default=None)
-
-
-def _unseen(search: WeatherSearch, fit: WanderingFit) -> list[WanderingFit | None]:
-    """Return *fit*, refitted to the rest, as it is on what each fold leaves out; None where it runs away."""
-    found = []
-    for train, test in search.folds:
-        again = search.problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
-        found.append(None if again is None else search.problem.on(test).judge(again))
-    return found

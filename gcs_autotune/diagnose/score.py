@@ -23,6 +23,7 @@ __all__ = [
     "MATERIAL",
     "WORTH",
     "CandidateScore",
+    "FitT",
     "SearchStep",
     "alike_of",
     "bic_penalty",
@@ -135,11 +136,13 @@ class CandidateScore(Generic[FitT]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStep(Generic[FitT]):
-    """One step of a search: everything scored, best first; ``accepted`` the winner, None when there was none.
+    """One step of a search: every candidate scored, best first; ``accepted`` the winner, None when there was none.
 
-    ``alike``: with process noise, names that these runs do not distinguish from it, its own first.
+    ``present``: the model they were added to, fitted better where the step found out how. ``alike``: with process
+    noise, names that these runs do not distinguish from the winner, its own first.
     """
 
+    present: FitT
     judged: tuple[CandidateScore[FitT], ...]
     accepted: CandidateScore[FitT] | None
     alike: tuple[str, ...] = ()

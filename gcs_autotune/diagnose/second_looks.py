@@ -56,7 +56,7 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     ):
         return None
     segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
-    again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
+    again = follow(begin(replace(question, segments=segments, unseen=unseen, with_noise=False)), SEARCH)
     if again.fitted.effects == again.base.effects or not (_surely_gains(again) and _holds_over(again, question.whole)):
         return replace(state, cut=(*state.cut, *again.cut))
     if _is_another_craft(again):

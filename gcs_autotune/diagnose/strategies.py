@@ -40,6 +40,7 @@ from gcs_autotune.diagnose.score import (
     may_be_none,
     ordered,
 )
+from gcs_autotune.diagnose.search import judge
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.diagnose.weathered import wanders
@@ -132,7 +133,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> tuple[Se
     better = _without(state, accepted.fit)
     if better is not None:
         state = state.with_better(better)
-        again = state.judged(accepted.effect, accepted.fit, better, state.tried)
+        again = state.scorer(better).score(accepted.effect, accepted.fit)
         if again.lacks is None:
             accepted = again
             taken = (*taken[:-1], replace(taken[-1], accepted=again))
@@ -164,9 +165,10 @@ def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchStat
         return None
     now = state.with_parts(parts_of(state.problem, in_blocks=True))
     paying = [j for j in step.judged if j.evidence > 0.0]
-    again = ordered([now.judged(j.effect, j.fit, present, now.tried) for j in paying])
-    winner = now.pick(again)
-    return None if winner is None else (now, SearchStep(tuple(again), winner))
+    scorer = now.scorer(present)
+    again = ordered([scorer.score(j.effect, j.fit) for j in paying])
+    winner = scorer.winner(again)
+    return None if winner is None else (now, SearchStep(present, tuple(again), winner))
 
 
 # -- causes that only pay together
@@ -195,7 +197,7 @@ def _look_ahead(
     pairs, if it does not pay either, by a third (up to *farthest*).
     """
     paths: list[_Path] = []
-    likely = [j for j in step.judged if j.evidence > 0.0 and not state.follows_a_command(j.effect, j.fit)]
+    likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
     for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
@@ -203,8 +205,9 @@ def _look_ahead(
     while path is not None:
         length, end = len(path.taken), path.taken[-1]
         tried = math.comb(max(state.tried, length), length)
-        whole = state.judged(end.effect, end.fit, state.fitted, tried)
-        if state.pick([whole]) is not None:
+        scorer = state.scorer(tried=tried)
+        whole = scorer.score(end.effect, end.fit)
+        if scorer.winner([whole]) is not None:
             return state, _accepted(path, whole)
         state, path = _followed(state, path, stage) if length < farthest else (state, None)
     return state, None
@@ -228,10 +231,10 @@ def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fi
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
         ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
-        steps.append(SearchStep(tuple(ended if j is taken else j for j in step.judged), ended))
+        steps.append(replace(step, judged=tuple(ended if j is taken else j for j in step.judged), accepted=ended))
     last = path.steps[-1]
     others = tuple(j for j in last.judged if j is not path.taken[-1])
-    return (*steps, SearchStep((whole, *others), whole))
+    return (*steps, replace(last, judged=(whole, *others), accepted=whole))
 
 
 # -- earlier causes reconsidered
@@ -273,7 +276,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
     """Leave out causes at a moment that, with all others known, a recorded command explains as well."""
-    effect = next((e for e in state.causes if state.follows_a_command(e, state.fitted)), None)
+    effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted
     without = None if effect is None else state.problem.fit(fit.theta, rest, fit.initial, shift=fit.shift)
@@ -326,12 +329,12 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     try:
         state.question.say("in pieces", 0, 1)
         held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.executor)
-        ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
+        ends = best_of_each([*lost.ends, *state.scorer().to_the_end(held)], lost.base)[:RUNNERS]
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state
         unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
         anew = replace(state, steps=()).with_model(lost.base, unseen)
-        other = add_causes(anew, anew.judged_all(ends, lost.base, lost.tried))
+        other = add_causes(anew, judge(anew.scorer(lost.base, lost.tried), ends))
     except OutOfTime as over:  # what was asked about the water is kept: it is long
         return replace(state, cut=(*state.cut, str(over)))
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))

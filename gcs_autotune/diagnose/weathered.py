@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of_water
+from gcs_autotune.diagnose.noise_scorer import may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
     WeatherSearch,
     asked_of,
-    may_be_weighed,
     search_under_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
@@ -56,7 +56,7 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     The answer is kept: the search under process noise is long. No where it cannot be asked.
     """
     question = state.question
-    if question.given is not None or question.horizon is not None or not question.weather:
+    if question.given is not None or question.horizon is not None or not question.with_noise:
         return state, False
     if state.beneath is None or state.beneath[0] is not state.problem:
         found = search_under_process_noise(

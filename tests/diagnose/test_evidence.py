@@ -80,9 +80,8 @@ def searched(*named: str) -> WeatherSearch:
     fit = SimpleNamespace(theta=None, effects=effects, water=None, errors_of=lambda _: {})
     plain = SimpleNamespace(theta=None, effects=(), water=None)
     problem = SimpleNamespace(fit=lambda theta, rest, water: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
-    steps = tuple(
-        SearchStep((one,), one) for e in effects for one in [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=fit)]
-    )
+    causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(WanderingFit, fit)) for e in effects]
+    steps = tuple(SearchStep(cast(WanderingFit, plain), (one,), one) for one in causes)
     plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "parts": "", "folds": ()}
     return WeatherSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
@@ -169,6 +168,6 @@ def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
         return replace(scored(effect, 5.0, (2.0, 2.0, 1.0), 7.0, (-1.0, 9.0)), lacks="weak")
 
     named, other = product("N_|u|r"), product("N_|v|r")
-    steps = (SearchStep((named,), named), SearchStep((named, other), None))
+    steps = (SearchStep(named.fit, (named,), named), SearchStep(named.fit, (named, other), None))
     told = {name_of(named.effect)}
     assert [w.one.effect.place for w in weak_among(steps, 10, told)] == ["N_|v|r"]

@@ -354,7 +354,7 @@ def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_
     beside: dict[str, float], refuted: bool
 ) -> None:
     """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
-    assert _refuted(SearchStep((judged("input-delay", **beside),), None)) is refuted
+    assert _refuted(SearchStep(BASE, (judged("input-delay", **beside),), None)) is refuted
 
 
 # --- what is told of the numbers found -------------------------------------------------------

@@ -16,22 +16,23 @@ from test_evidence import scored
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
-from gcs_autotune.diagnose import diagnose, process_noise
+from gcs_autotune.diagnose import diagnose, noise_scorer, process_noise
 from gcs_autotune.diagnose import weathered as weathered_names
 from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
+from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
     WeatherSearch,
-    may_be_weighed,
     search_under_process_noise,
     weathered_form,
 )
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
+from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.report_builder import build_report
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
 from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
-from gcs_autotune.diagnose.state import Question, SearchState, begin
+from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
@@ -296,7 +297,7 @@ def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
     assert both is not None
     idle = replace(found.accepted[0], effect=bias)
-    step = SearchStep((idle,), idle, ("input-bias", "wind-moment"))
+    step = SearchStep(found.plain, (idle,), idle, ("input-bias", "wind-moment"))
     left = process_noise._without_idle(replace(found, steps=(step, *found.steps), fit=both))
     assert [a.effect.slug for a in left.accepted] == ["quadratic-drag"]
     assert [e.slug for e in left.fit.effects] == ["quadratic-drag"]
@@ -329,20 +330,20 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
     assert found is not None
     assert found.accepted == ()
-    assert process_noise.answers_heading(found.problem, found.plain)
+    assert noise_scorer.answers_heading(found.problem, found.plain)
     open_loop = draw_case("rough", 284, 0, "input-delay")
     other = search_under_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
     assert other is not None
     assert [a.effect.slug for a in other.accepted] == ["input-delay"]
-    assert not process_noise.answers_heading(other.problem, other.fit)
+    assert not noise_scorer.answers_heading(other.problem, other.fit)
 
 
 def test_times_are_tried_evenly_of_an_effect_whose_book_sets_no_limits_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever adds one need not give any."""
     problem, _ = as_from_a_log(weathered(3))
-    monkeypatch.setattr(type(process_noise.EFFECTS["input-delay"]), "bounds", lambda *_: {})
-    (choices,) = process_noise._choices(problem.data_summary, ("input-delay",), ())
-    assert len(choices) > process_noise.EVEN
+    monkeypatch.setattr(type(noise_scorer.EFFECTS["input-delay"]), "bounds", lambda *_: {})
+    (choices,) = noise_scorer.choices_of(problem.data_summary, ("input-delay",), ())
+    assert len(choices) > noise_scorer.EVEN
 
 
 def on_unseen(density: float) -> SimpleNamespace:
@@ -360,13 +361,14 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     """In waves that turned the bow no inertia was found (540 1/s), and hers was named as a rate limit."""
     number = {"actuator-lag": {"time_constant": 1.5}, "dead-zone": {"width": 0.1}}[slug]
     effect = EffectInstance(slug, "N", number)
-    monkeypatch.setattr(process_noise, "_unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
+    monkeypatch.setattr(WithProcessNoise, "unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
-    search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15)
+    problem = SimpleNamespace(data=data, interval=0.1)
     told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
     fits = [SimpleNamespace(unknowns=n, total=t, innovations=(), free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
-    score = process_noise._scored(*cast(Any, (search, effect, fits[1], fits[0], before)))
+    scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
+    score = scorer.score(effect, cast(Any, fits[1]))
     assert (score.lacks == "brief") is brief
 
 
@@ -392,10 +394,10 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
     trim = of("input-bias", 24.4, (3.7, 7.9), -3.0)
     less = of("tether-pull", 17.0, (5.0, 5.0), 1.0)
     assert lack_by_parts(winner) is None and lack_by_parts(trim) == "not-sure"
-    assert process_noise._as_likely([trim, winner, less], winner) == [trim, winner]
+    assert noise_scorer._as_likely([trim, winner, less], winner) == [trim, winner]
     # Never accepted, but reported: a rate limit took the name of a lag of less than a sample.
     short = replace(trim, lacks="brief")
-    assert process_noise._as_likely([short, winner], winner) == [short, winner]
+    assert noise_scorer._as_likely([short, winner], winner) == [short, winner]
 
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:

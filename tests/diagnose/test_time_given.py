@@ -230,8 +230,8 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
     lag = SimpleNamespace(slug="actuator-lag", place="N")
     drag = SimpleNamespace(slug="quadratic-drag", place="yaw")
 
-    first = SearchStep((score_of(lag, [-3.0, 1.0]), score_of(drag, [-9.0, -2.0])), None)
-    second = SearchStep((score_of(lag, [6.0, -1.0]),), None)
+    first = SearchStep(None, (score_of(lag, [-3.0, 1.0]), score_of(drag, [-9.0, -2.0])), None)
+    second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
     told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert told == (
         "actuator-lag of N fits the given runs (+20.0 in log-likelihood) and gains on those left out together (+5.0), "
