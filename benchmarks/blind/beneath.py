@@ -27,8 +27,7 @@ from benchmarks.blind.weather import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_among
-from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
-from gcs_autotune.diagnose.weathered import supported
+from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise, supported
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 
@@ -68,11 +67,11 @@ def _answer(found: WeatherSearch | None) -> Row:
     """Return names, groups and hints of a search, as a diagnosis gives them, and how often chance gives a hint."""
     if found is None:
         return {"named": [], "groups": [], "hints": [], "chance": 0.0}
-    told, refused, _ = supported(found)
+    told = supported(found)
     return {
         "named": [a.effect.slug for a in told.accepted],
-        "groups": [list(g) for g in told.alike],
-        "hints": [w.one.effect.slug for w in weak_among(told.steps, told.tried, told.names, refused)],
+        "groups": [list(g) for g in told.alike()],
+        "hints": [w.one.effect.slug for w in weak_among(told)],
         "chance": chance_of(FAINT, 1, found.tried),
     }
 

@@ -8,27 +8,23 @@ three and ten nats, or more and not the rest, is a hint.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from gcs_autotune import chi_square
-from gcs_autotune.diagnose.heldout import HeldOut, gains_of
-from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
-from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
-from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.result import Hint, Lack
+from gcs_autotune.diagnose.score import CandidateScore, key_of
+from gcs_autotune.diagnose.search import Search
 from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
-from gcs_autotune.identify import Fitted, WanderingFit
+from gcs_autotune.identify import Segment
 
 __all__ = [
     "ENOUGH",
     "FAINT",
-    "Score",
-    "Steps",
     "WeakCandidate",
     "chance_of",
     "hints_of",
-    "own_gain",
-    "surest",
     "weak_among",
     "worth",
 ]
@@ -41,21 +37,6 @@ ALIKE = 3.0
 """Chosen: log-likelihood within which two hints are not distinguished, odds of twenty to one."""
 
 MOST_HINTS = 3
-
-Score = CandidateScore[Fitted] | CandidateScore[WanderingFit]
-Steps = Sequence[SearchStep[Fitted] | SearchStep[WanderingFit]]
-
-
-def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
-    """Return the gain on data left out of one cause, for the signal that surely gains most; None where unknown."""
-    if after is None or len(before.rests) != len(after.rests):
-        return None
-    return surest(gains_of(before, after, words))
-
-
-def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
-    """Return the gain with the smallest upper end of its interval."""
-    return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)
 
 
 def chance_of(gained: float, numbers: int, tried: int) -> float:
@@ -74,42 +55,33 @@ def worth(gained: float, numbers: int) -> float:
 class WeakCandidate:
     """A candidate that is a hint: ``size`` of its evidence, in nats of one number, its ``chance``, what it lacks."""
 
-    one: Score
+    one: CandidateScore[Any]
     size: float
     chance: float
     lacks: Lack
 
 
-def hints_of(
-    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Score], Mapping[str, Value]]
-) -> tuple[Hint, ...]:
-    """Return the hints of a finished search, the likeliest first; *causes*: those that are identified."""
-    search = state.weather
-    if search is None:
-        weak = weak_among(state.steps, state.tried)
-    else:
-        weak = weak_among(search.steps, search.tried, search.names, state.refused)
+def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequence[Segment]) -> tuple[Hint, ...]:
+    """Return the hints of a finished search over *segments*, the likeliest first; *causes*: those identified."""
     known = {key_of(e) for e in causes}
-    best = [w for w in weak if key_of(w.one.effect) not in known][:MOST_HINTS]
-    return tuple(_hint(state, w, best, values_of(w.one)) for w in best)
+    weak = [w for w in weak_among(search) if key_of(w.one.effect) not in known][:MOST_HINTS]
+    return tuple(_hint(search, w, weak, segments) for w in weak)
 
 
-def weak_among(
-    steps: Steps, tried: int, told: Collection[str] = (), refused: Sequence[Score] = ()
-) -> list[WeakCandidate]:
-    """Return the candidates of the last of *steps* that are hints, none of the names *told*, and causes *refused*.
+def weak_among(search: Search) -> list[WeakCandidate]:
+    """Return the candidates of a search's last step that are hints, and causes refused in the end.
 
-    Of so many *tried*. Left out are those of which the 95 % interval contains no effect. What was refused comes first:
-    it held on the parts left out.
+    Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
+    left out.
     """
-    last: Sequence[Score] = steps[-1].judged if steps else ()
-    beside = [a for a in last if name_of(a.effect) not in told]
+    last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
+    beside = [a for a in last if name_of(a.effect) not in search.names]
     found = []
-    for one in {key_of(a.effect): a for a in (*beside, *refused)}.values():
+    for one in {key_of(a.effect): a for a in (*beside, *search.refused)}.values():
         if one.gain > 0.0 and one.lacks is not None and one.lacks != "uncertain":
-            chance = chance_of(one.gained, one.numbers, tried)
+            chance = chance_of(one.gained, one.numbers, search.tried)
             found.append(WeakCandidate(one, worth(one.gained, one.numbers), chance, one.lacks))
-    held = [w for w in _ranked(found) if any(w.one is a for a in refused)]
+    held = [w for w in _ranked(found) if any(w.one is a for a in search.refused)]
     return [*held, *(w for w in _ranked(found) if w not in held)]
 
 
@@ -120,19 +92,19 @@ def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
     return sorted(enough, key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))
 
 
-def _hint(state: SearchState, own: WeakCandidate, best: Sequence[WeakCandidate], values: Mapping[str, Value]) -> Hint:
-    seconds = sum(float(s.stamps[-1]) - s.start for s in state.problem.segments)
-    runs = max(1, len({s.run for s in state.problem.segments}))
+def _hint(search: Search, own: WeakCandidate, best: Sequence[WeakCandidate], segments: Sequence[Segment]) -> Hint:
+    seconds = sum(float(s.stamps[-1]) - s.start for s in segments)
+    runs = max(1, len({s.run for s in segments}))
     alike = (w.one.effect.slug for w in best if w is not own and abs(w.size - own.size) < ALIKE)
     effect = own.one.effect
     return Hint(
         effect.slug,
         effect.place,
         EFFECTS[effect.slug].meaning,
-        values,
+        search.values(effect, own.one.fit),
         own.one.gained,
         tuple(own.one.parts.tolist()),
-        state.parts.words if state.weather is None else state.weather.parts,
+        search.words,
         own.chance,
         own.lacks,
         tuple(dict.fromkeys(alike)),

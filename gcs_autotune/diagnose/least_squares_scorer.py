@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+
+import numpy as np
 
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.candidates import (
@@ -18,12 +21,16 @@ from gcs_autotune.diagnose.candidates import (
 )
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value
 from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.result import Value
 from gcs_autotune.diagnose.score import (
     ALIKE,
+    HALF,
+    LUCK,
     CandidateScore,
     bic_penalty,
     error_ratio,
     further,
+    is_form_of,
     key_of,
     lack_by_error,
     needed_of,
@@ -31,11 +38,11 @@ from gcs_autotune.diagnose.score import (
     winner_of,
 )
 from gcs_autotune.diagnose.starting_points import merged, permuted_channels
-from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.executor import SerialExecutor
 from gcs_autotune.identify import Fitted, Problem
 
-__all__ = ["SHORT_LIST", "LeastSquares", "mistaken_for"]
+__all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""
@@ -183,3 +190,77 @@ def _score_of(scorer: LeastSquares, common: float, end: tuple[EffectInstance, Fi
 
 def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
     return fitted_to_the_end(problem, *attempt)
+
+
+def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
+    """Return the numbers of all effects of a fit with their standard errors."""
+    covariance = fitted.covariance(correlation_of(fitted))
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    first = len(fitted.free)
+    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
+    found = {}
+    left = [
+        EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        for r in fitted.rests
+        for own_level in (fitted.levels[r.signal],)
+    ]
+    for i, own in enumerate(fitted.effects):
+        entry = EFFECTS[own.slug]
+        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
+        found[own.slug, own.place] = {
+            n: Value(
+                v,
+                entry.unit_of(n, own.place, problem.data_summary),
+                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
+            )
+            for n, v in own.values.items()
+        }
+    return found
+
+
+def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
+    """Whether these runs cannot tell *other* from *best*.
+
+    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
+    it is as likely and only pays for numbers that the runs say nothing about.
+    """
+    if other is best or other.gain <= 0.0 or other.p >= LUCK:
+        return False
+    if is_form_of(other.effect, best.effect):
+        return other.evidence > HALF * best.evidence
+    if best.evidence - other.evidence < ALIKE or delay_equivalence(best, other, problem.data_summary.time_constant):
+        return True
+    return 2.0 * (best.gained - other.gained) < ALIKE and _is_vague(problem, other)
+
+
+def _is_vague(problem: Problem, judged: CandidateScore[Fitted]) -> bool:
+    """Whether some number of a candidate is less certain than its whole range."""
+    entry, data_summary = EFFECTS[judged.effect.slug], problem.data_summary
+    bounds = entry.bounds(judged.effect.place, data_summary)
+    numbers = values_of(problem, judged.fit)[key_of(judged.effect)]
+    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
+    return any(numbers[n].std > span for n, span in spans.items())
+
+
+LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
+"""Slug -> by how much things are late [s]."""
+
+
+def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
+    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
+    *pace* [s] of the craft, in which it forgets where it began.
+    """
+    if one.effect.slug not in LATE or other.effect.slug not in LATE:
+        return False
+    late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
+    left = [_left_after(j.fit, late, one.fit.levels) for j in (one, other)]
+    return abs(left[0] - left[1]) < ALIKE
+
+
+def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
+    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
+    total = 0.0
+    for rest in fitted.rests:
+        known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
+        total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
+    return total

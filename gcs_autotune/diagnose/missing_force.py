@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.day_to_day import days_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.score import CandidateScore, key_of
+from gcs_autotune.effects import force_unit
 from gcs_autotune.identify import Day, WanderingFit, Water
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -126,8 +127,10 @@ class _Estimate:
     beside: Mapping[str, Array]
 
 
-def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce | None:
-    """Return the force that wanders beside the model found, times *inertia*, over everything recorded."""
+def missing_of(search: WeatherSearch) -> MissingForce | None:
+    """Return the force that drifts beside the model found, in the base model's units, over everything recorded."""
+    data = search.problem.data if search.whole is None else search.whole.data_summary
+    unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
     if not estimates:
         return None

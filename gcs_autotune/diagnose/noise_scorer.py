@@ -10,9 +10,9 @@ import numpy as np
 
 from gcs_autotune.diagnose.candidates import candidates
 from gcs_autotune.diagnose.day_to_day import alike_in
-from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
+from gcs_autotune.diagnose.heldout_score import Folds, Unseen, densities_of, gains_ahead, interval_of, unseen_of
 from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, WAVES, Say
-from gcs_autotune.diagnose.sampling_interval import foresight, horizons, rms_ahead, stands
+from gcs_autotune.diagnose.sampling_interval import foresight, rms_ahead, stands
 from gcs_autotune.diagnose.score import (
     ALIKE,
     HALF,
@@ -27,17 +27,14 @@ from gcs_autotune.diagnose.score import (
     plainest,
 )
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
-from gcs_autotune.identify import Segment, Tangent, WanderingFit, WanderingProblem
+from gcs_autotune.identify import Tangent, WanderingFit, WanderingProblem
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["EVEN", "Folds", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
+__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
 
 Attempt = tuple[EffectInstance, WanderingFit]
 
 Score = CandidateScore[WanderingFit]
-
-Folds = tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
-"""What is left out in turn: segments to fit, segments to predict."""
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
@@ -45,9 +42,6 @@ BRIEF = 1.0
 AGAINST = 4.0
 """Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
 command is fed back; open loops of the blind suite came to 2 at most."""
-
-REFIT = 4
-"""Scoring rounds of a fit to the rest when a run is left out."""
 
 RUNNERS = 6
 """Candidates fitted to the end."""
@@ -92,7 +86,7 @@ class WithProcessNoise:
     say: Say
     stage: str = ""
     hint: WanderingFit | None = None
-    left_out: Sequence[WanderingFit | None] = ()
+    left_out: Unseen = ()
 
     @property
     def runners(self) -> int:
@@ -156,13 +150,9 @@ class WithProcessNoise:
                 present = again
         return replace(self, present=present, left_out=self.unseen(present) if ends else ())
 
-    def unseen(self, fit: WanderingFit) -> list[WanderingFit | None]:
-        """Return *fit*, refitted to the rest, as it is on what each fold leaves out; None where it runs away."""
-        found = []
-        for train, test in self.folds:
-            again = self.problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
-            found.append(None if again is None else self.problem.on(test).judge(again))
-        return found
+    def unseen(self, fit: WanderingFit) -> Unseen:
+        """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
+        return unseen_of(self.problem, self.folds, fit)
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:
         """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""
@@ -204,26 +194,21 @@ class WithProcessNoise:
             return found
         if not stands(self.problem, found.fit):
             return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
-        refitted, seen = self.unseen(found.fit), []
-        for seconds in horizons(self.problem, self.plain):
-            squares = [0.0, 0.0]
-            for (_, test), before, after in zip(self.folds, self.left_out, refitted, strict=True):
-                runs = self.problem.on(test)
-                for k, fit in enumerate((before, after)):
-                    errors = np.array([math.inf]) if fit is None else runs.ahead(fit, seconds)
-                    squares[k] += float(np.sum(errors**2))
-            given = [rms_ahead(self.problem, fit, seconds) for fit in (self.present, found.fit)]
-            if 0.0 < squares[0] < math.inf and 0.0 < given[0] < math.inf:
-                seen.append((math.sqrt(squares[1] / squares[0]), seconds, given[1] / given[0]))
-            if seen and seen[-1][0] < 1.0:
+        seen: list[tuple[float, float]] = []
+        unseen = self.unseen(found.fit)
+        for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
+            seen.append((gain.ratio, seconds))
+            if gain.ratio < 1.0:
                 break
         if not seen:
             return found
-        ratio, seconds, ahead = min(seen)
+        ratio, seconds = min(seen)
+        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, found.fit))
+        found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
-            return replace(found, ahead=ahead)
+            return found
         why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
-        return replace(found, ahead=ahead, lacks="no-gain", unsound=why)
+        return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
         """Return the candidate that is accepted; None for none."""

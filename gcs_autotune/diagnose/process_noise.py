@@ -10,22 +10,35 @@ with what it came to on the second.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.day_to_day import differing
-from gcs_autotune.diagnose.noise_scorer import Folds, WithProcessNoise, choices_of
+from gcs_autotune.diagnose.heldout_score import Folds, gains_ahead, unseen_of
+from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, choices_of
 from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interval, momentary, plain_under_process_noise
-from gcs_autotune.diagnose.sampling_interval import changes_at
-from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of
+from gcs_autotune.diagnose.result import ErrorReduction, Value
+from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
+from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import fits_of, judge
-from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
 from gcs_autotune.identify import Fitted, Problem, Segment, WanderingFit, WanderingProblem, thinned_to
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WeatherSearch", "asked_of", "search_under_process_noise", "weathered_form"]
+__all__ = [
+    "PRESENT",
+    "WeatherSearch",
+    "above_the_command",
+    "asked_of",
+    "scaled",
+    "search_under_process_noise",
+    "supported",
+    "weathered_form",
+]
 
 PRESENT = 8.0
 """Log-likelihood by which a wandering force, with waves, must beat none to be there at all."""
@@ -46,7 +59,7 @@ class WeatherSearch:
 
     ``plain``: without any cause, ``fit``: with those accepted. ``steps``: every candidate that was fitted to the end.
     ``calm``: log-likelihood gained by the wandering force, and waves, over none. ``still``: the same beside the causes
-    accepted, inf where it was stopped before; ``cut``: where, in words. ``parts``: what was left out in turn, in words.
+    accepted, inf where it was stopped before; ``cut``: where, in words. ``words``: what was left out in turn.
     """
 
     problem: WanderingProblem
@@ -56,12 +69,18 @@ class WeatherSearch:
     steps: tuple[SearchStep[WanderingFit], ...]
     calm: float
     tried: int
-    parts: str
+    words: str
     folds: Folds
     still: float = math.inf
     cut: str = ""
     hint: WanderingFit | None = None
     """A fit with one cause to begin from, besides those the search has itself."""
+    whole: Problem | None = None
+    """The runs as they were given, with the base model's form and units."""
+    refused: tuple[CandidateScore[WanderingFit], ...] = ()
+    """Causes that were accepted and are not :func:`supported` in the end."""
+    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
+    """What each cause that is gains on data left out, over the model without it."""
     interval: str = ""
     """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
 
@@ -75,16 +94,73 @@ class WeatherSearch:
         there = {key_of(e) for e in self.fit.effects}
         return tuple(one for key, one in found.items() if key in there)
 
-    @property
-    def alike(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of names that these runs do not distinguish, that of the cause first."""
+    def alike(self, order: Sequence[EffectInstance] = ()) -> tuple[tuple[str, ...], ...]:
+        """Return groups of names that these runs do not distinguish, that of the cause first."""
         known = self.accepted
         return tuple(s.alike for s in self.steps if len(s.alike) > 1 and s.accepted in known)
 
     @property
     def names(self) -> set[str]:
         """Names of the causes accepted, and those that these runs do not distinguish from them."""
-        return {name for group in self.alike for name in group} | {name_of(a.effect) for a in self.accepted}
+        return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
+
+    @property
+    def inertia(self) -> float:
+        """The inertia that the model stands for, in the base model's own units."""
+        d, gain = DOFS[self.dof], float(self.fit.theta[0])
+        for pairs in () if self.whole is None else self.whole.form.inputs.values():
+            for force, share in pairs:
+                if force == d.force and not isinstance(share, str):
+                    return abs(share) / gain if abs(gain) > 1e-12 else math.copysign(1e12, gain)
+        return 1.0
+
+    def in_base_units(self, effect: EffectInstance) -> EffectInstance:
+        """Return an effect of this search in the base model's units."""
+        return scaled(effect, self.inertia, math.copysign(1.0, self.inertia))
+
+    def values(self, effect: EffectInstance, fit: WanderingFit | None = None) -> dict[str, Value]:
+        """Return the numbers of an effect in *fit* (of all causes when None), in the base model's units."""
+        assert self.whole is not None
+        fit = self.fit if fit is None else fit
+        here = next(e for e in fit.effects if key_of(e) == key_of(effect))
+        found = {}
+        for name, value in self.in_base_units(here).values.items():
+            std = fit.std_of(here.slug, here.place, name)
+            unit = EFFECTS[here.slug].unit_of(name, here.place, self.whole.data_summary)
+            found[name] = Value(value, unit, std * abs(value / here.values[name]) if here.values[name] else std)
+        return found
+
+    def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
+        """Return by which share each cause lowers the variance of the force that drifts."""
+        found, before = {}, self.plain
+        first = before.water.size
+        for a in self.accepted:
+            drop = (before.water.size**2 - a.fit.water.size**2) / first**2
+            found[key_of(a.effect)] = float(np.clip(drop, 0.0, 1.0))
+            before = a.fit
+        return found
+
+    def gain_over(self, other: WanderingFit) -> ErrorReduction | None:
+        """Return the error ahead on data left out of *other* and of all causes; None where unknown.
+
+        Of :func:`.horizons`, that where the error falls more.
+        """
+        before, after = (unseen_of(self.problem, self.folds, fit) for fit in (other, self.fit))
+        found = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
+        return min((gain for _, gain in found), key=lambda g: g.ratio, default=None)
+
+    def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
+        """Return the error ahead on data left out, before and after all causes."""
+        if len(order) < 2:  # of a single cause what it gains is known
+            return tuple(self.own_gains.values())[: len(order)]
+        found = self.gain_over(self.plain)
+        return () if found is None else (found,)
+
+    def gains_of_each(
+        self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+    ) -> Mapping[tuple[str, str], ErrorReduction]:
+        """Return what each cause gains on data left out, over the model without it."""
+        return self.own_gains
 
     @property
     def momentary(self) -> bool:
@@ -140,18 +216,18 @@ def search_under_process_noise(
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
-    hint, words = None, ""
+    hint, by_interval = None, ""
     if asked is not None and begun is not None and not momentary(*begun):
-        begun, hint, words = at_the_right_interval(problem, *asked, begun, slugs, say)
+        begun, hint, by_interval = at_the_right_interval(problem, *asked, begun, slugs, say)
     if asked is None or begun is None:
         return None
     (form, signal), (wandering, plain) = asked, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_constants(wandering, plain)
-    folds, parts = _folds(wandering.segments, held, in_blocks=in_blocks)
-    search = WeatherSearch(wandering, dof, plain, plain, (), calm, 0, parts, folds, still=calm)
-    search = replace(search, hint=hint, interval=words)
+    folds, words = _folds(wandering.segments, held, in_blocks=in_blocks)
+    search = WeatherSearch(wandering, dof, plain, plain, (), calm, 0, words, folds, still=calm)
+    search = replace(search, hint=hint, interval=by_interval, whole=problem)
     if calm < PRESENT or search.momentary:
         return search
     try:
@@ -167,7 +243,7 @@ def search_under_process_noise(
         if search.accepted:
             wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
             changes = changes_at(wandering, search.fit, wider)
-            search = replace(search, interval="; ".join(filter(None, (words, *changes))))
+            search = replace(search, interval="; ".join(filter(None, (by_interval, *changes))))
     except OutOfTime as over:
         search = replace(search, cut=str(over))
     return search
@@ -184,6 +260,64 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
         if without is not None and search.fit.total - without.total < WORTH:
             search = replace(search, fit=without)
     return search
+
+
+def supported(search: WeatherSearch) -> WeatherSearch:
+    """Return the search without the causes that help on no data left out, and with what each other one gains there.
+
+    A cause is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
+    data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
+    None stands beside a drifting force above the commands.
+    """
+    refused: list[CandidateScore[WanderingFit]] = []
+    while True:
+        own: dict[tuple[str, str], ErrorReduction] = {}
+        weakest: tuple[float, CandidateScore[WanderingFit], WanderingFit] | None = None
+        for cause in search.accepted:
+            who = key_of(cause.effect)
+            rest = tuple(e for e in search.fit.effects if key_of(e) != who)
+            alone = search.plain if len(search.accepted) == 1 else None
+            without = alone or search.problem.fit(search.fit.theta, rest, search.fit.water)
+            if without is None:
+                continue
+            gain = search.gain_over(without)
+            if gain is not None:
+                own[who] = gain
+            ratio = math.inf if _is_none(cause, search.fit) else 0.0 if gain is None else gain.ratio
+            if ratio >= 1.0 and (weakest is None or ratio > weakest[0]):
+                weakest = ratio, cause, without
+        if weakest is None and search.accepted and above_the_command(search) > OF_THE_COMMAND:
+            refused += [replace(cause, lacks="no-model") for cause in search.accepted]
+            return replace(search, fit=search.plain, refused=tuple(refused))
+        if weakest is None:
+            return replace(search, refused=tuple(refused), own_gains=own)
+        _, cause, without = weakest
+        refused.append(replace(cause, lacks="uncertain" if _is_none(cause, search.fit) else "no-gain"))
+        search = replace(search, fit=without)
+
+
+def _is_none(cause: CandidateScore[WanderingFit], fit: WanderingFit) -> bool:
+    """Whether the 95 % interval of a cause's numbers in *fit* contains no effect."""
+    now = next(e for e in fit.effects if key_of(e) == key_of(cause.effect))
+    return may_be_none(now, fit.errors_of(now))
+
+
+def above_the_command(search: WeatherSearch) -> float:
+    """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
+    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    return search.fit.water.size / reach if reach > 0.0 else 0.0
+
+
+def scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstance:
+    """Return an effect with its forces times *factor*."""
+    entry = EFFECTS[effect.slug]
+    if "motion" not in entry.acts_on:
+        return effect
+    forces = [q.name for q in entry.parameters if q.unit == INPUT or q.unit.startswith(("force", "moment"))]
+    by = abs(factor) if "sense" in effect.constants else factor
+    constants = {**effect.constants, **({"sense": sense} if "sense" in effect.constants else {})}
+    values = {n: v * by if n in forces else v for n, v in effect.values.items()}
+    return EffectInstance(effect.slug, effect.place, values, constants)
 
 
 def _over_constants(problem: WanderingProblem, fit: WanderingFit) -> float:

@@ -12,23 +12,16 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
 from gcs_autotune.diagnose.day_to_day import doubt_of_days
-from gcs_autotune.diagnose.evidence import Score, Steps, hints_of, own_gain, surest
-from gcs_autotune.diagnose.heldout import gains_of, rms_of
-from gcs_autotune.diagnose.missing_force import next_of, words_of
+from gcs_autotune.diagnose.evidence import hints_of
+from gcs_autotune.diagnose.heldout import gains_of
+from gcs_autotune.diagnose.missing_force import missing_of, next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
-from gcs_autotune.diagnose.result import Cause, Diagnosis, ErrorReduction, Ranked, Signature, Value, Verdict
-from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, CandidateScore, is_form_of, key_of
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Verdict
+from gcs_autotune.diagnose.score import ALIKE, key_of
+from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import (
-    gains_under,
-    missing_under,
-    numbers_under,
-    order_under,
-    shares_under,
-    values_under,
-)
-from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance, EffectResidual, name_of, twins_of
-from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
+from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance
+from gcs_autotune.identify import Doubt, Fitted, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -82,7 +75,7 @@ def build_report(
     gave_away = signature_of(problem, base)[0]
     weather = state.weather
     order = [effect for effect in _found_order(state) if effect in final.effects]
-    missing = None if weather is None else missing_under(weather, state)
+    missing = None if weather is None else missing_of(weather)
     # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
     rivals = nonparametric_rivals(problem, final) if weather is None else ()
     left = replace(left, findings=(*left.findings, *rivals))
@@ -91,33 +84,23 @@ def build_report(
     white = left.whiteness_p > WHITE and not rivals
     wrong = numbers is not None and bool(numbers.wrong)
     verdict = VERDICTS[wrong, bool(order), white and sure]
-    values = _values(problem, final) if weather is None else values_under(weather, state)
-    words = state.parts.words + ("" if state.pieces is None else f"; in pieces of {state.pieces:.3g} s")
-    if weather is None:
-        gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
-        alike = _alike(state, order)
-        shares = {(e.slug, e.place): _share(state, e) for e in order}
-        own_gains = _own_gains(state, order, gains)
-    else:
-        # Of a single cause what it gains is known.
-        gains = tuple(state.own_gains.values()) if len(order) == 1 else gains_under(weather) if order else ()
-        alike = weather.alike
-        shares = shares_under(weather)
-        own_gains = dict(state.own_gains)
+    search: Search = state if weather is None else weather
+    gains, shares, alike = search.gains(order), search.shares(order), search.alike(order)
+    own_gains = search.gains_of_each(order, gains)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
             Cause(
                 effect,
-                values[effect.slug, effect.place],
+                search.values(effect),
                 EFFECTS[effect.slug].meaning,
-                shares.get((effect.slug, effect.place), math.nan),
+                shares.get(key_of(effect), math.nan),
                 EFFECTS[effect.slug].curve(effect, problem.data_summary),
-                None if EFFECTS[effect.slug].is_disturbance else own_gains.get((effect.slug, effect.place)),
+                None if EFFECTS[effect.slug].is_disturbance else own_gains.get(key_of(effect)),
             )
             for effect in order
         ),
-        ranking=_ranking(state),
+        ranking=_ranked(search),
         indistinguishable=alike,
         gain=min(gains, key=lambda g: g.ratio, default=None),
         gains=gains,
@@ -131,7 +114,7 @@ def build_report(
         used=tuple(r.name for r in runs),
         held_out=tuple(r.name for r in unseen),
         noise=dict(final.levels),
-        tried=state.tried if weather is None else weather.tried,
+        tried=search.tried,
         seconds=math.nan,
         doubts=(
             *doubts,
@@ -144,17 +127,8 @@ def build_report(
         ),
         numbers=numbers,
         missing=missing,
-        hints=hints_of(state, order, lambda one: _values_of(state, one)),
+        hints=hints_of(search, order, problem.segments),
     )
-
-
-def _values_of(state: SearchState, one: Score) -> Mapping[str, Value]:
-    """Return the numbers of a candidate with their standard errors, in the base model's units."""
-    if isinstance(one.fit, Fitted):
-        return _values(state.problem, one.fit)[key_of(one.effect)]
-    search = state.weather or (None if state.beneath is None else state.beneath[1])
-    assert search is not None
-    return numbers_under(one, search, state)
 
 
 def _without_useless(state: SearchState) -> SearchState:
@@ -178,24 +152,6 @@ def _without_useless(state: SearchState) -> SearchState:
     return replace(
         state, fitted=state.base, present_unseen=state.base_unseen, renamed=(), doubts=(*state.doubts, doubt)
     )
-
-
-def _own_gains(
-    state: SearchState, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
-) -> dict[tuple[str, str], ErrorReduction]:
-    """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
-    if len(order) == 1:
-        whole = surest(gains)
-        return {} if whole is None else {(order[0].slug, order[0].place): whole}
-    found, before = {}, state.base_unseen
-    for step in state.steps:
-        if step.accepted is None or step.accepted.unseen is None:
-            continue
-        own = own_gain(before, step.accepted.unseen, state.parts.words)
-        before = step.accepted.unseen
-        if own is not None:
-            found[step.accepted.effect.slug, step.accepted.effect.place] = own
-    return found
 
 
 def _reversed(state: SearchState) -> list[Doubt]:
@@ -281,7 +237,7 @@ def unfinished_report(
     """
     problem, base = state.problem, state.base if state.given is None else state.given
     search = None if state.beneath is None else state.beneath[1]
-    ranking = (*_ranked(state, state.steps), *(() if search is None else _ranked(state, search.steps)))
+    ranking = (*_ranked(state), *(() if search is None else _ranked(search)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
     unknown = Signature(("not looked at: the search was stopped",), math.nan)
     return Diagnosis(
@@ -325,10 +281,9 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
 
 def _found_order(state: SearchState) -> list[EffectInstance]:
     """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
-    if state.weather is not None:
-        return order_under(state.weather, state)
+    search: Search = state if state.weather is None else state.weather
     order: list[tuple[str, str]] = []
-    for step in state.steps:
+    for step in search.steps:
         if step.accepted is not None:
             key = (step.accepted.effect.slug, step.accepted.effect.place)
             order = [*(k for k in order if k != key), key]
@@ -342,37 +297,8 @@ def _found_order(state: SearchState) -> list[EffectInstance]:
     return kept
 
 
-def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
-    covariance = fitted.covariance(correlation_of(fitted))
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    first = len(fitted.free)
-    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
-    found = {}
-    left = [
-        EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
-        for r in fitted.rests
-        for own_level in (fitted.levels[r.signal],)
-    ]
-    for i, own in enumerate(fitted.effects):
-        entry = EFFECTS[own.slug]
-        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
-        found[own.slug, own.place] = {
-            n: Value(
-                v,
-                entry.unit_of(n, own.place, problem.data_summary),
-                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
-            )
-            for n, v in own.values.items()
-        }
-    return found
-
-
-def _ranking(state: SearchState) -> tuple[Ranked, ...]:
-    return _ranked(state, state.steps if state.weather is None else state.weather.steps)
-
-
-def _ranked(state: SearchState, steps: Steps) -> tuple[Ranked, ...]:
-    """Return every candidate scored in *steps*."""
+def _ranked(search: Search) -> tuple[Ranked, ...]:
+    """Return every candidate scored in a search."""
     return tuple(
         Ranked(
             one.effect.slug,
@@ -380,60 +306,14 @@ def _ranked(state: SearchState, steps: Steps) -> tuple[Ranked, ...]:
             one.gain,
             one.p,
             one.evidence,
-            _values_of(state, one),
+            search.values(one.effect, one.fit),
             k + 1,
             tuple(one.parts.tolist()),
             one.interval,
         )
-        for k, step in enumerate(steps)
+        for k, step in enumerate(search.steps)
         for one in step.judged
     )
-
-
-def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-    groups = []
-    for step in state.steps:
-        if step.accepted is None or step.accepted.effect.slug not in {e.slug for e in order}:
-            continue
-        best = step.accepted
-        same = [name_of(best.effect), *twins_of(best.effect, state.problem.data_summary)]
-        same += [name_of(j.effect) for j in step.judged if _is_alike(state, j, best)]
-        names = tuple(dict.fromkeys(same))
-        if len(names) > 1:
-            groups.append(names)
-    for usual, other in state.renamed:
-        known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
-        if known is None:
-            groups.append((usual, other))
-        else:
-            groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
-    return tuple(groups)
-
-
-def _is_alike(state: SearchState, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
-    """Whether these runs cannot tell *other* from *best*.
-
-    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
-    it is as likely and only pays for numbers that the runs say nothing about.
-    """
-    if other is best or other.gain <= 0.0 or other.p >= LUCK:
-        return False
-    if is_form_of(other.effect, best.effect):
-        return other.evidence > HALF * best.evidence
-    if best.evidence - other.evidence < ALIKE or delay_equivalence(
-        best, other, state.problem.data_summary.time_constant
-    ):
-        return True
-    return 2.0 * (best.gained - other.gained) < ALIKE and _is_vague(state, other)
-
-
-def _is_vague(state: SearchState, judged: CandidateScore[Fitted]) -> bool:
-    """Whether some number of a candidate is less certain than its whole range."""
-    entry, data_summary = EFFECTS[judged.effect.slug], state.problem.data_summary
-    bounds = entry.bounds(judged.effect.place, data_summary)
-    numbers = _values_of(state, judged)
-    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
-    return any(numbers[n].std > span for n, span in spans.items())
 
 
 def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[Doubt]:
@@ -466,26 +346,6 @@ def _digits(effect: EffectInstance) -> str:
     return "".join(f", {name} {value:.4g}" for name, value in effect.values.items())
 
 
-def _share(state: SearchState, own: EffectInstance) -> float:
-    """Return the share of the mean square error above the noise, over all signals, that this step removed."""
-    for k, step in enumerate(state.steps):
-        if step.accepted is None or (step.accepted.effect.slug, step.accepted.effect.place) != (own.slug, own.place):
-            continue
-        earlier = [s.accepted for s in state.steps[:k] if s.accepted is not None and s.accepted.unseen is not None]
-        before = earlier[-1].unseen if earlier and earlier[-1].unseen is not None else state.base_unseen
-        after = step.accepted.unseen
-        if after is None:
-            return math.nan
-        base, old, new = (rms_of(h.rests) for h in (state.base_unseen, before, after))
-        shares = []
-        for n, level in state.fitted.levels.items():
-            above = base.get(n, 0.0) ** 2 - level**2
-            if above > 0.05 * level**2 and n in old and n in new:
-                shares.append((old[n] ** 2 - new[n] ** 2) / above)
-        return float(np.clip(max(shares, default=math.nan), 0.0, 1.0)) if shares else math.nan
-    return math.nan
-
-
 def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
     """Return the manoeuvre worth flying next."""
     if alike:
@@ -498,27 +358,3 @@ def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdi
     if order:
         return EFFECTS[order[0].slug].separated_by
     return "nothing more is needed for this model; a run with larger commands would try it harder"
-
-
-LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
-"""Slug -> by how much things are late [s]."""
-
-
-def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
-    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
-    *pace* [s] of the craft, in which it forgets where it began.
-    """
-    if one.effect.slug not in LATE or other.effect.slug not in LATE:
-        return False
-    late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
-    left = [_left_after(j.fit, late, one.fit.levels) for j in (one, other)]
-    return abs(left[0] - left[1]) < ALIKE
-
-
-def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
-    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
-    total = 0.0
-    for rest in fitted.rests:
-        known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
-        total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
-    return total

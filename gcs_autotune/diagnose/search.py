@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
 
+from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.score import CandidateScore, FitT, SearchStep
 from gcs_autotune.effects import EffectInstance
 
-__all__ = ["Scorer", "fits_of", "judge"]
+__all__ = ["Scorer", "Search", "fits_of", "judge"]
 
 AttemptT = TypeVar("AttemptT")
 
@@ -44,6 +45,54 @@ class Scorer(Protocol[AttemptT, FitT]):
 
     def alike(self, scores: Sequence[CandidateScore[FitT]], winner: CandidateScore[FitT]) -> tuple[str, ...]:
         """Return the names that these runs do not distinguish from *winner*, its own first."""
+
+
+Cause = tuple[str, str]
+"""Slug and place of an effect."""
+
+
+class Search(Protocol):
+    """What a search came to, in the base model's units, whichever scorer it used.
+
+    ``words``: what was left out in turn. ``order``: the causes that are reported, in the order found.
+    """
+
+    @property
+    def steps(self) -> Sequence[SearchStep[Any]]:
+        """All steps, those without a winner included."""
+
+    @property
+    def tried(self) -> int:
+        """How many candidates were tried in one step."""
+
+    @property
+    def words(self) -> str:
+        """What was left out in turn."""
+
+    @property
+    def names(self) -> Collection[str]:
+        """Names that no hint has: of causes, and of what these runs do not distinguish from them."""
+
+    @property
+    def refused(self) -> Sequence[CandidateScore[Any]]:
+        """Causes that were accepted, and taken back in the end."""
+
+    def values(self, effect: EffectInstance, fit: Any = None) -> Mapping[str, Value]:
+        """Return the numbers of an effect in *fit*, the model with all causes when None."""
+
+    def shares(self, order: Sequence[EffectInstance]) -> Mapping[Cause, float]:
+        """Return the share of what the base model leaves that each cause removed."""
+
+    def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
+        """Return the error on data left out, before and after all causes."""
+
+    def gains_of_each(
+        self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+    ) -> Mapping[Cause, ErrorReduction]:
+        """Return what each cause gains on data left out; *gains*: of all together."""
+
+    def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
+        """Return groups of names that these runs do not distinguish."""
 
 
 def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:

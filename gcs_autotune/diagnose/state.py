@@ -6,23 +6,26 @@ one. Here is what they all do with one: predict what is left out, and take one s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import tests_of, whiteness_of
 from gcs_autotune.diagnose.candidates import Attempt, candidates
-from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, parts_of
-from gcs_autotune.diagnose.least_squares_scorer import SHORT_LIST, LeastSquares
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, gains_of, held_out, own_gain, parts_of, rms_of, surest
+from gcs_autotune.diagnose.least_squares_scorer import SHORT_LIST, LeastSquares, is_alike, values_of
 from gcs_autotune.diagnose.process_noise import WeatherSearch
 from gcs_autotune.diagnose.question import Question
-from gcs_autotune.diagnose.result import ErrorReduction, Numbers
-from gcs_autotune.diagnose.score import CandidateScore, SearchStep
+from gcs_autotune.diagnose.result import ErrorReduction, Numbers, Value
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import fits_of, judge
 from gcs_autotune.diagnose.starting_points import lost, without_one_signal
-from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import Doubt, Fitted, Problem, WanderingFit, fit_base, given_base
+from gcs_autotune.effects import EffectInstance, name_of, twins_of
+from gcs_autotune.identify import Doubt, Fitted, Problem, fit_base, given_base
 
 __all__ = ["NOT_BEGUN", "LostBase", "SearchState", "begin", "begin_with"]
 
@@ -53,8 +56,7 @@ class SearchState:
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
     pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
     process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``refused``: causes of that search that were taken back in the end;
-    ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
+    problem it was asked about. ``cut``: at what the search
     was stopped, and what was not begun, in words.
     """
 
@@ -79,8 +81,6 @@ class SearchState:
     numbers: Numbers | None = None
     weather: WeatherSearch | None = None
     beneath: tuple[Problem, WeatherSearch | None] | None = None
-    refused: tuple[CandidateScore[WanderingFit], ...] = ()
-    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     cut: tuple[str, ...] = ()
 
     @property
@@ -186,6 +186,86 @@ class SearchState:
             base_unseen=unseen,
             present_unseen=unseen,
         )
+
+    # -- for the report
+
+    @property
+    def words(self) -> str:
+        """What was left out in turn."""
+        return self.parts.words
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names that no hint has: none, for hints are of a last step without a winner."""
+        return frozenset()
+
+    @property
+    def refused(self) -> tuple[CandidateScore[Fitted], ...]:
+        """Causes accepted and taken back in the end: none of them is told as a hint."""
+        return ()
+
+    def values(self, effect: EffectInstance, fit: Fitted | None = None) -> Mapping[str, Value]:
+        """Return the numbers of an effect in *fit* (the present model when None) with their standard errors."""
+        return values_of(self.problem, self.fitted if fit is None else fit)[key_of(effect)]
+
+    def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
+        """Return the error on data left out, before and after all causes, of every signal."""
+        words = self.words + ("" if self.pieces is None else f"; in pieces of {self.pieces:.3g} s")
+        return gains_of(self.base_unseen, self.present_unseen, words) if order else ()
+
+    def gains_of_each(
+        self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+    ) -> Mapping[tuple[str, str], ErrorReduction]:
+        """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
+        if len(order) == 1:
+            whole = surest(gains)
+            return {} if whole is None else {key_of(order[0]): whole}
+        found, before = {}, self.base_unseen
+        for won in (s.accepted for s in self.steps if s.accepted is not None):
+            if won.unseen is not None:
+                own = own_gain(before, won.unseen, self.words)
+                before = won.unseen
+                if own is not None:
+                    found[key_of(won.effect)] = own
+        return found
+
+    def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
+        """Return the share of the mean square error above the noise, over all signals, that each cause removed."""
+        found: dict[tuple[str, str], float] = {}
+        base, before = rms_of(self.base_unseen.rests), self.base_unseen
+        for won in (s.accepted for s in self.steps if s.accepted is not None):
+            key, unseen = key_of(won.effect), won.unseen
+            if unseen is None:
+                found.setdefault(key, math.nan)
+                continue
+            shares, old, new = [], rms_of(before.rests), rms_of(unseen.rests)
+            for n, level in self.fitted.levels.items():
+                above = base.get(n, 0.0) ** 2 - level**2
+                if above > 0.05 * level**2 and n in old and n in new:
+                    shares.append((old[n] ** 2 - new[n] ** 2) / above)
+            found.setdefault(key, float(np.clip(max(shares), 0.0, 1.0)) if shares else math.nan)
+            before = unseen
+        return found
+
+    def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
+        """Return groups of names that these runs do not distinguish."""
+        groups = []
+        for step in self.steps:
+            best = step.accepted
+            if best is None or best.effect.slug not in {e.slug for e in order}:
+                continue
+            same = [name_of(best.effect), *twins_of(best.effect, self.problem.data_summary)]
+            same += [name_of(j.effect) for j in step.judged if is_alike(self.problem, j, best)]
+            names = tuple(dict.fromkeys(same))
+            if len(names) > 1:
+                groups.append(names)
+        for usual, other in self.renamed:
+            known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
+            if known is None:
+                groups.append((usual, other))
+            else:
+                groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
+        return tuple(groups)
 
 
 def begin(question: Question) -> SearchState:

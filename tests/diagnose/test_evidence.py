@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.case import draw_case
-from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, weathered
+from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, weathered
 from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
-from gcs_autotune.diagnose.process_noise import WeatherSearch
+from gcs_autotune.diagnose.process_noise import WeatherSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
-from gcs_autotune.diagnose.weathered import supported
 from gcs_autotune.effects import EffectInstance, name_of
 from gcs_autotune.identify import WanderingFit
 
@@ -82,7 +81,7 @@ def searched(*named: str) -> WeatherSearch:
     problem = SimpleNamespace(fit=lambda theta, rest, water: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
     causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(WanderingFit, fit)) for e in effects]
     steps = tuple(SearchStep(cast(WanderingFit, plain), (one,), one) for one in causes)
-    plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "parts": "", "folds": ()}
+    plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "words": "", "folds": ()}
     return WeatherSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
@@ -94,17 +93,17 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
         ratio = ratios[frozenset(e.slug for e in other.effects)]
         return ErrorReduction("error 1 s ahead", "psi", "rad", 1.0, ratio, ratio, (ratio, ratio))
 
-    monkeypatch.setattr(weathered, "gain_over", gain_over)
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 0.5)
-    one, refused, gains = supported(searched("dead-zone"))
-    assert not one.accepted and not gains
-    assert [(a.effect.slug, a.lacks) for a in refused] == [("dead-zone", "no-gain")]
-    two, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert [a.effect.slug for a in two.accepted] == ["dead-zone", "backlash"] and not refused
-    assert gains["dead-zone", "N"].ratio == 0.8
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
-    none, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert not none.accepted and not gains and {a.lacks for a in refused} == {"no-model"}
+    monkeypatch.setattr(WeatherSearch, "gain_over", gain_over)
+    monkeypatch.setattr(process_noise, "above_the_command", lambda search: 0.5)
+    one = supported(searched("dead-zone"))
+    assert not one.accepted and not one.own_gains
+    assert [(a.effect.slug, a.lacks) for a in one.refused] == [("dead-zone", "no-gain")]
+    two = supported(searched("dead-zone", "backlash"))
+    assert [a.effect.slug for a in two.accepted] == ["dead-zone", "backlash"] and not two.refused
+    assert two.own_gains["dead-zone", "N"].ratio == 0.8
+    monkeypatch.setattr(process_noise, "above_the_command", lambda search: 1.2)
+    none = supported(searched("dead-zone", "backlash"))
+    assert not none.accepted and not none.own_gains and {a.lacks for a in none.refused} == {"no-model"}
 
 
 # -- hints
@@ -146,7 +145,8 @@ def test_no_hint_on_a_clean_craft() -> None:
 
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.3)
+    for module in (process_noise, weathered):
+        monkeypatch.setattr(module, "above_the_command", lambda search: 1.3)
     told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
     assert "above-command" in {d.slug for d in told.doubts}
@@ -169,5 +169,5 @@ def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
 
     named, other = product("N_|u|r"), product("N_|v|r")
     steps = (SearchStep(named.fit, (named,), named), SearchStep(named.fit, (named, other), None))
-    told = {name_of(named.effect)}
-    assert [w.one.effect.place for w in weak_among(steps, 10, told)] == ["N_|v|r"]
+    search = SimpleNamespace(steps=steps, tried=10, names={name_of(named.effect)}, refused=())
+    assert [w.one.effect.place for w in weak_among(cast(WeatherSearch, search))] == ["N_|v|r"]
