@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.day_to_day import days_of
-from gcs_autotune.diagnose.process_noise import WeatherSearch
+from gcs_autotune.diagnose.process_noise import NoiseSearch
+from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
 from gcs_autotune.identify import Day, WanderingFit, Water
@@ -127,7 +127,7 @@ class _Estimate:
     beside: Mapping[str, Array]
 
 
-def missing_of(search: WeatherSearch) -> MissingForce | None:
+def missing_of(search: NoiseSearch) -> MissingForce | None:
     """Return the force that drifts beside the model found, in the base model's units, over everything recorded."""
     data = search.problem.data if search.whole is None else search.whole.data_summary
     unit, inertia = force_unit(search.dof, data), search.inertia
@@ -161,7 +161,7 @@ def _waves_of(water: Water, inertia: float) -> Waves | None:
     return Waves(period, water.wave_damping, water.wave_swing, water.wave_force * abs(inertia))
 
 
-def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
+def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
     done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.water, full=True)
     if done is None:
         return []
@@ -282,7 +282,7 @@ TELLING: Mapping[str, str] = {
 """Quantity the missing force goes with -> the manoeuvre that would tell why."""
 
 
-def words_of_water(search: WeatherSearch) -> str:
+def words_of_water(search: NoiseSearch) -> str:
     """Return size and memory of the force that wanders."""
     water = search.fit.water
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
@@ -290,7 +290,7 @@ def words_of_water(search: WeatherSearch) -> str:
     return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
 
 
-def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, ...]:
+def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
     """Return in words what the missing force looks like, and which names did not hold."""
     found = []
     if missing is not None:

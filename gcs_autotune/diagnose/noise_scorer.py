@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.diagnose.candidates import candidates
-from gcs_autotune.diagnose.day_to_day import alike_in
 from gcs_autotune.diagnose.heldout_score import Folds, Unseen, densities_of, gains_ahead, interval_of, unseen_of
 from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, WAVES, Say
+from gcs_autotune.diagnose.run_to_run import alike_in
 from gcs_autotune.diagnose.sampling_interval import foresight, rms_ahead, stands
 from gcs_autotune.diagnose.score import (
     ALIKE,

@@ -16,14 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs_autotune.clock import OutOfTime
-from gcs_autotune.diagnose.day_to_day import differing
 from gcs_autotune.diagnose.heldout_score import Folds, gains_ahead, unseen_of
 from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, choices_of
-from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interval, momentary, plain_under_process_noise
+from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interval, momentary, plain_with_process_noise
 from gcs_autotune.diagnose.result import ErrorReduction, Value
+from gcs_autotune.diagnose.run_to_run import differing
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
 from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of, may_be_none
-from gcs_autotune.diagnose.search import fits_of, judge
+from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
 from gcs_autotune.identify import Fitted, Problem, Segment, WanderingFit, WanderingProblem, thinned_to
 from gcs_autotune.models import Form
@@ -31,13 +31,13 @@ from gcs_autotune.sname import DOFS
 
 __all__ = [
     "PRESENT",
-    "WeatherSearch",
+    "NoiseSearch",
     "above_the_command",
     "asked_of",
+    "form_alone",
     "scaled",
-    "search_under_process_noise",
+    "search_with_process_noise",
     "supported",
-    "weathered_form",
 ]
 
 PRESENT = 8.0
@@ -54,7 +54,7 @@ MOST_BLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WeatherSearch:
+class NoiseSearch:
     """What a search under process noise ended with.
 
     ``plain``: without any cause, ``fit``: with those accepted. ``steps``: every candidate that was fitted to the end.
@@ -72,7 +72,7 @@ class WeatherSearch:
     words: str
     folds: Folds
     still: float = math.inf
-    cut: str = ""
+    cut: tuple[str, ...] = ()
     hint: WanderingFit | None = None
     """A fit with one cause to begin from, besides those the search has itself."""
     whole: Problem | None = None
@@ -103,6 +103,10 @@ class WeatherSearch:
     def names(self) -> set[str]:
         """Names of the causes accepted, and those that these runs do not distinguish from them."""
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
+
+    def stopped(self, over: OutOfTime) -> NoiseSearch:
+        """Return the search as it is, stopped."""
+        return replace(self, cut=(*self.cut, str(over)))
 
     @property
     def inertia(self) -> float:
@@ -168,7 +172,7 @@ class WeatherSearch:
         return momentary(self.problem, self.plain)
 
 
-def weathered_form(form: Form, dof: str) -> Form | None:
+def form_alone(form: Form, dof: str) -> Form | None:
     """Return the equation of *dof* alone, per unit of its inertia.
 
     None where it is not an uncoupled equation with linear damping, or nothing drives it.
@@ -193,13 +197,13 @@ def weathered_form(form: Form, dof: str) -> Form | None:
 def asked_of(problem: Problem) -> tuple[Form, str] | None:
     """Return the equation that a search under process noise looks at, and the signal it is judged by; None for none."""
     dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
-    form = weathered_form(problem.form, dof)
+    form = form_alone(problem.form, dof)
     d = DOFS[dof]
     signal = next((n for n in (d.position, d.velocity) if any(n in s.signals for s in problem.segments)), None)
     return None if form is None or signal is None else (form, signal)
 
 
-def search_under_process_noise(
+def search_with_process_noise(
     problem: Problem,
     base: Fitted,
     slugs: Sequence[str],
@@ -207,7 +211,7 @@ def search_under_process_noise(
     say: Say,
     *,
     in_blocks: bool = False,
-) -> WeatherSearch | None:
+) -> NoiseSearch | None:
     """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or no model
     of the craft was found beneath the weather.
 
@@ -215,7 +219,7 @@ def search_under_process_noise(
     apart, to judge on only. in_blocks : blocks of every run are left out in turn, not whole runs.
     """
     asked = asked_of(problem)
-    begun = None if asked is None else plain_under_process_noise(problem, base, *asked, say)
+    begun = None if asked is None else plain_with_process_noise(problem, base, *asked, say)
     hint, by_interval = None, ""
     if asked is not None and begun is not None and not momentary(*begun):
         begun, hint, by_interval = at_the_right_interval(problem, *asked, begun, slugs, say)
@@ -226,7 +230,7 @@ def search_under_process_noise(
     held = thinned_to(unseen, signal, wandering.interval)
     calm = _over_constants(wandering, plain)
     folds, words = _folds(wandering.segments, held, in_blocks=in_blocks)
-    search = WeatherSearch(wandering, dof, plain, plain, (), calm, 0, words, folds, still=calm)
+    search = NoiseSearch(wandering, dof, plain, plain, (), calm, 0, words, folds, still=calm)
     search = replace(search, hint=hint, interval=by_interval, whole=problem)
     if calm < PRESENT or search.momentary:
         return search
@@ -234,22 +238,24 @@ def search_under_process_noise(
         search = _with_constant(search, slugs)
         if search.accepted:
             search = replace(search, still=_over_constants(wandering, search.fit))
-        for _ in range(MOST_CAUSES):
-            search = _one_more(search, slugs, say)
-            if search.steps[-1].accepted is None:
-                break
-            search = replace(_without_idle(search), still=math.inf)
-            search = replace(search, still=_over_constants(wandering, search.fit))
-        if search.accepted:
+        most = MOST_CAUSES + len(search.steps)
+        search = add_one_by_one(search, most, lambda now: _one_more(now, slugs, say), _reconsidered)
+        if search.accepted and not search.cut:
             wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
             changes = changes_at(wandering, search.fit, wider)
             search = replace(search, interval="; ".join(filter(None, (by_interval, *changes))))
     except OutOfTime as over:
-        search = replace(search, cut=str(over))
+        search = search.stopped(over)
     return search
 
 
-def _without_idle(search: WeatherSearch) -> WeatherSearch:
+def _reconsidered(search: NoiseSearch) -> NoiseSearch:
+    """Return the search with what the drifting force gains beside its causes, and without those that are idle."""
+    search = _without_idle(search)
+    return replace(search, still=_over_constants(search.problem, search.fit))
+
+
+def _without_idle(search: NoiseSearch) -> NoiseSearch:
     """Return the search without the names that explain nothing any more beside the one found last.
 
     A stock sub's thrust that falls with speed was its quadratic drag, found after it: 0.149 +- 0.2 was left of it.
@@ -262,7 +268,7 @@ def _without_idle(search: WeatherSearch) -> WeatherSearch:
     return search
 
 
-def supported(search: WeatherSearch) -> WeatherSearch:
+def supported(search: NoiseSearch) -> NoiseSearch:
     """Return the search without the causes that help on no data left out, and with what each other one gains there.
 
     A cause is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
@@ -302,7 +308,7 @@ def _is_none(cause: CandidateScore[WanderingFit], fit: WanderingFit) -> bool:
     return may_be_none(now, fit.errors_of(now))
 
 
-def above_the_command(search: WeatherSearch) -> float:
+def above_the_command(search: NoiseSearch) -> float:
     """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
     reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
     return search.fit.water.size / reach if reach > 0.0 else 0.0
@@ -360,7 +366,7 @@ def _constants(problem: WanderingProblem, fit: WanderingFit) -> list[EffectInsta
     ]
 
 
-def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch:
+def _with_constant(search: NoiseSearch, slugs: Sequence[str]) -> NoiseSearch:
     """Return the search with a constant force named, where it is supported beside process noise; else unchanged.
 
     A constant and a drifting force are nested laws, and a drifting force remembers a constant as well as it can. So the
@@ -380,12 +386,12 @@ def _with_constant(search: WeatherSearch, slugs: Sequence[str]) -> WeatherSearch
     return search
 
 
-def _scorer_of(search: WeatherSearch, present: WanderingFit, tried: int, say: Say) -> WithProcessNoise:
+def _scorer_of(search: NoiseSearch, present: WanderingFit, tried: int, say: Say) -> WithProcessNoise:
     stage, hint = f"process noise, cause {len(search.accepted) + 1}", None if search.accepted else search.hint
     return WithProcessNoise(search.problem, search.folds, search.plain, present, tried, say, stage, hint)
 
 
-def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherSearch:
+def _one_more(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
     """Return the search one step further."""
     present = differing(search.problem, search.fit)
     choices = choices_of(search.problem.data, slugs, present.effects)
@@ -396,6 +402,7 @@ def _one_more(search: WeatherSearch, slugs: Sequence[str], say: Say) -> WeatherS
         tried=scorer.tried,
         plain=search.plain if search.accepted else step.present,
         fit=step.present if step.accepted is None else step.accepted.fit,
+        still=search.still if step.accepted is None else math.inf,
         steps=(*search.steps, step),
     )
 

@@ -40,7 +40,7 @@ __all__ = [
     "errs_after_commands",
     "momentary",
     "per_inertia_of",
-    "plain_under_process_noise",
+    "plain_with_process_noise",
 ]
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ FAR_OFF = 1.5
 runs are looked at anew."""
 
 
-def plain_under_process_noise(
+def plain_with_process_noise(
     problem: Problem, base: Fitted, form: Form, signal: str, say: Say
 ) -> tuple[WanderingProblem, WanderingFit] | None:
     """Return the runs with *signal* alone, as closely as suits the craft, and her plain model beneath the weather.
@@ -160,7 +160,7 @@ def plain_under_process_noise(
 def at_the_right_interval(
     problem: Problem, form: Form, signal: str, begun: Plain, slugs: Sequence[str], say: Say
 ) -> tuple[Plain, WanderingFit | None, str]:
-    """Return what :func:`plain_under_process_noise` found, at another interval where that is needed, the best fit with
+    """Return what :func:`plain_with_process_noise` found, at another interval where that is needed, the best fit with
     one term more where that was looked for, and words on it.
 
     See :func:`.judged_at`. slugs : effects that may be tried.

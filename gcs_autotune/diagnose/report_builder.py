@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
-from gcs_autotune.diagnose.day_to_day import doubt_of_days
 from gcs_autotune.diagnose.evidence import hints_of
 from gcs_autotune.diagnose.heldout import gains_of
 from gcs_autotune.diagnose.missing_force import missing_of, next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
 from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Verdict
+from gcs_autotune.diagnose.run_to_run import doubt_of_days
 from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
@@ -73,7 +73,7 @@ def build_report(
     base = state.base if state.given is None else state.given
     left = signature_of(problem, final)[0]
     gave_away = signature_of(problem, base)[0]
-    weather = state.weather
+    weather = state.with_noise
     order = [effect for effect in _found_order(state) if effect in final.effects]
     missing = None if weather is None else missing_of(weather)
     # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
@@ -136,7 +136,7 @@ def _without_useless(state: SearchState) -> SearchState:
 
     Each paid when it came; second thoughts, or other data left out since, may have taken that away.
     """
-    if state.weather is not None or not state.causes:
+    if state.with_noise is not None or not state.causes:
         return state
     if any(EFFECTS[e.slug].is_disturbance for e in state.causes):
         return state
@@ -156,7 +156,7 @@ def _without_useless(state: SearchState) -> SearchState:
 
 def _reversed(state: SearchState) -> list[Doubt]:
     """Return a doubt where commands act the other way than their names say: thruster labels exchanged, say."""
-    final, weather = state.fitted, state.weather
+    final, weather = state.fitted, state.with_noise
     form, model = final.model.base.form, final.model.base
     values = {n: model[n] for n in form.parameters}
     spread = np.sqrt(np.maximum(np.diag(final.covariance(correlation_of(final))), 0.0))
@@ -185,7 +185,9 @@ def _weightless(state: SearchState) -> list[Doubt]:
             if below > SEEN_TO_SETTLE * interval:
                 continue  # found so by chance: the runs allow an inertia that they would have shown
             bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"
-            memory = 0.0 if state.weather is None or state.weather.dof != dof else state.weather.fit.water.memory
+            memory = (
+                0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.water.memory
+            )
             # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
             swapped = f" (or {memory:.2g} s, as long as what else drives it is remembered: the two may change places)"
             found.append(
@@ -203,7 +205,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
 
 def _by_interval(state: SearchState) -> list[Doubt]:
     """Return a doubt where the answer changes with the interval between the samples judged."""
-    search = None if state.beneath is None else state.beneath[1]
+    search = None if state.noise_search is None else state.noise_search[1]
     if search is None or not search.interval:
         return []
     return [
@@ -236,7 +238,7 @@ def unfinished_report(
     wanders, on whole runs. effort : what it used up.
     """
     problem, base = state.problem, state.base if state.given is None else state.given
-    search = None if state.beneath is None else state.beneath[1]
+    search = None if state.noise_search is None else state.noise_search[1]
     ranking = (*_ranked(state), *(() if search is None else _ranked(search)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
     unknown = Signature(("not looked at: the search was stopped",), math.nan)
@@ -281,7 +283,7 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
 
 def _found_order(state: SearchState) -> list[EffectInstance]:
     """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
-    search: Search = state if state.weather is None else state.weather
+    search: Search = state if state.with_noise is None else state.with_noise
     order: list[tuple[str, str]] = []
     for step in search.steps:
         if step.accepted is not None:

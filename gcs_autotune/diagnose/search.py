@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Protocol, Self, TypeVar
 
+from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.score import CandidateScore, FitT, SearchStep
 from gcs_autotune.effects import EffectInstance
 
-__all__ = ["Scorer", "Search", "fits_of", "judge"]
+__all__ = ["Scorer", "Search", "add_one_by_one", "fits_of", "judge"]
 
 AttemptT = TypeVar("AttemptT")
 
@@ -93,6 +94,41 @@ class Search(Protocol):
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
         """Return groups of names that these runs do not distinguish."""
+
+
+class Growing(Protocol):
+    """The state of a search, to which causes are added one by one."""
+
+    @property
+    def steps(self) -> Sequence[SearchStep[Any]]:
+        """All steps, those without a winner included."""
+
+    def stopped(self, over: OutOfTime) -> Self:
+        """Return the state as it is, stopped."""
+
+
+GrowingT = TypeVar("GrowingT", bound=Growing)
+
+
+def add_one_by_one(
+    state: GrowingT,
+    most: int,
+    one_more: Callable[[GrowingT], GrowingT],
+    reconsidered: Callable[[GrowingT], GrowingT],
+) -> GrowingT:
+    """Take one step after the other, *most* in all, until none has a winner, or the search is stopped.
+
+    reconsidered : called after each winner: every earlier cause defends its place beside it.
+    """
+    try:
+        while len(state.steps) < most:
+            state = one_more(state)
+            if state.steps[-1].accepted is None:
+                break
+            state = reconsidered(state)
+    except OutOfTime as over:
+        state = state.stopped(over)
+    return state
 
 
 def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:

@@ -15,9 +15,9 @@ import numpy as np
 from gcs_autotune.diagnose.adequacy import WHITE, explains_all, tests_of, whiteness_of
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material
+from gcs_autotune.diagnose.search_with_noise import NO_MODEL, look_with_process_noise, no_model_with_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.weathered import NO_MODEL, look_under_process_noise, no_model_beneath
 from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
 from gcs_autotune.sname import DOFS
 
@@ -49,8 +49,8 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     seconds = PACES * state.problem.data_summary.time_constant
     if (
         question.horizon is not None
-        or no_model_beneath(state)
-        or (state.weather is not None and (bool(state.weather.accepted) or len(question.form.dofs) == 1))
+        or no_model_with_noise(state)
+        or (state.with_noise is not None and (bool(state.with_noise.accepted) or len(question.form.dofs) == 1))
         or state.problem.data_summary.duration < FEWEST_PIECES * seconds
         or not _is_lost(state)
     ):
@@ -82,7 +82,7 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:
-        both = follow(both, (look_under_process_noise,))
+        both = follow(both, (look_with_process_noise,))
     if not both.fitted.effects:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(

@@ -18,7 +18,7 @@ from gcs_autotune.diagnose.adequacy import tests_of, whiteness_of
 from gcs_autotune.diagnose.candidates import Attempt, candidates
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, gains_of, held_out, own_gain, parts_of, rms_of, surest
 from gcs_autotune.diagnose.least_squares_scorer import SHORT_LIST, LeastSquares, is_alike, values_of
-from gcs_autotune.diagnose.process_noise import WeatherSearch
+from gcs_autotune.diagnose.process_noise import NoiseSearch
 from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.result import ErrorReduction, Numbers, Value
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
@@ -54,8 +54,8 @@ class SearchState:
     ``..._unseen`` what each model leaves of it. ``former``: the base that a better one took the place of: the better
     may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
-    pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
-    process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
+    pieces were in which causes were found, where the search chose them itself. ``with_noise``: what a search under
+    process noise ended with, where it took the floor. ``noise_search``: that search, once asked for, and the
     problem it was asked about. ``cut``: at what the search
     was stopped, and what was not begun, in words.
     """
@@ -79,8 +79,8 @@ class SearchState:
     doubts: tuple[Doubt, ...] = ()
     pieces: float | None = None
     numbers: Numbers | None = None
-    weather: WeatherSearch | None = None
-    beneath: tuple[Problem, WeatherSearch | None] | None = None
+    with_noise: NoiseSearch | None = None
+    noise_search: tuple[Problem, NoiseSearch | None] | None = None
     cut: tuple[str, ...] = ()
 
     @property
@@ -88,6 +88,10 @@ class SearchState:
         """The effects found: those the base does not have."""
         had = {(e.slug, e.place) for e in self.base.effects}
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
+
+    def stopped(self, over: OutOfTime) -> SearchState:
+        """Return the state as it is, stopped."""
+        return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
 

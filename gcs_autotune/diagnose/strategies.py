@@ -40,10 +40,10 @@ from gcs_autotune.diagnose.score import (
     may_be_none,
     ordered,
 )
-from gcs_autotune.diagnose.search import judge
+from gcs_autotune.diagnose.search import add_one_by_one, judge
+from gcs_autotune.diagnose.search_with_noise import wanders
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Fitted, Problem
 from gcs_autotune.sname import DOFS
@@ -81,7 +81,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
             check_effort(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
             state = strategy(state) or state
         except OutOfTime as over:
-            state = replace(state, cut=(*state.cut, str(over)))
+            state = state.stopped(over)
     return state
 
 
@@ -93,20 +93,12 @@ def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> S
 
     first : the next step, judged already.
     """
-    found = True
-    try:
-        while found and len(state.steps) < MOST_CAUSES:
-            state, found = _one_more(state, first)
-            first = None
-            if found and len(state.steps) > 1:
-                state = backward_elimination(state)
-    except OutOfTime as over:
-        state = replace(state, cut=(*state.cut, str(over)))
-    return state
+    known = iter(() if first is None else (first,))
+    return add_one_by_one(state, MOST_CAUSES, lambda now: _one_more(now, next(known, None)), backward_elimination)
 
 
-def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> tuple[SearchState, bool]:
-    """Take one more step (or several, where only causes together pay); whether anything was found."""
+def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchState:
+    """Return the state one step further, or several, where only causes together pay. judged : the step, if known."""
     stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
@@ -126,10 +118,10 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> tuple[Se
             if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
                 taken = ahead
         except OutOfTime as over:  # what was asked about the water is kept: it is long
-            state = replace(state, cut=(*state.cut, str(over)))
+            state = state.stopped(over)
     accepted = taken[-1].accepted
     if accepted is None:
-        return replace(state, steps=(*state.steps, *taken)), False
+        return replace(state, steps=(*state.steps, *taken))
     better = _without(state, accepted.fit)
     if better is not None:
         state = state.with_better(better)
@@ -140,7 +132,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> tuple[Se
         elif state.restarts < RESTARTS:
             return _one_more(replace(state, restarts=state.restarts + 1), None)
     state = replace(state, steps=(*state.steps, *taken))
-    return state.with_model(accepted.fit, accepted.unseen), True
+    return state.with_model(accepted.fit, accepted.unseen)
 
 
 def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
@@ -323,7 +315,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
     state, adrift = wanders(state)
-    search = None if state.beneath is None else state.beneath[1]
+    search = None if state.noise_search is None else state.noise_search[1]
     if adrift and search is not None and search.accepted and _is_all(search.dof, state.problem):
         return state
     try:
@@ -336,7 +328,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         anew = replace(state, steps=()).with_model(lost.base, unseen)
         other = add_causes(anew, judge(anew.scorer(lost.base, lost.tried), ends))
     except OutOfTime as over:  # what was asked about the water is kept: it is long
-        return replace(state, cut=(*state.cut, str(over)))
+        return state.stopped(over)
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
     return other if now < before else replace(state, cut=other.cut)
 

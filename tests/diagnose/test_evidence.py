@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.case import draw_case
-from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, weathered
+from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise
 from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
-from gcs_autotune.diagnose.process_noise import WeatherSearch, supported
+from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
 from gcs_autotune.effects import EffectInstance, name_of
 from gcs_autotune.identify import WanderingFit
@@ -74,7 +74,7 @@ def test_ten_nats_to_which_every_part_left_out_contributes_are_named(unseen: tup
     assert (lacks is None) is named
 
 
-def searched(*named: str) -> WeatherSearch:
+def searched(*named: str) -> NoiseSearch:
     effects = tuple(EffectInstance(slug, "N", {}) for slug in named)
     fit = SimpleNamespace(theta=None, effects=effects, water=None, errors_of=lambda _: {})
     plain = SimpleNamespace(theta=None, effects=(), water=None)
@@ -82,18 +82,18 @@ def searched(*named: str) -> WeatherSearch:
     causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(WanderingFit, fit)) for e in effects]
     steps = tuple(SearchStep(cast(WanderingFit, plain), (one,), one) for one in causes)
     plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "words": "", "folds": ()}
-    return WeatherSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
+    return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
 def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The weakest goes first, and the others are judged without it."""
     ratios = {frozenset(): 1.15, frozenset({"dead-zone"}): 0.97, frozenset({"backlash"}): 0.8}
 
-    def gain_over(search: WeatherSearch, other: Any) -> ErrorReduction:
+    def gain_over(search: NoiseSearch, other: Any) -> ErrorReduction:
         ratio = ratios[frozenset(e.slug for e in other.effects)]
         return ErrorReduction("error 1 s ahead", "psi", "rad", 1.0, ratio, ratio, (ratio, ratio))
 
-    monkeypatch.setattr(WeatherSearch, "gain_over", gain_over)
+    monkeypatch.setattr(NoiseSearch, "gain_over", gain_over)
     monkeypatch.setattr(process_noise, "above_the_command", lambda search: 0.5)
     one = supported(searched("dead-zone"))
     assert not one.accepted and not one.own_gains
@@ -145,7 +145,7 @@ def test_no_hint_on_a_clean_craft() -> None:
 
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
-    for module in (process_noise, weathered):
+    for module in (process_noise, search_with_noise):
         monkeypatch.setattr(module, "above_the_command", lambda search: 1.3)
     told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
@@ -170,4 +170,4 @@ def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     named, other = product("N_|u|r"), product("N_|v|r")
     steps = (SearchStep(named.fit, (named,), named), SearchStep(named.fit, (named, other), None))
     search = SimpleNamespace(steps=steps, tried=10, names={name_of(named.effect)}, refused=())
-    assert [w.one.effect.place for w in weak_among(cast(WeatherSearch, search))] == ["N_|v|r"]
+    assert [w.one.effect.place for w in weak_among(cast(NoiseSearch, search))] == ["N_|v|r"]

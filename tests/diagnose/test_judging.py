@@ -369,7 +369,7 @@ def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_
     quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: error)
-    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=None)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=None)
     assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * told
 
 
@@ -385,6 +385,6 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
     weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(water=SimpleNamespace(memory=memory)))
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
-    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=weather)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
     assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told

@@ -17,7 +17,7 @@ from test_process_noise import as_from_a_log, nobody, weathered
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.intake import within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, _moves, words_of
-from gcs_autotune.diagnose.process_noise import PRESENT, search_under_process_noise
+from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import WanderingFit, Water
 from gcs_autotune.trial import Channel, Trial
@@ -104,7 +104,7 @@ def test_inertia_that_follows_a_command_is_a_rival_of_every_change_in_time() -> 
 def test_a_constant_force_is_no_process_noise(seed: int) -> None:
     """A drifting force with a long memory is a constant, and stood in its place."""
     problem, base = as_from_a_log(towed(("input-bias", "yaw", {"bias": 0.3}), seed=seed))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
     assert found.calm < PRESENT
 
@@ -112,7 +112,7 @@ def test_a_constant_force_is_no_process_noise(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0, days=[(0.15, 0.0)] * 3))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None and found.calm > PRESENT
     assert [a.effect.slug for a in found.accepted] == ["input-bias"]
     assert found.accepted[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
@@ -121,7 +121,7 @@ def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_process_noise_alone_has_no_constant(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
     assert found.accepted == ()
 

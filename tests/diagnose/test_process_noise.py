@@ -16,24 +16,23 @@ from test_evidence import scored
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
-from gcs_autotune.diagnose import diagnose, noise_scorer, process_noise
-from gcs_autotune.diagnose import weathered as weathered_names
+from gcs_autotune.diagnose import diagnose, noise_scorer, process_noise, search_with_noise
 from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
 from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
-    WeatherSearch,
-    search_under_process_noise,
-    weathered_form,
+    NoiseSearch,
+    form_alone,
+    search_with_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
 from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.report_builder import build_report
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
+from gcs_autotune.diagnose.search_with_noise import _outdone, look_with_process_noise
 from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
 from gcs_autotune.diagnose.state import SearchState, begin
-from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
@@ -99,7 +98,7 @@ def test_one_motion_of_runs_that_other_forces_drive_too_knows_its_own_input() ->
     along = {n: Channel(n, "m", psi.t, psi.values) for n in ("x", "y")}
     run = Trial("run", {"psi": psi, **along, "X": replace(N, name="X", unit="N"), "N": N})
     segments = prepare_form(run, plain_form([run]), None)
-    alone = weathered_form(plain_form([run]), "yaw")
+    alone = form_alone(plain_form([run]), "yaw")
     assert alone is not None and segments[0].input_names == ("X", "N")
     data = data_summary_of(alone, segments)
     assert data.inputs == {"N": "N m"}
@@ -131,7 +130,7 @@ def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
     case = draw_case("weather", 90, 0, "input-delay")
     form = plain_form(case.runs)
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
-    found = search_under_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
+    found = search_with_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
@@ -153,14 +152,14 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
-    nothing = cast(WeatherSearch, SimpleNamespace(accepted=(), steps=()))
+    nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
     assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
     assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
     coupling = EffectInstance("sway-yaw-coupling", "sway+yaw", dict.fromkeys(("Y_rdot", "N_vdot", "Y_r", "N_v"), 0.2))
-    search = cast(WeatherSearch, SimpleNamespace(dof="yaw", accepted=()))
+    search = cast(NoiseSearch, SimpleNamespace(dof="yaw", accepted=()))
     assert _outdone(search, cast(SearchState, SimpleNamespace(causes=(coupling,))))
 
 
@@ -182,7 +181,7 @@ def test_a_search_beneath_the_weather_finds_the_craft_wherever_the_fit_without_w
     theta[inertia] *= 0.01
     lost = problem.states(theta, (), base.initial)
     assert lost is not None
-    found = search_under_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), nobody)
     assert found is not None
     assert found.plain.theta == pytest.approx([1.0, -0.8], abs=0.2)
     assert not found.momentary
@@ -198,7 +197,7 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
     assert base.form.parameters == ("N_rdot", "N_r")
     lost = problem.states(np.array([-793118.34, -1482.04]), (), base.initial)
     assert lost is not None
-    found = search_under_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), nobody)
     assert found is not None
     inertia, linear = case.craft.inertia["yaw"], case.craft.linear["yaw"]
     assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
@@ -212,7 +211,7 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
     found: only what is nearly right leads there.
     """
     case = draw_case("weather", seed, 0, "input-delay")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
@@ -228,7 +227,7 @@ def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as
     case = draw_case("rough", seed, 2, CALM)
     assert "lag" in case.circumstances
     slugs = ("input-delay", "dead-zone", "quadratic-actuator")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     assert found.accepted[0].effect["delay"] == pytest.approx(late, rel=0.05)
@@ -239,7 +238,7 @@ def test_waves_that_turn_the_bow_leave_a_craft_her_inertia() -> None:
     """Seen at every sample they ruled the fit, which forgot a turn within 2 ms; a search of 88 s named a rate limit."""
     case = draw_case("rough", 247, 0, CALM)
     assert case.circumstances == ("waves", "lag")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] > 3.0 * case.craft.interval
 
@@ -248,7 +247,7 @@ def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_he
     """Begun at a sensor's noise alone a craft of 18 s came out as one of 0.7, and a backlash was named."""
     case = draw_case("rough", 275, 0, "quadratic-actuator")
     assert "waves" in case.circumstances and case.craft.pace > 15.0
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
 
@@ -258,7 +257,7 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     case = draw_case("rough", 292, 0, "quadratic-actuator")
     assert case.circumstances == ("waves",) and case.flown is not None
     waves = next(h.values for h in case.flown.hidden if h.slug == "waves")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=0.1)
     missing = missing_of(found)
@@ -291,7 +290,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
 def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
     problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
-    found = search_under_process_noise(problem, base, ("quadratic-drag",), (), nobody)
+    found = search_with_process_noise(problem, base, ("quadratic-drag",), (), nobody)
     assert found is not None and [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
     bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
     both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
@@ -311,13 +310,13 @@ def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
 def test_an_effect_is_named_beneath_waves() -> None:
     case = draw_case("rough", 292, 0, "input-bias")
     assert "waves" in case.circumstances
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-bias"]
 
 
 def test_water_without_waves_has_none_in_the_model() -> None:
-    found = search_under_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
     assert found is not None
     assert not found.plain.water.wavy
 
@@ -327,12 +326,12 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     """Commands that answered pushes within two seconds looked 1 s late where a sample was judged every 2 s."""
     case = draw_case("rough", 284, 2, CALM)
     assert case.circumstances == ("driving",)
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
     assert found is not None
     assert found.accepted == ()
     assert noise_scorer.answers_heading(found.problem, found.plain)
     open_loop = draw_case("rough", 284, 0, "input-delay")
-    other = search_under_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
+    other = search_with_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
     assert other is not None
     assert [a.effect.slug for a in other.accepted] == ["input-delay"]
     assert not noise_scorer.answers_heading(other.problem, other.fit)
@@ -402,7 +401,7 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
-    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_, **__: None)
+    monkeypatch.setattr(search_with_noise, "search_with_process_noise", lambda *_, **__: None)
     runs = weathered(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]
@@ -419,7 +418,7 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     """A change of mass was named beside a fit that was 500 s slow, of a craft of 0.1 s."""
     state = drag_named(monkeypatch)
     assert [e.slug for e in state.causes] == ["quadratic-drag"]
-    after = look_under_process_noise(state)
+    after = look_with_process_noise(state)
     assert after is not None and after.causes == ()
     told = next(d for d in after.doubts if d.slug == "no-model")
     assert "quadratic-drag of yaw is not named on that account" in told.cause
@@ -445,7 +444,7 @@ def test_a_push_that_is_forgotten_within_two_samples_is_no_weather() -> None:
     """ArduPilot's own boat in a calm harbour was told of a moment that changes within 0.04 s."""
     runs = weathered(4, size=1.5, memory=0.02)
     problem, base = as_from_a_log(runs)
-    found = search_under_process_noise(problem, base, (), (), nobody)
+    found = search_with_process_noise(problem, base, (), (), nobody)
     assert found is not None and found.momentary
     told = diagnose(runs, effects=("input-bias",))
     assert told.missing is None

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.diagnose.process_noise import asked_of, search_under_process_noise
-from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_under_process_noise
+from gcs_autotune.diagnose.process_noise import asked_of, search_with_process_noise
+from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_with_process_noise
 from gcs_autotune.diagnose.sampling_interval import foresight, stands
 from gcs_autotune.identify import (
     Fitted,
@@ -63,7 +63,7 @@ def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, Wan
     problem, base = fit_base(form, prepare_as_recorded(runs, form, None)[0])
     asked = asked_of(problem)
     assert asked is not None
-    found = plain_under_process_noise(problem, base, *asked, quiet)
+    found = plain_with_process_noise(problem, base, *asked, quiet)
     assert found is not None
     return problem, base, *found
 
@@ -94,7 +94,7 @@ def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closel
 def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
     problem, base, *_ = begun([sailed(3), sailed(4), sailed(5)])
     slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]
-    search = search_under_process_noise(problem, base, slugs, (), quiet)
+    search = search_with_process_noise(problem, base, slugs, (), quiet)
     assert search is not None
     first = search.accepted[0]
     assert first.effect.slug == "speed-damping" and first.ahead < 0.9

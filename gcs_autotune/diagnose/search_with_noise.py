@@ -14,11 +14,11 @@ from gcs_autotune.diagnose.missing_force import words_of_water
 from gcs_autotune.diagnose.noise_scorer import may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
-    WeatherSearch,
+    NoiseSearch,
     above_the_command,
     asked_of,
     scaled,
-    search_under_process_noise,
+    search_with_process_noise,
     supported,
 )
 from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
@@ -29,7 +29,7 @@ from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.identify import Doubt, Fitted
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NO_MODEL", "look_under_process_noise", "no_model_beneath", "wanders"]
+__all__ = ["NO_MODEL", "look_with_process_noise", "no_model_with_noise", "wanders"]
 
 Array = NDArray[np.float64]
 
@@ -48,19 +48,19 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     question = state.question
     if question.given is not None or question.horizon is not None or not question.with_noise:
         return state, False
-    if state.beneath is None or state.beneath[0] is not state.problem:
-        found = search_under_process_noise(
+    if state.noise_search is None or state.noise_search[0] is not state.problem:
+        found = search_with_process_noise(
             state.problem, state.base, question.slugs, question.unseen, question.say, in_blocks=question.one_flight
         )
-        state = replace(state, beneath=(state.problem, found))
-        assert state.beneath is not None
-    search = state.beneath[1]
+        state = replace(state, noise_search=(state.problem, found))
+        assert state.noise_search is not None
+    search = state.noise_search[1]
     if search is None or search.momentary:
         return state, False
     return state, search.calm >= PRESENT and search.still >= PRESENT
 
 
-def look_under_process_noise(state: SearchState) -> SearchState | None:
+def look_with_process_noise(state: SearchState) -> SearchState | None:
     """Look again with a force that wanders in the model, where what is left over is no noise.
 
     Names found so take the place of those of a search that knew no such force. None where that search ended at the
@@ -74,15 +74,15 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     if any(not may_be_weighed(e, state.question.form.inputs) for e in state.causes):
         return None
     state, _ = wanders(state)
-    search = None if state.beneath is None else state.beneath[1]
-    if no_model_beneath(state):
+    search = None if state.noise_search is None else state.noise_search[1]
+    if no_model_with_noise(state):
         return _without_names(state)
     if search is None or search.calm < PRESENT:
         return state
     if search.momentary:
         return replace(state, doubts=(*state.doubts, _no_weather(search)))
     if search.cut:
-        return replace(state, cut=(*state.cut, search.cut))
+        return replace(state, cut=(*state.cut, *search.cut))
     if state.causes and _outdone(search, state):
         return state
     plain = replace(state, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
@@ -90,7 +90,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     above = above_the_command(search)
     if above > OF_THE_COMMAND:
         state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
-    kept = replace(plain, weather=search, doubts=state.doubts)
+    kept = replace(plain, with_noise=search, doubts=state.doubts)
     if not search.accepted:
         return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
     fitted = _as_fitted(state, search)
@@ -103,7 +103,7 @@ def look_under_process_noise(state: SearchState) -> SearchState | None:
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
 
-def _no_base(search: WeatherSearch, above: float) -> Doubt:
+def _no_base(search: NoiseSearch, above: float) -> Doubt:
     return Doubt(
         "above-command",
         f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
@@ -112,9 +112,11 @@ def _no_base(search: WeatherSearch, above: float) -> Doubt:
     )
 
 
-def no_model_beneath(state: SearchState) -> bool:
+def no_model_with_noise(state: SearchState) -> bool:
     """Whether the search under process noise was made, and found no model of the craft at all."""
-    return state.beneath is not None and state.beneath[1] is None and asked_of(state.beneath[0]) is not None
+    return (
+        state.noise_search is not None and state.noise_search[1] is None and asked_of(state.noise_search[0]) is not None
+    )
 
 
 def _without_names(state: SearchState) -> SearchState:
@@ -145,7 +147,7 @@ def _couples(causes: Sequence[EffectInstance], dof: str) -> bool:
     return any(n[0] != DOFS[dof].force for e in causes for n in EFFECTS[e.slug].derivatives(e))
 
 
-def _outdone(search: WeatherSearch, state: SearchState) -> bool:
+def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     """Whether the causes of the search before explain the runs better under process noise too; what couples motions
     stands, for one motion alone cannot judge it.
     """
@@ -172,7 +174,7 @@ def _outdone(search: WeatherSearch, state: SearchState) -> bool:
     return other.total - price > search.fit.total + luck
 
 
-def _no_weather(search: WeatherSearch) -> Doubt:
+def _no_weather(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
         f"what drives the {search.dof} besides its commands is forgotten within {search.plain.water.memory:.2g} s, no "
@@ -191,13 +193,13 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
     )
 
 
-def _per_inertia(effect: EffectInstance, search: WeatherSearch, state: SearchState) -> EffectInstance:
+def _per_inertia(effect: EffectInstance, search: NoiseSearch, state: SearchState) -> EffectInstance:
     """Return *effect* of the present model per unit of that model's inertia: a base that is lost may have none."""
     i = state.fitted.form.dofs.index(search.dof)
     return scaled(effect, 1.0 / float(state.fitted.model.base.inertia[i, i]), 1.0)
 
 
-def _as_fitted(state: SearchState, search: WeatherSearch) -> Fitted | None:
+def _as_fitted(state: SearchState, search: NoiseSearch) -> Fitted | None:
     """Return the model found, in the base model's form and units, with the initial states that suit it."""
     d, base = DOFS[search.dof], state.base
     inertia = search.inertia

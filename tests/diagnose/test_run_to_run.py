@@ -6,8 +6,8 @@ import pytest
 from test_process_noise import SOME, nobody, weathered
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.day_to_day import differing, doubt_of_days
-from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
+from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise
+from gcs_autotune.diagnose.run_to_run import differing, doubt_of_days
 from gcs_autotune.identify import Day, fit_base, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Trial
 
@@ -22,11 +22,11 @@ APART = {
 craft, and true drag of none."""
 
 
-def searched(runs: list[Trial]) -> WeatherSearch:
+def searched(runs: list[Trial]) -> NoiseSearch:
     """Return what the search under process noise says of these runs."""
     form = plain_form(runs)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
-    found = search_under_process_noise(problem, base, SOME, (), nobody)
+    found = search_with_process_noise(problem, base, SOME, (), nobody)
     assert found is not None
     return found
 
