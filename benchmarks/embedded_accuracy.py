@@ -32,7 +32,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.connection import telemetry_rates
-from gcs_autotune.workflow.experiments import relay_for, second_output, speed_for
+from gcs_autotune.workflow.experiments import Relays, second_output, speed_for
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 from sitl import load_vehicle, open_vehicle
 
@@ -119,14 +119,14 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
     with link, Session(link) as session:
         craft = open_craft(session, wanted_rates=telemetry_rates(10.0))
         axis = craft.firmware.axes[axis_name]
-        settings = TuneSettings(axis_name, Connection("memory"), Path())
+        settings = TuneSettings(Connection("memory"), Path(), axis=axis_name)
         throttle, _ = speed_for(settings, axis, craft.parameters.read_existing(axis.context))
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)
-        still = not craft.firmware.needs_way
-        first = sequencer.fly(relay_for(settings, axis.dof, throttle, None, "relay-1", keep_still=still)).trial
+        relays = Relays(settings, axis.dof, throttle, keep_still=not craft.firmware.needs_way)
+        first = sequencer.fly(relays.relay("relay-1", None)).trial
         output = second_output(first)
-        second = sequencer.fly(relay_for(settings, axis.dof, throttle, output, "relay-2", keep_still=still)).trial
+        second = sequencer.fly(relays.relay("relay-2", output)).trial
     return axis, [first, second]
 
 

@@ -23,27 +23,24 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from benchmarks.results import count, headline
 from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
-from gcs_autotune.manoeuvres import MANOEUVRES, Preview
-from gcs_autotune.trial import Trial
+from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.watch import Progress, SilentWatcher
 from gcs_autotune.workflow import (
+    CommonSettings,
     Connection,
     FlightResult,
     FlySettings,
-    PlannedRun,
     TuneSettings,
     Unattended,
     experiment,
     fly,
     tune,
 )
-from gcs_autotune.workflow.flight_result import FlownRun
 from sitl import VEHICLES, Server, open_vehicle
 
 fly_module = importlib.import_module("gcs_autotune.workflow.fly")
@@ -162,13 +159,13 @@ def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str
     with tempfile.TemporaryDirectory() as place:
         ear, room = Ear(server), None
         verb, _, axis = name.rpartition(" ")
-        common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), Path(place) / "run")
+        where = Connection("memory", opened=link), Path(place) / "run"
         try:
             if verb:
-                {"tune": tune, "experiment": experiment}[verb](common, Unattended(), ear, "")
+                {"tune": tune, "experiment": experiment}[verb](TuneSettings(*where, axis=axis), Unattended(), ear, "")
                 good, told = True, "done"
             else:
-                result = fly(FlySettings(name, common, force=force), Unattended(), ear, "")
+                result = fly(FlySettings(name, CommonSettings(*where), force=force), Unattended(), ear, "")
                 models = ", ".join(model.fit.dof for model in result.models) or "no model"
                 trial = result.trial
                 assert trial is not None  # it was flown
@@ -205,12 +202,6 @@ def show(rooms: Sequence[tuple[str, Told]]) -> None:
     )
 
 
-def _first(flight: Sequence[Any]) -> tuple[PlannedRun, Preview, Trial | None]:
-    """Return the first run of what a flight is read from."""
-    run = flight[3][0]
-    return run.planned, run.preview, run.trial
-
-
 def main() -> int:
     """Fly all of them and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -222,7 +213,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
     args = parser.parse_args()
     if args.quick:
-        fly_module.read_flight = lambda *flight: FlightResult([FlownRun(*_first(flight))])  # type: ignore[attr-defined]
+        fly_module.read_flight = lambda *flight: FlightResult(flight[3][:1])  # type: ignore[attr-defined]
     only, forces = ({x for x in text.split(",") if x} for text in (args.only, args.force))
     done = bad = 0
     rooms: list[tuple[str, Told]] = []

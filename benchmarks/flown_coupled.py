@@ -24,7 +24,7 @@ from gcs_autotune.link import MemoryLink
 from gcs_autotune.models import FORMS
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, FlySettings, TuneSettings, Unattended, fly
+from gcs_autotune.workflow import CommonSettings, Connection, FlySettings, Unattended, fly
 from sitl import open_vehicle
 
 FULL = {"X": 8.0, "N": 0.1709}
@@ -46,7 +46,7 @@ def flown(seed: int, duration: float) -> Trial:
     link = MemoryLink(server)
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
-        common = TuneSettings("heading", Connection("memory", opened=link), Path(place) / "run", throttle=0.5)
+        common = CommonSettings(Connection("memory", opened=link), Path(place) / "run", throttle=0.5)
         settings = FlySettings("s-manoeuvre", common, {"steering": 0.4, "duration": duration})
         trial = fly(settings, Unattended(), SilentWatcher(), "").trial
     assert trial is not None

@@ -38,7 +38,16 @@ from gcs_autotune.link import MemoryLink
 from gcs_autotune.logs import load_runs
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, FlySettings, TuneSettings, Unattended, experiment, fly, tune
+from gcs_autotune.workflow import (
+    CommonSettings,
+    Connection,
+    FlySettings,
+    TuneSettings,
+    Unattended,
+    experiment,
+    fly,
+    tune,
+)
 from sitl import VEHICLES, open_vehicle
 
 GOAL = 0.95
@@ -195,13 +204,18 @@ def flown(case: Case, folder: Path) -> Path:
     link = MemoryLink(open_vehicle(case.vehicle, seed=case.seed, parameters={} if boat else QUICK))
     link.is_simulated = True
     verb, _, axis = case.kind.rpartition(" ")
-    common = TuneSettings(axis if verb else "heading", Connection("memory", opened=link), place)
+    connection = Connection("memory", opened=link)
     if verb == "tune":
-        tune(common, Unattended(), SilentWatcher(), "")
+        tune(TuneSettings(connection, place, axis=axis), Unattended(), SilentWatcher(), "")
     elif verb:
-        experiment(common, Unattended(), SilentWatcher(), "")
+        experiment(TuneSettings(connection, place, axis=axis), Unattended(), SilentWatcher(), "")
     else:
-        fly(FlySettings(case.kind, common, force=case.force), Unattended(), SilentWatcher(), "")
+        fly(
+            FlySettings(case.kind, CommonSettings(connection, place), force=case.force),
+            Unattended(),
+            SilentWatcher(),
+            "",
+        )
     (place / "flown").touch()
     return place
 

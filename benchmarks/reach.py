@@ -50,7 +50,7 @@ from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
-from sitl.autopilot.rover_modes import GuidedTarget
+from sitl.autopilot import GuidedTarget
 from sitl.plants import Wrench
 from sitl.vehicle import Vehicle
 
@@ -174,7 +174,7 @@ def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
     ending, before, predicted, after = "aborted", math.nan, math.nan, math.nan
     windows: tuple[float, ...] = ()
     with tempfile.TemporaryDirectory() as folder:
-        settings = TuneSettings(axis, Aboard(server=server), Path(folder) / "run")
+        settings = TuneSettings(Aboard(server=server), Path(folder) / "run", axis=axis)
         try:
             story: TuneStory = tune(settings, Unattended(), SilentWatcher(), "2026-11-20T12:00:00")
         except AutotuneError as error:

@@ -29,12 +29,12 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import (
+    CommonSettings,
     Connection,
     FlightPlan,
     FlightResult,
     PlannedRun,
     Precision,
-    TuneSettings,
     Unattended,
     first_run,
     fly_plan,
@@ -70,7 +70,7 @@ def drawn(seed: int, place: Path) -> Path:
     return path
 
 
-def flown(path: Path, seed: int, plan: FlightPlan, common: TuneSettings) -> FlightResult:
+def flown(path: Path, seed: int, plan: FlightPlan, common: CommonSettings) -> FlightResult:
     """Fly a plan on the craft of that file."""
     link = MemoryLink(open_vehicle(str(path), seed=seed, parameters={"SCHED_LOOP_RATE": 100.0}))
     link.is_simulated = True
@@ -108,7 +108,7 @@ def seconds_until(runs: Sequence[Trial], until: Precision) -> float:
 def compared(seed: int, place: Path) -> tuple[float, str]:
     """Fly both on one craft, records in *place*; return the ratio of seconds and the story in words."""
     path = drawn(seed, place)
-    common = TuneSettings("heading", Connection("memory"), place / "standard", envelope=WIDE)
+    common = CommonSettings(Connection("memory"), place / "standard", envelope=WIDE)
     (place / "plan.toml").write_text(STANDARD)
     standard = load_flight_plan(place / "plan.toml", common, None, None)
     runs = [run.trial for run in flown(path, seed, standard, common).runs if run.trial is not None]

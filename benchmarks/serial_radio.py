@@ -37,7 +37,7 @@ def run(vehicle: str, axis: str, baud: int, seed: int) -> tuple[str, bool]:
     link = ThrottledPty(open_vehicle(vehicle, seed=seed), baud)
     begun = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        settings = TuneSettings(axis, Ready("serial", link=link), Path(folder) / "run")
+        settings = TuneSettings(Ready("serial", link=link), Path(folder) / "run", axis=axis)
         try:
             story = tune(settings, Unattended(), SilentWatcher(), "benchmark")
             ending = story.ending

@@ -126,7 +126,7 @@ def _story(vehicle: str, axis: str, seed: int, waves: bool, rule: str, run: Path
     place, rms = WAVES[vehicle, axis]
     sea = [make_effect("wave-disturbance", place, {"amplitude": rms, "frequency": 1.5, "bandwidth": 0.15})]
     server = open_vehicle(vehicle, seed=seed, effects=sea if waves else ())
-    settings = TuneSettings(axis, Aboard(server=server), run, stop_rule=rule)
+    settings = TuneSettings(Aboard(server=server), run, axis=axis, stop_rule=rule)
     try:
         story = tune(settings, Unattended(), SilentWatcher(), "2026-11-23T12:00:00")
     except AutotuneError as error:

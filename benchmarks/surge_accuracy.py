@@ -37,7 +37,7 @@ def fly(boat: str, seed: int) -> dict[str, tuple[float, float, float]]:
     hull, full = vehicle.plant.axis("surge"), vehicle.actuators.full["surge"]
     truth = {"alpha_u": hull.alpha / full, "beta_u": hull.beta / full, "beta_uu": hull.beta2 / full}
     with tempfile.TemporaryDirectory() as folder:
-        settings = TuneSettings("surge", Aboard(server=server), Path(folder) / "run")
+        settings = TuneSettings(Aboard(server=server), Path(folder) / "run", axis="surge")
         fit = experiment(settings, Unattended(), SilentWatcher())
     damping = "beta_uu" if BOATS[boat][1] else "beta_u"
     found = {name: (fit.parameters[name].value, fit.parameters[name].std, truth[name]) for name in ("alpha_u", damping)}

@@ -84,7 +84,7 @@ def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
     from gcs_autotune.manoeuvres import Envelope, Manoeuvre, Sequencer
     from gcs_autotune.workflow.connection import connect_craft
     from gcs_autotune.workflow.record import RunDirectory
-    from gcs_autotune.workflow.settings import Connection
+    from gcs_autotune.workflow.settings import CommonSettings, Connection
 
     class Swing(Manoeuvre):
         """Half rudder to one side after the other, every fifth of a second."""
@@ -100,7 +100,7 @@ def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
                 now = yield Actuate(N=0.5 if now.t % 0.4 < 0.2 else -0.5)
 
     record = RunDirectory(out)
-    with connect_craft(Connection(uri), operator, watcher, record, None, "heading") as craft:
+    with connect_craft(CommonSettings(Connection(uri), out), operator, watcher, record, "heading") as craft:
         sent: list[float] = []  # when the first neutral override left after the last that was none
         send = craft.session.send
 

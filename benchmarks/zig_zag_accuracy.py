@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.results import Figure, headline
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, FlightResult, FlySettings, TuneSettings, Unattended, fly
+from gcs_autotune.workflow import CommonSettings, Connection, FlightResult, FlySettings, Unattended, fly
 from sitl import load_vehicle, open_vehicle
 from sitl.plants import Wrench
 
@@ -72,7 +72,7 @@ def flown(craft: str, seed: int, options: Mapping[str, float], *, noise: bool = 
     link = MemoryLink(server)
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
-        common = TuneSettings("heading", Connection("memory", opened=link), Path(place) / "run")
+        common = CommonSettings(Connection("memory", opened=link), Path(place) / "run")
         return fly(FlySettings("zig-zag", common, options), Unattended(), SilentWatcher(), "")
 
 

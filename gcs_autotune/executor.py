@@ -8,19 +8,24 @@ with them, so that it does not matter how a process was started.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import pickle
 import signal
+import sys
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
+from threading import Thread
+from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
 from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, current_effort, limited_to
 from gcs_autotune.kept_results import KeptResults, current_kept_results, keeping
 
-__all__ = ["Executor", "ProcessExecutor", "SerialExecutor", "executor_for"]
+__all__ = ["Executor", "KeptProcess", "ProcessExecutor", "SerialExecutor", "executor_for"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -97,6 +102,68 @@ class ProcessExecutor:
                     progress(i + 1, len(tasks))
 
 
+_POLITE = 5
+"""Chosen: niceness of a kept process; whoever keeps it comes first."""
+_GRACE = 5.0
+"""Chosen: seconds that an ended process may take to be gone."""
+
+
+class KeptProcess:
+    """One process that is started ahead and kept from one call to the next, for a caller that must not wait for it.
+
+    It is started afresh, so that it has no file or port of the caller, and does not import the caller's main module,
+    which may be a script that opens a link. It has a session of its own (Ctrl-C at the terminal is not for it), and
+    prints to standard error. It ends as soon as the caller's process does, at work or not.
+    """
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, there = context.Pipe()
+        self._process = context.Process(target=_serve_apart, args=(there,), daemon=True)
+        with _holding_signals(), _without_main_module():
+            self._process.start()
+        there.close()
+
+    @property
+    def pid(self) -> int | None:
+        """The number of the process."""
+        return self._process.pid
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it can do further tasks."""
+        return self._process.is_alive()
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """As :meth:`Executor.map`; ``ChildProcessError`` has the exit code of the process."""
+        limits, kept = _Limits.present(), current_kept_results()
+        for i, task in enumerate(tasks):
+            try:
+                self._pipe.send((_Order(function, limits, kept), task))
+                outcome = self._pipe.recv()
+            except (EOFError, OSError) as error:
+                self._process.join(_GRACE)
+                raise ChildProcessError(f"code {self._process.exitcode}; {error or type(error).__name__}") from error
+            if isinstance(outcome, BaseException):
+                raise outcome
+            _take_account(outcome)
+            yield outcome.result
+            if progress is not None:
+                progress(i + 1, len(tasks))
+
+    def kill(self) -> None:
+        """End the process, at work or not: whoever waits for it gets an error."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process and wait until it is gone; nobody may wait for it any more."""
+        self.kill()
+        self._process.join(_GRACE)
+        self._pipe.close()
+
+
 @dataclass(frozen=True, slots=True)
 class _Limits:
     """What is left of the present budget: work [samples], time [s]; None: no limit was set."""
@@ -160,7 +227,7 @@ class _Processes:
         context = multiprocessing.get_context(self._method)
         # What is sent to a process before it has forgotten its parent's handlers waits until it has: a parent's handler
         # that swallows SIGTERM would leave it alive, and whoever told it to end waiting for ever.
-        with _holding_sigterm():
+        with _holding_signals():
             for _ in range(self._count):
                 here, there = context.Pipe()
                 self._pipes.append(here)
@@ -209,12 +276,12 @@ class _Processes:
 
 
 @contextmanager
-def _holding_sigterm() -> Iterator[None]:
-    """Hold SIGTERM back where the system can (Windows cannot, and does not fork)."""
+def _holding_signals() -> Iterator[None]:
+    """Hold SIGTERM and SIGINT back where the system can (Windows cannot, and does not fork)."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
     try:
         yield
     finally:
@@ -226,7 +293,49 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGINT})
+
+
+@contextmanager
+def _without_main_module() -> Iterator[None]:
+    """Let a process started within not import this one's main module: ``multiprocessing`` finds an empty one."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _serve_apart(pipe: Connection) -> None:
+    """Do what comes in, each with the order it comes with; see :class:`KeptProcess`."""
+    _begin()
+    if hasattr(os, "setsid"):
+        os.setsid()
+        os.nice(_POLITE)
+    os.dup2(2, 1)  # standard output is the caller's
+    Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):
+        while True:
+            _answer(pipe, _next_outcome(pipe))
+
+
+def _next_outcome(pipe: Connection) -> _Outcome | BaseException:
+    try:
+        order, task = pipe.recv()
+    except (EOFError, OSError):
+        raise
+    except Exception as error:  # noqa: BLE001  whatever an object does when it is unpacked is raised in the parent
+        return error
+    with keeping(order.kept):
+        return _outcome(order, task)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
 
 
 def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> None:
@@ -240,10 +349,16 @@ def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> 
 
 
 def _answer(pipe: Connection, outcome: _Outcome | BaseException) -> None:
+    """Send the outcome; an error that cannot be sent is sent in words."""
     try:
+        if isinstance(outcome, BaseException):
+            pickle.loads(pickle.dumps(outcome))  # many an error can be packed and not unpacked
         pipe.send(outcome)
-    except (pickle.PicklingError, TypeError, AttributeError) as error:
-        pipe.send(RuntimeError(f"the result of a task cannot be sent: {error}"))
+    except Exception as error:  # noqa: BLE001  whatever an object does when it is packed
+        if isinstance(outcome, BaseException):
+            pipe.send(RuntimeError(f"{type(outcome).__name__}: {outcome}"))
+        else:
+            pipe.send(RuntimeError(f"the result of a task, a {type(outcome.result).__name__}, cannot be sent: {error}"))
 
 
 def _outcome(order: _Order, task: Any) -> _Outcome | BaseException:
@@ -258,4 +373,5 @@ def _outcome(order: _Order, task: Any) -> _Outcome | BaseException:
     except OutOfTime:
         return _Outcome(None, budget.done, stopped=True)
     except Exception as error:  # noqa: BLE001  it is raised in the parent
+        error.add_note("".join(traceback.format_exception(error)))
         return error

@@ -179,13 +179,13 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         def work(connection: Connection) -> None:
             from rich.console import Console
 
-            from gcs_autotune.report import TerminalWatcher, show_tune
+            from gcs_autotune.report import TerminalWatcher, print_document, tune_document
 
             console = Console(force_terminal=False, width=100)
             settings = tune_settings(args, connection, now)
             with TerminalWatcher(console, quiet=args.quiet) as watcher:
                 story = tune(settings, self._person, watcher, now.isoformat(timespec="seconds"))
-            show_tune(console, story)
+            print_document(console, tune_document(story))
 
         self._begin(f"tune {args.axis}", _Console(yes=args.yes), work)
 

@@ -9,11 +9,13 @@ import json
 import math
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+import report_stories
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli import main
@@ -21,6 +23,9 @@ from gcs_autotune.design.laws import LAWS
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.logs import formats, load_runs
 from gcs_autotune.methods import METHOD_PLACES
+from gcs_autotune.report import to_html, to_json
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.tune import document
 
 
 def added(folder: Path, name: str) -> ModuleType:
@@ -44,6 +49,14 @@ def test_a_kind_of_file_is_read_by_its_content(tmp_path: Path, monkeypatch: pyte
     (run,) = load_runs(log)
     assert run["psi"].values == pytest.approx([math.radians(10.0), math.radians(11.0)])
     assert run["N"].values.tolist() == [0.5, 0.5]
+
+
+def test_a_section_of_a_report_is_on_page_terminal_and_in_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    section = added(tmp_path, "energy_section").energy
+    monkeypatch.setattr(document, "SECTIONS", (*document.SECTIONS, section))
+    report = document.tune_document(replace(report_stories.never_started(), relays=(report_stories.relay_trial(),)))
+    for shown in (to_html(report), render_text(report), json.dumps(to_json(report)["energy"])):
+        assert "Longer runs take more of it." in shown and "relay-1" in shown
 
 
 def test_a_method_is_listed_and_fits(
@@ -84,7 +97,7 @@ def test_an_axis_a_control_law_and_a_firmware_tune_a_vehicle(
     out = tmp_path / "run"
     assert main(["tune", "course", "--connect", "sitl:charlie", "--dry-run", "--out", str(out)]) == 0
     said = " ".join(capsys.readouterr().err.split())
-    assert "use the modes STEERED and MANUAL" in said
+    assert "use modes STEERED and MANUAL" in said
     assert "20 deg steps in course" in said
     assert "Designed for a gentle helm" in (out / "report.html").read_text(encoding="utf-8")
     assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["differences"]

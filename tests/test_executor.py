@@ -7,7 +7,9 @@ import operator
 import os
 import pickle
 import signal
+import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +19,7 @@ import pytest
 from gcs_autotune import executor as executor_module
 from gcs_autotune.clock import Budget, OutOfWork, current_effort, limited_to, spend
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.executor import Executor, ProcessExecutor, SerialExecutor, executor_for
+from gcs_autotune.executor import Executor, KeptProcess, ProcessExecutor, SerialExecutor, executor_for
 from gcs_autotune.trial import Channel, Trial
 
 METHODS = [m for m in ("fork", "spawn") if m in multiprocessing.get_all_start_methods()]
@@ -139,6 +141,49 @@ def test_a_search_that_is_stopped_amid_long_answers_ends() -> None:
     for _ in range(5):
         with pytest.raises(KeyboardInterrupt):
             list(ProcessExecutor(4).map(bytes, [1_000_000] * 8, enough))
+
+
+@pytest.fixture(scope="module")
+def kept() -> Iterator[KeptProcess]:
+    process = KeptProcess()
+    yield process
+    process.close()
+
+
+def test_a_kept_process_does_the_tasks_of_several_calls(kept: KeptProcess) -> None:
+    first, second = (list(kept.map(partial(operator.pow, base), range(3))) for base in (2, 3))
+    assert (first, second) == ([1, 2, 4], [1, 3, 9])
+    if os.name == "posix":
+        assert list(kept.map(os.getpgid, [0])) == [kept.pid]  # Ctrl-C at the terminal is not for it
+    with pytest.raises(ZeroDivisionError):
+        list(kept.map(partial(operator.floordiv, 1), [1, 0]))
+
+
+def test_the_limits_of_a_call_hold_in_a_kept_process(kept: KeptProcess) -> None:
+    budget, finished = Budget(work=25.0), 0
+    with limited_to(budget), pytest.raises(OutOfWork):
+        for _ in kept.map(spend, [10.0] * 5):
+            finished += 1
+    assert (finished, budget.done) == (2, 30.0)
+
+
+SCRIPT = """
+import sys
+print("script", flush=True)
+from gcs_autotune.executor import KeptProcess
+process = KeptProcess()
+assert list(process.map(abs, [-1])) == [1]
+list(process.map(print, ["from the process"]))
+process.close()
+"""
+
+
+def test_a_kept_process_does_not_run_the_callers_script_again_and_leaves_its_output_alone(tmp_path: Path) -> None:
+    """A script may open a link, and its output may be read by a program."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True)
+    assert done.stdout == "script\n"
+    assert done.stderr == "from the process\n"
 
 
 class PicklingExecutor:

@@ -27,7 +27,7 @@ from gcs_autotune.manoeuvres import read_area
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.models import load_form
 from gcs_autotune.trial import load_trial
-from gcs_autotune.workflow import Connection, TuneSettings, load_flight_plan
+from gcs_autotune.workflow import CommonSettings, Connection, load_flight_plan
 from gcs_autotune.workflow.resuming import _SetOut
 from gcs_autotune_files import Refused, parse
 from sitl import BadVehicle, load_vehicle
@@ -159,7 +159,7 @@ class Kind:
 
 
 def _flights(path: Path) -> object:
-    common = TuneSettings("heading", Connection("sitl:charlie"), path.parent / "run")
+    common = CommonSettings(Connection("sitl:charlie"), path.parent / "run")
     return load_flight_plan(path, common, None, None)
 
 

@@ -21,7 +21,7 @@ from gcs_autotune.cli.config_file import read_config
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal
 from gcs_autotune.report.tune.run_directory import write_story
-from gcs_autotune.workflow import TuneSettings, load_flight_plan
+from gcs_autotune.workflow import CommonSettings, load_flight_plan
 from gcs_autotune.workflow.settings import Connection
 
 from .identify.coupled.test_bad_coupled_runs import sailed
@@ -197,7 +197,7 @@ def accepted(name: str, text: str, folder: Path) -> Iterator[bool]:
         if name == "settings-file":
             read_config(path)
         else:
-            load_flight_plan(path, TuneSettings("heading", Connection("udpin:127.0.0.1:1"), folder), None, None)
+            load_flight_plan(path, CommonSettings(Connection("udpin:127.0.0.1:1"), folder), None, None)
         yield True
     except AutotuneError:
         yield False

@@ -339,9 +339,9 @@ class _Play:
             path.write_text(json.dumps(ExtendedModel(plain.base, ()).to_dict()), encoding="utf-8")
             given = load_model(path)
         settings = TuneSettings(
-            subject.axis,
             stage.connection(case.faults),
             self.run_directory,
+            axis=subject.axis,
             given=given,
             step_duration=None if case.is_full else STEP_DURATION,
         )

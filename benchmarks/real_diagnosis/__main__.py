@@ -17,7 +17,7 @@ from benchmarks.real_diagnosis.published import lines_of, tables_of
 from benchmarks.results import RECORD, Figure, headline
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.report import hint_stories, lead_sentence
+from gcs_autotune.report import hint_notes, hint_title, lead_sentence
 from gcs_autotune.trial import Trial
 
 __all__ = ["main", "told"]
@@ -94,8 +94,9 @@ def told(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.gains:
         lines.append(diagnosis.gains[0].held_out)
-    for story in hint_stories(diagnosis):
-        lines += [f"hint: {story.title}", *(f"  {label}: {said}" for label, said in story.remarks)]
+    for hint in diagnosis.hints:
+        lines.append(f"hint: {hint_title(hint)}")
+        lines += [f"  {note.label}: {note.text}" for note in hint_notes(diagnosis, hint)]
     lines += [f"left: {words}" for words in diagnosis.left.findings]
     lines += [] if not diagnosis.next_manoeuvre else [f"next: {diagnosis.next_manoeuvre}"]
     lines += [f"doubt: {d.cause}" for d in diagnosis.doubts]

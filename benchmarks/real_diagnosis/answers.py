@@ -18,7 +18,7 @@ import msgspec
 from benchmarks.real_diagnosis.cases import CASES, Case
 from benchmarks.results import commit
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, Value
-from gcs_autotune.report import hint_stories, lead_sentence
+from gcs_autotune.report import hint_notes, lead_sentence
 from gcs_autotune.rounding import format_number, format_value
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files import conform, read
@@ -86,8 +86,11 @@ def answer_of(diagnosis: Diagnosis | str) -> Answer:
         ),
         tuple(" or ".join(f"`{s}`" for s in group) for group in diagnosis.indistinguishable),
         tuple(
-            Finding(f"`{h.cause}` ({h.place}): {_numbers(h.parameters)}", dict(story.remarks)["Evidence"])
-            for h, story in zip(diagnosis.hints, hint_stories(diagnosis), strict=True)
+            Finding(
+                f"`{h.cause}` ({h.place}): {_numbers(h.parameters)}",
+                next(note.text for note in hint_notes(diagnosis, h) if note.label == "Evidence"),
+            )
+            for h in diagnosis.hints
         ),
         diagnosis.left.findings[:2],
         tuple(dict.fromkeys(d.slug for d in diagnosis.doubts)),

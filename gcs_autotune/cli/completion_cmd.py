@@ -23,11 +23,8 @@ def _run(args: argparse.Namespace) -> int:
         import shtab
     except ImportError:
         raise UsageError("shell completion needs the package shtab. Run pip install shtab") from None
-    from gcs_autotune.cli import make_parser
-
-    parser = make_parser()
-    _made_for_a_shell(parser, shtab.FILE)
-    sys.stdout.write(shtab.complete(parser, args.shell) + "\n")
+    _made_for_a_shell(args.whole, shtab.FILE)
+    sys.stdout.write(shtab.complete(args.whole, args.shell) + "\n")
     return 0
 
 

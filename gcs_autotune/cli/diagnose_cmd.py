@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 from datetime import datetime
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
-from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.clock import WallClock
 from gcs_autotune.errors import UsageError
-from gcs_autotune.plain_json import json_text
 
 __all__ = ["COMMAND"]
 
@@ -80,14 +78,15 @@ def _run(args: argparse.Namespace) -> int:
             raise UsageError(
                 "use --resume or --out, not both: a resumed search writes to the directory it was stopped in"
             )
-    from rich.console import Console
-    from rich.text import Text
-
-    from gcs_autotune.report import diagnosis_summary
+    from gcs_autotune.report import diagnosis_document
     from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
 
     if args.list_effects:
-        return _list(as_json=args.json)
+        from gcs_autotune.effects import EFFECTS
+        from gcs_autotune.report import effects_document
+
+        put_out(effects_document(EFFECTS), as_json=args.json)
+        return 0
     runs, simulations, others = read_runs(args), read_others(args, args.simulation), read_others(args, args.validate)
     directory, replaced = args.resume or args.out, ""
     if directory is None and not args.json:
@@ -111,37 +110,18 @@ def _run(args: argparse.Namespace) -> int:
     )
     with progress_bar(args, until) as bar:
         told = run_diagnosis(runs, others, settings, bar)
-    page = None
+    lines = []
     if directory is not None:
         page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
-    if args.json:
-        sys.stdout.write(told.to_json() + "\n")
-        return 0
-    console = Console()
-    console.print(diagnosis_summary(told))
-    console.print(Text(f"\nPage: {page}{replaced}"), soft_wrap=True)
+        lines.append(f"Report: {page}{replaced}")
     if told.verdict == "unfinished":
-        console.print(
-            Text(f"Not finished. Run the same command with --resume {directory} to continue."), soft_wrap=True
-        )
+        lines.append(f"Not finished. Run the same command with --resume {directory} to continue.")
+    put_out(diagnosis_document(told), *lines, as_json=args.json)
     return 0
 
 
 def _names(text: str | None) -> tuple[str, ...]:
     return tuple(piece.strip() for piece in (text or "").split(",") if piece.strip())
-
-
-def _list(*, as_json: bool) -> int:
-    from rich.console import Console
-
-    from gcs_autotune.effects import EFFECTS
-    from gcs_autotune.report import effects_list, effects_to_dict
-
-    if as_json:
-        sys.stdout.write(json_text(effects_to_dict(EFFECTS)))
-    else:
-        Console().print(effects_list(EFFECTS))
-    return 0
 
 
 COMMAND = Command(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -26,7 +25,7 @@ from gcs_autotune.cli.command import (
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
-from gcs_autotune.plain_json import json_text
+from gcs_autotune.cli.writing import put_out
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection
@@ -58,9 +57,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     """Fly and identify over an open link, and show the result."""
-    from rich.console import Console
-
-    from gcs_autotune.report import fit_summary
+    from gcs_autotune.report import fit_document
     from gcs_autotune.workflow import TuneSettings, experiment
 
     hysteresis = args.relay_hysteresis
@@ -84,13 +81,9 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     )
     with attending(args) as (operator, watcher):
         fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
-    if args.remote:
-        pass  # standard output is the program's
-    elif args.json:
-        sys.stdout.write(json_text(fit.to_dict()))
-    else:
-        Console().print(fit_summary(fit))
-        sys.stdout.write(f"Recorded in {settings.directory}\nReport: {settings.directory / 'report.html'}\n")
+    if not args.remote:  # else standard output is the program's
+        page = settings.directory / "report.html"
+        put_out(fit_document(fit), f"Recorded in {settings.directory}", f"Report: {page}", as_json=args.json)
     operator.ring()
     return 0
 

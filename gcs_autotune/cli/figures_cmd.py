@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
-from gcs_autotune.plain_json import json_text
+from gcs_autotune.cli.writing import put_out
 
 __all__ = ["COMMAND"]
 
@@ -32,19 +31,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(*args.runs)
-    from rich.console import Console
-
     from gcs_autotune.logs import load_runs
-    from gcs_autotune.report import sheets_summary
+    from gcs_autotune.report import sheets_document
     from gcs_autotune.seatrials import Particulars, ship_figures
 
     ship = Particulars(_known(args.length), _known(args.speed), args.scale)
     trials = [trial for path in args.runs for trial in load_runs(path)]
     sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
-    if args.json:
-        sys.stdout.write(json_text({"schema": 1, "sheets": [s.to_dict() for s in sheets]}))
-    else:
-        Console().print(sheets_summary(sheets))
+    put_out(sheets_document(sheets), as_json=args.json)
     return 0
 
 

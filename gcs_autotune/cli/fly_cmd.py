@@ -29,13 +29,13 @@ from gcs_autotune.cli.command import (
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
+from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
-from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.axes import AxisKind
-    from gcs_autotune.workflow import Connection, FlightPlan, FlightResult, Precision, TuneSettings
+    from gcs_autotune.workflow import CommonSettings, Connection, FlightPlan, FlightResult, Precision
 
 __all__ = ["COMMAND", "add_flight", "run_flight"]
 
@@ -151,9 +151,7 @@ def run_flight(
 
 def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -> int:
     """Fly over an open link and show the verdict on the loop of *axis*."""
-    from rich.console import Console
-
-    from gcs_autotune.report import recheck_summary
+    from gcs_autotune.report import recheck_document
     from gcs_autotune.workflow import recheck
 
     now = datetime.now()
@@ -165,11 +163,8 @@ def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -
             watcher.say(found.text)
     if args.remote:
         return 0
-    if args.json:
-        sys.stdout.write(json_text(found.to_dict()))
-    else:
-        Console().print(recheck_summary(found))
-        sys.stdout.write(f"Recorded in {common.directory}\nReport: {common.directory / 'report.html'}\n")
+    page = common.directory / "report.html"
+    put_out(recheck_document(found), f"Recorded in {common.directory}", f"Report: {page}", as_json=args.json)
     operator.ring()
     return 0
 
@@ -208,13 +203,13 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 
 def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
-) -> tuple[FlightPlan, TuneSettings]:
+) -> tuple[FlightPlan, CommonSettings]:
     """Return the flight plan and the settings its runs share; *label*: of the run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area
     from gcs_autotune.registry import lookup
-    from gcs_autotune.workflow import PLAN_FILE, FlightPlan, FlySettings, TuneSettings, first_run, load_flight_plan
+    from gcs_autotune.workflow import PLAN_FILE, CommonSettings, FlightPlan, FlySettings, first_run, load_flight_plan
 
     until = _precision(args)
     goes_on = args.resume is not None and until is None
@@ -230,8 +225,7 @@ def _plan(
         raise UsageError(
             "--until does not apply to a plan, which lists all its runs. Use it with one manoeuvre, or none"
         )
-    common = TuneSettings(
-        axis="heading",
+    common = CommonSettings(
         connection=connection,
         directory=run_directory(args, connection.uri, now, label or Path(what).stem or "trial"),
         throttle=args.throttle,
@@ -272,10 +266,7 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _tell_preview(result: FlightResult) -> int:
-    for run in result.runs:
-        of = f"{run.planned.name}: " if len(result.runs) > 1 else ""
-        sys.stdout.write(f"Predicted: {of}{run.preview.told()}\n")
-    sys.stdout.write(f"Plotted in {result.page}\n")
+    put_out(result.document, f"Report: {result.page}")
     troubles = [run.preview.trouble for run in result.runs if run.preview.trouble]
     if troubles:
         raise UsageError(f"do not fly this: {troubles[0]}")
@@ -284,9 +275,6 @@ def _tell_preview(result: FlightResult) -> int:
 
 def _fly(args: argparse.Namespace, connection: Connection) -> int:
     """Fly over an open link and show the result."""
-    from rich.console import Console
-
-    from gcs_autotune.report import model_summary, sheets_summary
     from gcs_autotune.workflow import fly_plan
 
     now = datetime.now()
@@ -301,25 +289,8 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
         return 0
     if args.preview:
         return _tell_preview(result)
-    if args.json:
-        sheets, models = [s.to_dict() for s in result.sheets], [m.to_dict() for m in result.models]
-        sys.stdout.write(json_text({"schema": 1, "sheets": sheets, "models": models}))
-    else:
-        console = Console()
-        if result.sheets:
-            console.print(sheets_summary(result.sheets))
-        for model in result.models:
-            console.print(model_summary(model.fit))
-            if model.unseen is not None:
-                held = ", ".join(model.held_out)
-                console.print(f"Held-out prediction of {held}: {model.unseen.fit_percent:.1f} %\n")
-        for step in result.steps:
-            console.print(f"{step.run}: {step.precision.told(step.outlook.relative)}", highlight=False, markup=False)
-        if result.steps:
-            console.print(f"{result.steps[-1].ended}\n", highlight=False, markup=False)
-        for remark in result.remarks:
-            console.print(remark, soft_wrap=False, highlight=False, markup=False)
-        sys.stdout.write(f"Recorded in {common.directory}\nReport: {result.page}\n")
+    lines = (f"Recorded in {common.directory}", f"Report: {result.page}")
+    put_out(result.document, *lines, as_json=args.json)
     operator.ring()
     return 0
 

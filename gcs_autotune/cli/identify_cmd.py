@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from importlib import resources
@@ -12,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
-from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.errors import UsageError
 from gcs_autotune.methods import METHOD_PLACES
-from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files import Refused, clipped, parse
@@ -123,15 +121,12 @@ def _run(args: argparse.Namespace) -> int:
     if args.method != "list":
         check_files(*args.runs, *args.validate, args.start, args.parameters)
 
-    from rich.console import Console
-    from rich.text import Text
-
     from gcs_autotune.identify import METHODS, load_model, save_model
-    from gcs_autotune.report import render_study, study_summary, study_to_dict
+    from gcs_autotune.report import method_list, study_document, to_html
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
-        _list(METHODS)
+        put_out(method_list(METHODS.values()))
         return 0
     runs = read_runs(args)
     if args.plan is not None:
@@ -158,6 +153,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     with progress_bar(args) as bar:
         found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)
+    document = study_document(found)
     said = [] if begin == args.start else [f"Structure, effects and start values: those of {begin}"]
     if args.save is not None:
         replaced = on_replacing(args.save)
@@ -165,30 +161,18 @@ def _run(args: argparse.Namespace) -> int:
         said.append(f"Model: {args.save}{replaced}")
     page = _page(args)
     if page is not None:
-        said.append(f"Page: {page}{on_replacing(page)}")
-        page.write_text(render_study(found), encoding="utf-8")
-    if args.json:
-        sys.stdout.write(json_text(study_to_dict(found)))
-        return 0
-    console = Console()
-    console.print(study_summary(found))
-    if said:
-        console.print(Text("\n" + "\n".join(said)), soft_wrap=True)
+        said.append(f"Report: {page}{on_replacing(page)}")
+        page.write_text(to_html(document), encoding="utf-8")
+    put_out(document, *said, as_json=args.json)
     return 0
 
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str, float]) -> int:
     """Identify step by step, following a plan."""
-    from rich.console import Console
-
     from gcs_autotune.identify import load_plan, run_plan
-    from gcs_autotune.report import plan_summary
+    from gcs_autotune.report import plan_document
 
-    result = run_plan(load_plan(args.plan).knowing(known), runs)
-    if args.json:
-        sys.stdout.write(json_text(result.to_dict()))
-    else:
-        Console().print(plan_summary(result))
+    put_out(plan_document(run_plan(load_plan(args.plan).knowing(known), runs)), as_json=args.json)
     return 0
 
 
@@ -259,14 +243,6 @@ def _value(flag: str, pair: str, text: str) -> Any:
         if text.strip()[:1] in tuple("-+.0123456789[{"):
             raise UsageError(f"{flag} {clipped(pair)}: {error}") from None
         return text
-
-
-def _list(methods: Any) -> None:
-    from rich.console import Console
-
-    from gcs_autotune.report import method_list
-
-    Console().print(method_list(methods.values()))
 
 
 COMMAND = Command(

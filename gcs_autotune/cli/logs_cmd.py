@@ -21,7 +21,7 @@ from gcs_autotune.cli.command import (
 )
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.cli.reading import add_parameters, read_parameters
-from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
@@ -88,16 +88,14 @@ def _fetch(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     check_files(*args.files, args.parameters)
-    from rich.console import Console
-
     from gcs_autotune.logs import fresh_folder, survey, write_runs
-    from gcs_autotune.report import log_summary
+    from gcs_autotune.report import log_document
 
     logs = [(path, *_read(path, args)) for path in args.files]
     surveys = [survey(log, cut) for _, log, cut in logs]
     if not args.json:
         for told in surveys:
-            Console().print(log_summary(told))
+            put_out(log_document(told))
     written: list[Path] = []
     if args.action == "import" and not args.dry_run:
         folder = fresh_folder(args.out or fresh(Path("runs") / f"log-{args.files[0].stem}"))

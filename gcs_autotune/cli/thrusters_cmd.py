@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import finite
-from gcs_autotune.plain_json import json_text
 from gcs_autotune_files import clipped
 
 __all__ = ["COMMAND"]
@@ -37,9 +37,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from gcs_autotune.report import propeller_summary, thruster_summary
+    from gcs_autotune.report import propeller_document, thruster_document
     from gcs_autotune.thrusters import (
         fit_bilinear,
         fit_open_water,
@@ -53,7 +51,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.diameter is not None or (args.column is None and "V_A" in read_columns(args.file)):
         test = read_open_water(args.file)
         found = fit_bilinear(test) if args.diameter is None else fit_open_water(test, args.diameter, rho=args.density)
-        shown, data = propeller_summary(found), found.to_dict()
+        document = propeller_document(found)
     else:
         if args.forces is not None and args.forces.endswith(".csv"):
             pulls: list[float] | None
@@ -66,11 +64,8 @@ def _run(args: argparse.Namespace) -> int:
         fit = fit_thruster(
             read_pull_test(args.file, command=args.column, force=args.force, pulls=pulls), neutral=args.neutral
         )
-        shown, data = thruster_summary(fit), fit.to_dict()
-    if args.json:
-        sys.stdout.write(json_text(data))
-    else:
-        Console().print(shown)
+        document = thruster_document(fit)
+    put_out(document, as_json=args.json)
     return 0
 
 

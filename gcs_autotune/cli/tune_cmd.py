@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import shlex
-import sys
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,8 +29,8 @@ from gcs_autotune.cli.command import (
     run_directory,
 )
 from gcs_autotune.cli.remote import attending
+from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
-from gcs_autotune.plain_json import json_text
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
@@ -114,21 +113,16 @@ def _check(args: argparse.Namespace) -> None:
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
-    from rich.console import Console
-
-    from gcs_autotune.report import show_tune, summarise
+    from gcs_autotune.report import tune_document
     from gcs_autotune.workflow import tune
 
     now = datetime.now()
     settings = tune_settings(args, connection, now)
     with attending(args, "or --dry-run to change nothing") as (operator, watcher):
         story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
-    if args.remote:
-        pass  # standard output is the program's
-    elif args.json:
-        sys.stdout.write(json_text(summarise(story)))
-    else:
-        show_tune(Console(), story)
+    if not args.remote:  # else standard output is the program's
+        page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
+        put_out(tune_document(story), *page, as_json=args.json)
     operator.ring()
     return RESTORED if story.ending == "restored" else 0
 

@@ -1,11 +1,19 @@
-"""Where results go; replacing those of an earlier run is always reported."""
+"""Where results go: reports to standard output, files to disk; replacing those of an earlier run is reported."""
 
 from __future__ import annotations
 
 import itertools
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["fresh", "on_replacing"]
+from gcs_autotune.plain_json import json_text
+from gcs_autotune.untrusted_text import visible
+
+if TYPE_CHECKING:
+    from gcs_autotune.report import Document
+
+__all__ = ["fresh", "on_replacing", "put_out"]
 
 
 def fresh(path: Path) -> Path:
@@ -21,3 +29,19 @@ def on_replacing(path: Path) -> str:
     """Return a note for the line that shows *path*; empty if no file is replaced. Call before writing."""
     is_there = any(path.iterdir()) if path.is_dir() else path.exists()
     return " (replaced an earlier file)" if is_there else ""
+
+
+def put_out(document: Document, *lines: str, as_json: bool = False) -> None:
+    """Print a report on standard output, as JSON or for people; for these followed by *lines*, such as its file."""
+    from gcs_autotune.report import print_document, to_json
+
+    if as_json:
+        sys.stdout.write(json_text(to_json(document)))
+        return
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console()
+    print_document(console, document)
+    if lines:
+        console.print(Text("\n" + "\n".join(visible(line) for line in lines)), soft_wrap=True)

@@ -9,7 +9,6 @@ What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` 
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
-from gcs_autotune.design.hunting import Hunting
 from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability_bound, uncertainty_of
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
@@ -23,7 +22,7 @@ from gcs_autotune.design.prediction import told_over
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.result import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
+from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter_of

@@ -7,15 +7,15 @@ simulation includes every limit of the autopilot.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.laws import Scenario, Settings
 from gcs_autotune.design.matching import DesignProblem
+from gcs_autotune.design.result import Hunting
 
-__all__ = ["Hunting", "hunting_of"]
+__all__ = ["hunting_of"]
 
 Array = NDArray[np.float64]
 
@@ -24,24 +24,6 @@ LONG = 300.0
 
 REST = 1e-3
 """Motion relative to the step that counts as rest. Chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hunting:
-    """The residual motion after a step: ``amplitude`` and ``offset`` [rad or m], ``period`` [s].
-
-    ``period`` is infinite without oscillation; ``travel``: output travel [normalised per s].
-    """
-
-    amplitude: float
-    period: float
-    offset: float
-    travel: float
-
-    @property
-    def swings(self) -> bool:
-        """Whether there is a limit cycle."""
-        return math.isfinite(self.period)
 
 
 def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunting:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT
-from gcs_autotune.design.hunting import Hunting, hunting_of
+from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
@@ -29,7 +29,7 @@ from gcs_autotune.design.refinement import (
     refine_briefly,
     refine_for_both,
 )
-from gcs_autotune.design.result import Beside, Change, Proposal, ReferenceModel
+from gcs_autotune.design.result import Beside, Change, Hunting, Proposal, ReferenceModel
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better

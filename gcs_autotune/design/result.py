@@ -16,12 +16,12 @@ from gcs_autotune.rounding import format_number
 if TYPE_CHECKING:
     from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.effect_reduction import Remark
-    from gcs_autotune.design.hunting import Hunting
     from gcs_autotune.design.open_loop import OpenLoop
 
 __all__ = [
     "Beside",
     "Change",
+    "Hunting",
     "Margins",
     "Prediction",
     "Proposal",
@@ -41,6 +41,24 @@ class ReferenceModel:
     a1: float
     a2: float
     a3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hunting:
+    """The residual motion after a step: ``amplitude`` and ``offset`` [rad or m], ``period`` [s].
+
+    ``period`` is infinite without oscillation; ``travel``: output travel [normalised per s].
+    """
+
+    amplitude: float
+    period: float
+    offset: float
+    travel: float
+
+    @property
+    def swings(self) -> bool:
+        """Whether there is a limit cycle."""
+        return math.isfinite(self.period)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
 from gcs_autotune.diagnose.result import ErrorReduction
-from gcs_autotune.diagnose.sampling_interval import horizons
+from gcs_autotune.diagnose.sampling_interval import foresight, horizons, refitted
 from gcs_autotune.identify import Segment, WanderingFit, WanderingProblem
 from gcs_autotune.sname import SIGNALS
 
@@ -42,11 +42,14 @@ SURE = 0.95
 """Quantile at either end of a 90 % interval: a gain is none in one case of twenty."""
 
 
-def unseen_of(problem: WanderingProblem, folds: Folds, fit: WanderingFit) -> Unseen:
-    """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
-    found = []
+def unseen_of(problem: WanderingProblem, plain: WanderingFit, folds: Folds, fit: WanderingFit) -> Unseen:
+    """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out.
+
+    plain : the model without any cause, by which it is chosen how far ahead refits are compared.
+    """
+    seconds, found = foresight(problem, plain), []
     for train, test in folds:
-        again = problem.on(train).fit(fit.theta, fit.effects, fit.water, rounds=REFIT)
+        again = refitted(problem.on(train), fit, REFIT, seconds)
         found.append(None if again is None else problem.on(test).judge(again))
     return found
 

@@ -152,7 +152,7 @@ class WithProcessNoise:
 
     def unseen(self, fit: WanderingFit) -> Unseen:
         """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
-        return unseen_of(self.problem, self.folds, fit)
+        return unseen_of(self.problem, self.plain, self.folds, fit)
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:
         """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""

@@ -149,7 +149,7 @@ class NoiseSearch:
 
         Of :func:`.horizons`, that where the error falls more.
         """
-        before, after = (unseen_of(self.problem, self.folds, fit) for fit in (other, self.fit))
+        before, after = (unseen_of(self.problem, self.plain, self.folds, fit) for fit in (other, self.fit))
         found = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
         return min((gain for _, gain in found), key=lambda g: g.ratio, default=None)
 

@@ -18,7 +18,18 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.identify import WanderingFit, WanderingProblem
 
-__all__ = ["Look", "Plain", "changes_at", "commanded", "foresight", "horizons", "judged_at", "rms_ahead", "stands"]
+__all__ = [
+    "Look",
+    "Plain",
+    "changes_at",
+    "commanded",
+    "foresight",
+    "horizons",
+    "judged_at",
+    "refitted",
+    "rms_ahead",
+    "stands",
+]
 
 Array = NDArray[np.float64]
 
@@ -52,6 +63,12 @@ NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 NEAREST, ROUGH = 3, 3
 """Chosen: terms fitted to the end at each interval, and scoring rounds of the others."""
+
+OTHER_CRAFT = 2.0
+"""Chosen: ratio of two time constants from which on a refit to fewer runs is of another craft."""
+
+PACES, PACED = 2.0, 6
+"""Chosen: factor between the time constants tried for such a refit, and scoring rounds at each."""
 
 
 def commanded(problem: WanderingProblem) -> float:
@@ -127,6 +144,43 @@ def rms_ahead(problem: WanderingProblem, fit: WanderingFit, seconds: float) -> f
     """Return the rms error *seconds* [s] ahead of samples all along the records, inf where the model runs away."""
     errors = problem.ahead(fit, seconds)
     return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.all(np.isfinite(errors)) else math.inf
+
+
+def refitted(problem: WanderingProblem, fit: WanderingFit, rounds: int, seconds: float | None) -> WanderingFit | None:
+    """Return *fit*, made on more runs, refitted to those of *problem*; None where the filter runs away.
+
+    The likelihood is that of the next sample. Of fewer runs it may prefer another craft, quicker than a sample of the
+    record, whose drifting force follows each sample: its error *seconds* [s] ahead tells. So where the time constant of
+    the refit is another, several are tried, and that with the smallest error ahead on the runs of *problem* is taken.
+    """
+    again = problem.fit(fit.theta, fit.effects, fit.water, rounds=rounds)
+    if again is None or seconds is None:
+        return again
+    before, after = (1.0 / max(abs(float(f.theta[1])), 1e-9) for f in (fit, again))
+    if 1.0 / OTHER_CRAFT < after / before < OTHER_CRAFT:
+        return again
+    best, least = again, math.inf if after < problem.data.interval else rms_ahead(problem, again, seconds)
+    longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
+    pace, slowest = min(before, after) / PACES, min(max(before, after) * PACES, longest)
+    while pace <= 1.001 * slowest:
+        if pace >= problem.data.interval:
+            fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, float(fit.theta[1])))
+            error = math.inf if fixed is None else rms_ahead(problem, fixed, seconds)
+            if fixed is not None and error < least:
+                best, least = fixed, error
+        pace *= PACES
+    return best
+
+
+def _at_pace(problem: WanderingProblem, fit: WanderingFit, damping: float) -> WanderingFit | None:
+    """Return the likeliest refit with that *damping* [1/s]."""
+    low, high = (limit.copy() for limit in problem.limits)
+    low[1] = high[1] = damping
+    held = WanderingProblem(problem.form, problem.segments, problem.data, (low, high))
+    share = damping / float(fit.theta[1] or damping)
+    starts = [np.array([fit.theta[0] * k, damping]) for k in (1.0, share)]
+    fits = [held.fit(start, fit.effects, fit.water, rounds=PACED) for start in starts]
+    return max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

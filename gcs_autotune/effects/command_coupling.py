@@ -11,7 +11,6 @@ from gcs_autotune.effects.actuator import ActuatorEffect, redrawn
 from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES
-from gcs_autotune.sname import SIGNALS
 
 __all__ = ["CommandCoupling"]
 
@@ -72,8 +71,7 @@ class CommandCoupling(ActuatorEffect):
         name, other = columns_of(effect.place)
         low, high = data.extent[other]
         command = np.linspace(min(low, 0.0), max(high, 0.0), 101)
-        unit = data.inputs.get(other, SIGNALS[other][0])
-        x_label, y_label = f"{other} commanded [{unit}]", f"{name} acting [{data.inputs[name]}]"
+        x_label, y_label = f"{other} commanded [{data.command_unit(other)}]", f"{name} acting [{data.inputs[name]}]"
         return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Another axis' command acts here")
 
 

@@ -11,7 +11,7 @@ from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers
 from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
-from gcs_autotune.slow_imports import scipy_signal
+from gcs_autotune.smoothing import best_width, local_polynomials
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel
 
@@ -24,7 +24,7 @@ VARIES = 0.1
 GAIN_OF = "gain_"
 """Constants ``gain_N`` and so on: what a simulated flow multiplies, the base model's forces per input."""
 
-WINDOWS = (5, 9, 15, 25, 41, 67, 111)
+WIDTHS = (5, 9, 15, 25, 41, 67, 111)
 """Samples a parabola may be laid through to smooth the speed; which, every run says itself."""
 
 
@@ -199,8 +199,7 @@ class PropellerWash(ActuatorEffect):
         low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
         thrust = np.linspace(min(low, 0.0), high, 201)
         gain = self._gain(effect, thrust)
-        unit = data.inputs.get(THRUST, SIGNALS[THRUST][0])
-        x_label, y_label = f"{THRUST} commanded [{unit}]", f"gain of {name} [1]"
+        x_label, y_label = f"{THRUST} commanded [{data.command_unit(THRUST)}]", f"gain of {name} [1]"
         return EffectCurve(thrust, gain, x_label, y_label, "Steering over thrust", plain=np.ones_like(thrust))
 
 
@@ -230,24 +229,14 @@ def _gains(place: str, data: DataSummary) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _smooth(speed: Channel) -> tuple[Array, Array]:
-    """Return stamps and smoothed speeds (n,) of the samples there are, by moving parabolas (Savitzky1964).
-
-    The window is that which foretells samples left out of it best: the noise would come out as speed that varies.
-    """
+    """Return stamps and smoothed speeds (n,) of the samples there are: noise would come out as speed that varies."""
     good = np.isfinite(speed.values)
     t, values = speed.t[good], speed.values[good]
-    best, least = values, np.inf
-    for window in WINDOWS:
-        if 3 * window > len(values):
-            break
-        smooth: Array = scipy_signal().savgol_filter(values, window, 2)
-        own = float(scipy_signal().savgol_coeffs(window, 2)[window // 2])
-        half = window // 2
-        left_out = (values - smooth)[half : len(values) - half] / (1.0 - own)
-        error = float(np.mean(left_out**2))
-        if error < least:
-            best, least = smooth, error
-    return t, best
+    widths = [w for w in WIDTHS if 3 * w <= len(values)]
+    if not widths:
+        return t, values
+    width, _ = best_width(t, values, widths, degree=2)
+    return t, local_polynomials(t, values, t, width, degree=2).derivative(0)
 
 
 GAIN, AXIS = "gain", "axis"

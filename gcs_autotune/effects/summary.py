@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from gcs_autotune.models import Form
-from gcs_autotune.sname import DOFS
+from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [
     "DataSummary",
@@ -66,6 +66,11 @@ class DataSummary:
     def full(self) -> Mapping[str, float]:
         """What full output of each input is: 1 where it is recorded in shares of full, else the largest seen."""
         return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.amplitude.items()}
+
+    def command_unit(self, name: str) -> str:
+        """Return the unit of a command; one that drives nothing here is a share where all those that do are."""
+        shares = set(self.inputs.values()) == {"1"}
+        return self.inputs.get(name, "1" if shares else SIGNALS[name][0])
 
 
 RIGID_BODY = {"surge": "m", "sway": "m", "heave": "m", "roll": "I_x", "pitch": "I_y", "yaw": "I_z"}

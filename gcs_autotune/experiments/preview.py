@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import FittedModel, Segment, Signal
-from gcs_autotune.manoeuvres import Outcome, Preset
+from gcs_autotune.manoeuvres import Preset, fly_on
 from gcs_autotune.models import FORCES, Form, Simulator, states_of
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -256,10 +256,10 @@ def fly(
     """
     x_0 = _start(subject, allocation)
     t: Array = np.arange(round(seconds / step), dtype=np.float64) * step
-    commanded = _commanded(subject, allocation, preset, t, x_0, seconds)
-    if commanded is None:
+    plant, manoeuvre = _FittedPlant(subject, allocation, t, x_0, closed=preset.closed), preset.make(seconds)
+    if not fly_on(plant, manoeuvre, ticks=len(t), tick=step):
         return None
-    inputs, used, outcome = commanded
+    inputs, used, outcome = plant.inputs, plant.used, manoeuvre.outcome
     if to_its_end:
         if outcome is None or outcome.ending == "aborted":
             return None
@@ -291,32 +291,40 @@ def fly(
     return Flight(t, inputs, replace(record, signals=signals), x_0, room_of(subject.form, stamps, X), thinned)
 
 
-def _commanded(
-    subject: FittedModel, allocation: ChannelAllocation, preset: Preset, t: Array, x_0: Array, seconds: float
-) -> tuple[Array, int, Outcome | None] | None:
-    """Return the inputs (j, m) that the manoeuvre commands at *t*, after its end none, how many steps it took, and how
-    it ended.
+class _FittedPlant:
+    """The identified model, starting in the state *x_0*, under commands at the stamps *t* (j,).
 
-    Open loops are not simulated.
+    closed : whether it moves between the commands; else the state stays and only the time passes. ``inputs`` (j, m) are
+    none after the last command taken, the ``used``-th.
     """
-    simulator = Simulator(subject.form)
-    states, x = simulator.states, x_0
-    inputs = np.zeros((len(t), len(allocation.channels)))
-    manoeuvre = preset.make(seconds)
-    commands = manoeuvre.commands(_observed(0.0, states, x_0))
-    command = next(commands)
-    i = 0
-    for i in range(len(t)):
-        inputs[i] = allocation.inputs(_shares(command))
-        if i + 1 == len(t) or manoeuvre.outcome is not None:
-            break
-        if preset.closed:
-            found = simulator.run(subject.theta, x, t[: i + 1], inputs[: i + 1], t[i : i + 2])
-            if found is None:
-                return None
-            x = found[0][-1]
-        command = commands.send(_observed(float(t[i + 1]), states, x))
-    return inputs, i + 1, manoeuvre.outcome
+
+    def __init__(
+        self, subject: FittedModel, allocation: ChannelAllocation, t: Array, x_0: Array, *, closed: bool
+    ) -> None:
+        self._theta, self._allocation, self._t, self._closed = subject.theta, allocation, t, closed
+        self._simulator, self._x = Simulator(subject.form), x_0
+        self.inputs = np.zeros((len(t), len(allocation.channels)))
+        self.used = 0
+
+    def observe(self) -> Observation:
+        """Return the motion now."""
+        return _observed(float(self._t[self.used]), self._simulator.states, self._x)
+
+    def take(self, command: Command) -> None:
+        """Take the command of this tick."""
+        self.inputs[self.used] = self._allocation.inputs(_shares(command))
+        self.used += 1
+
+    def advance(self, seconds: float) -> bool:
+        """Move on to the next stamp."""
+        if not self._closed:
+            return True
+        t, k = self._t, self.used
+        found = self._simulator.run(self._theta, self._x, t[:k], self.inputs[:k], t[k - 1 : k + 1])
+        if found is None:
+            return False
+        self._x = found[0][-1]
+        return True
 
 
 def _shares(command: Command) -> Mapping[str, float]:

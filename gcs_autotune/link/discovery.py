@@ -4,34 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from gcs_autotune.errors import NoVehicle, SigningMismatch, UsageError
-from gcs_autotune.link.frame_port import FramePort
 from gcs_autotune.mavlink import (
     Frame,
     Message,
     Refusal,
     Signer,
     VehicleIdentity,
-    firmware_version,
     is_signed,
     mavlink,
     refusals,
     type_name,
-    unique_id,
 )
-
-if TYPE_CHECKING:
-    from gcs_autotune.link.session import Session
 
 __all__ = [
     "Sightings",
     "VehicleCandidate",
     "cannot_be_commanded",
     "choose",
-    "find",
-    "introduce",
     "is_autopilot",
     "nobody_found",
     "not_believed",
@@ -160,56 +152,3 @@ def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> Signin
         f"{candidate} on {description} signs its messages and answers none of ours: it accepts only messages signed "
         "with its key. Use --signing-key FILE or --signing-passphrase"
     )
-
-
-_HEARD_OUT = 2.0
-"""Seconds that the link is listened to for a second autopilot: two heartbeats."""
-_VERSION_TRIES = 3
-
-
-def find(
-    session: Session, port: FramePort, sightings: Sightings, timeout: float, system_id: int | None
-) -> VehicleCandidate:
-    """Return the only autopilot heard on *port*, or that with *system_id*; errors as those of ``Session.discover``."""
-    wanted = session.wait_for(lambda: sightings.found(system_id), timeout)
-    if wanted is None:
-        where = session.transport.description
-        if port.signer and port.signer.refused:
-            raise not_believed(port.signer, where)
-        where += port.trouble
-        raise nobody_found(where, timeout, system_id, sightings.candidates, session.routing.foreign, port.bad_bytes)
-    if system_id is not None:
-        return wanted
-    session.pause(_HEARD_OUT)
-    return choose(list(sightings.candidates.values()))
-
-
-def introduce(session: Session, port: FramePort, sightings: Sightings, wanted: VehicleCandidate) -> VehicleIdentity:
-    """Return who *wanted* says it is, once the session listens to it.
-
-    Raises
-    ------
-    SigningMismatch
-        It signs, we have no key, and it does not answer.
-    """
-    version, uid = _ask_version(session)
-    if port.signer is None and sightings.signs(wanted):
-        if not version:
-            raise cannot_be_commanded(wanted, session.transport.description)
-        session.notes.append("the vehicle signs its messages, but accepts unsigned ones on this link")
-    return wanted.identity(version=version, uid=uid)
-
-
-def _ask_version(session: Session) -> tuple[str, str]:
-    """Return (firmware version, unique id), each empty when it is not told."""
-    answers: list[Message] = []
-    stop = session.listen("AUTOPILOT_VERSION", answers.append)
-    try:
-        for _ in range(_VERSION_TRIES):
-            session.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-            if session.wait_for(lambda: True if answers else None, 1.0):
-                return firmware_version(answers[0]), unique_id(answers[0])
-    finally:
-        stop()
-    session.notes.append("the vehicle did not report its firmware version")
-    return "", ""

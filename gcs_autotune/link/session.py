@@ -16,7 +16,14 @@ from typing import Self, TypeVar
 
 from gcs_autotune.clock import Clock, Deadline
 from gcs_autotune.errors import LinkLost, OperatorStopped, TelemetryFault
-from gcs_autotune.link.discovery import Sightings, find, introduce
+from gcs_autotune.link.discovery import (
+    Sightings,
+    VehicleCandidate,
+    cannot_be_commanded,
+    choose,
+    nobody_found,
+    not_believed,
+)
 from gcs_autotune.link.frame_port import FramePort
 from gcs_autotune.link.liveness import GONE, HeldSender, Liveness, Loss
 from gcs_autotune.link.routing import Listener, Routing
@@ -28,9 +35,11 @@ from gcs_autotune.mavlink import (
     SigningKey,
     TextLog,
     VehicleIdentity,
+    firmware_version,
     mavlink,
     message_request,
     our_heartbeat,
+    unique_id,
 )
 
 __all__ = ["Listener", "OperatorStop", "PeriodicTask", "PeriodicTasks", "Session"]
@@ -57,6 +66,9 @@ _ASKED_AGAIN = 0.5
 """Seconds after which a heartbeat that did not come is asked for again."""
 _ROUNDING = 1e-6
 """Seconds: what sums of decimal fractions may be off."""
+_HEARD_OUT = 2.0
+"""Seconds that the link is listened to for a second autopilot: two heartbeats."""
+_VERSION_TRIES = 3
 
 
 _SEEN = 3
@@ -418,14 +430,52 @@ class Session:
         UsageError
             There are several and *system_id* does not say which.
         """
-        wanted = find(self, self.port, self._sightings, timeout, system_id)
+        wanted = self._find(timeout, system_id)
         self.vehicle = wanted.identity()
         self._hold(wanted.origin)
         self._held_at = self.liveness.listened
         self.liveness.heard()
         self.armed, self.custom_mode = wanted.armed, wanted.custom_mode
-        self.vehicle = introduce(self, self.port, self._sightings, wanted)
+        self.vehicle = self._introduce(wanted)
         return self.vehicle
+
+    def _find(self, timeout: float, system_id: int | None) -> VehicleCandidate:
+        """Return the only autopilot heard, or that with *system_id*; errors as those of :meth:`discover`."""
+        port, sightings = self.port, self._sightings
+        wanted = self.wait_for(lambda: sightings.found(system_id), timeout)
+        if wanted is None:
+            where = self.transport.description
+            if port.signer and port.signer.refused:
+                raise not_believed(port.signer, where)
+            where += port.trouble
+            raise nobody_found(where, timeout, system_id, sightings.candidates, self.routing.foreign, port.bad_bytes)
+        if system_id is not None:
+            return wanted
+        self.pause(_HEARD_OUT)
+        return choose(list(sightings.candidates.values()))
+
+    def _introduce(self, wanted: VehicleCandidate) -> VehicleIdentity:
+        """Return who *wanted* says it is; SigningMismatch: it signs, we have no key, and it does not answer."""
+        version, uid = self._ask_version()
+        if self.port.signer is None and self._sightings.signs(wanted):
+            if not version:
+                raise cannot_be_commanded(wanted, self.transport.description)
+            self.notes.append("the vehicle signs its messages, but accepts unsigned ones on this link")
+        return wanted.identity(version=version, uid=uid)
+
+    def _ask_version(self) -> tuple[str, str]:
+        """Return (firmware version, unique id), each empty when it is not told."""
+        answers: list[Message] = []
+        stop = self.listen("AUTOPILOT_VERSION", answers.append)
+        try:
+            for _ in range(_VERSION_TRIES):
+                self.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+                if self.wait_for(lambda: True if answers else None, 1.0):
+                    return firmware_version(answers[0]), unique_id(answers[0])
+        finally:
+            stop()
+        self.notes.append("the vehicle did not report its firmware version")
+        return "", ""
 
     def _on_heartbeat(self, message: Message) -> None:
         self.armed = _is_armed(message)

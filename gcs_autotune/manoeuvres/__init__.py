@@ -21,8 +21,9 @@ from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, PaperCraft, PaperState, Preview, preview
-from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, RelaySettings, StopRule
+from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
@@ -58,11 +59,11 @@ __all__ = [
     "Guard",
     "Manoeuvre",
     "ManoeuvreKind",
+    "NominalPlant",
     "OpenLoopProgramme",
     "Outcome",
     "Outlet",
-    "PaperCraft",
-    "PaperState",
+    "PlantState",
     "Preset",
     "Preview",
     "Relay",
@@ -73,7 +74,7 @@ __all__ = [
     "Steering",
     "Step",
     "StepSettings",
-    "StopRule",
+    "StopCriterion",
     "ThrottleSteps",
     "ThrottleStepsSettings",
     "ThrustCheck",
@@ -85,6 +86,7 @@ __all__ = [
     "Zone",
     "common_windows",
     "far_out",
+    "fly_on",
     "how_far",
     "limited_orders",
     "preview",

@@ -149,11 +149,11 @@ def _zone(corners: Sequence[Point], where: str, *, inside: bool = True) -> Zone:
     for lat, lon in points:
         if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
             raise UsageError(f"{where}: {lat:g},{lon:g} is not a latitude and longitude in degrees")
-    _see_outline(points, where)
+    _check_outline(points, where)
     return Zone(points, inside=inside)
 
 
-def _see_outline(points: Sequence[Point], where: str) -> None:
+def _check_outline(points: Sequence[Point], where: str) -> None:
     """Refuse an outline that goes round the back of the world, holds no water, or crosses itself."""
     if max(lon for _, lon in points) - min(lon for _, lon in points) > 180.0:
         raise UsageError(

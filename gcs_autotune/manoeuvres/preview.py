@@ -1,16 +1,21 @@
 """Simulated preview of a manoeuvre: track, space, time, and a limit that would end it.
 
-The degrees of freedom are uncoupled. The craft turns by its yaw model, and neither slows down in turns nor drifts
-sideways unless driven. This is conservative for space, since a craft that slows down needs less.
+Every preview is one closed loop of manoeuvre and :class:`Plant` (:func:`fly_on`): of the nominal plant here, of an
+identified model in ``experiments``.
+
+The nominal plant stands for a craft of which few figures are known, so its degrees of freedom are uncoupled: it turns
+by its yaw model, and neither slows down in turns nor drifts sideways unless driven. This is conservative for space.
+Its equations are in plain Python: previews are computed while the link is served, where nothing may wait for a
+compiler.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -23,7 +28,7 @@ from gcs_autotune.trial import Channel, Trial
 if TYPE_CHECKING:
     from gcs_autotune.models import SingleDof
 
-__all__ = ["DEEP", "SPEED_TIME", "PaperCraft", "PaperState", "Preview", "preview"]
+__all__ = ["DEEP", "SPEED_TIME", "NominalPlant", "Plant", "PlantState", "Preview", "fly_on", "preview"]
 
 TICK, INSIDE = 0.1, 5
 """Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
@@ -41,7 +46,7 @@ SPEED_TIME = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class PaperCraft:
+class NominalPlant:
     """A simulated craft; inputs are normalised outputs.
 
     Attributes
@@ -61,10 +66,8 @@ class PaperCraft:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperState:
-    """Where a craft on paper is and how it moves: time [s], heading [rad], metres from home, depth (NaN: it floats),
-    speeds.
-    """
+class PlantState:
+    """The state of a simulated craft: time [s], heading [rad], metres from home, depth (NaN: it floats), velocities."""
 
     t: float = 0.0
     psi: float = 0.0
@@ -89,12 +92,12 @@ class Preview:
     trial: Trial
     outcome: Outcome | None
     refusal: str
-    craft: PaperCraft
+    craft: NominalPlant
     room: float = math.nan
     turned: float = math.nan
     deep: float = 0.0
     away: float = math.nan
-    ends: PaperState = field(default_factory=PaperState)
+    ends: PlantState = field(default_factory=PlantState)
 
     @property
     def seconds(self) -> float:
@@ -117,89 +120,156 @@ class Preview:
         return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at} (predicted from {self.craft.source})"
 
 
+class Plant(Protocol):
+    """What a manoeuvre is flown on in a simulation."""
+
+    def observe(self) -> Observation:
+        """Return the motion now."""
+        ...
+
+    def take(self, command: Command) -> None:
+        """Take the command of this tick."""
+        ...
+
+    def advance(self, seconds: float) -> bool:
+        """Move on under the command taken last; False where the motion runs away."""
+        ...
+
+
+def fly_on(
+    plant: Plant, manoeuvre: Manoeuvre, *, ticks: int, tick: float, ends: Callable[[Observation], bool] | None = None
+) -> bool:
+    """Fly *manoeuvre* on *plant* for at most so many *ticks* of so many seconds; False where the plant runs away.
+
+    ends : whether the flight ends at an observation that the manoeuvre has not seen yet.
+    """
+    commands = manoeuvre.commands(plant.observe())
+    command = next(commands)
+    for n in range(ticks):
+        plant.take(command)
+        if manoeuvre.outcome is not None or n + 1 == ticks:
+            break
+        if not plant.advance(tick):
+            return False
+        now = plant.observe()
+        if ends is not None and ends(now):
+            break
+        command = commands.send(now)
+    return True
+
+
+class _NominalMotion:
+    """How *plant* moves from the state *begins* on; ``rows``: time, motion and outputs at every tick.
+
+    by_hand : a person pushes it.
+    """
+
+    def __init__(self, plant: NominalPlant, begins: PlantState, *, by_hand: bool) -> None:
+        self._plant, self._by_hand, self._start = plant, by_hand, begins.t
+        self._t, self._psi, self._r = begins.t, begins.psi, begins.r
+        self._x, self._y, self._z = begins.x, begins.y, begins.z
+        self._along = {"X": begins.u, "Y": begins.v, "Z": begins.w}
+        self._late: deque[float] = deque([0.0] * round(plant.yaw.delay * INSIDE / TICK))
+        self._command: Command = Actuate()
+        self._output = Actuate()
+        self.rows: list[tuple[float, ...]] = []
+
+    @property
+    def state(self) -> PlantState:
+        """Where it is now."""
+        return PlantState(self._t, self._psi, self._r, self._x, self._y, self._z, *self._along.values())
+
+    def observe(self) -> Observation:
+        """Return the motion now."""
+        u, v, w = self._along.values()
+        tilt = _pushed(self._t - self._start) if self._by_hand else 0.0
+        o = self._output
+        return Observation(
+            t=self._t, psi=self._psi, r=self._r, phi=tilt, theta=tilt, x=self._x, y=self._y, z=self._z, u=u, v=v, w=w,
+            speed=math.hypot(u, v), d=WALL - self._x, output={"N": o.N, "X": o.X, "Y": o.Y, "Z": o.Z}, armed=True,
+        )  # fmt: skip
+
+    def take(self, command: Command) -> None:
+        """Take the command of this tick, or what the autopilot's own loop makes of it."""
+        self._command = command
+        self._output = o = _steered(command, self._plant, self._psi, self._r, self._along["X"])
+        place = self._t, self._psi, self._r, self._x, self._y, self._z
+        self.rows.append((*place, self._along["X"], o.N, o.X, o.Y, o.Z))
+
+    def advance(self, seconds: float) -> bool:
+        """Move on."""
+        o, along, h = self._output, self._along, seconds / INSIDE
+        for _ in range(INSIDE):
+            self._late.append(o.N)
+            self._r += h * _acceleration(self._plant.yaw, self._r, self._late.popleft())
+            self._psi += h * self._r
+            for force, tau in (("X", o.X), ("Y", o.Y), ("Z", o.Z)):
+                held = _held(self._command, self._plant, force, along[force], self._z)
+                along[force] += h * (_along(self._plant, force, along[force], tau) if held is None else held)
+            u, v, w = along.values()
+            self._x += h * (u * math.cos(self._psi) - v * math.sin(self._psi))
+            self._y += h * (u * math.sin(self._psi) + v * math.cos(self._psi))
+            self._z += h * w
+        self._t += seconds
+        return True
+
+
+class _Monitor:
+    """Ends a preview at a safety limit (``refusal``), or where the manoeuvre ends for lack of space (``outcome``)."""
+
+    def __init__(self, manoeuvre: Manoeuvre, envelope: Envelope, now: Observation) -> None:
+        self._manoeuvre, self._depth = manoeuvre, now.z
+        self._watch = Watch(envelope, now, replace(now, x=0.0, y=0.0))
+        self.refusal = ""
+        self.outcome: Outcome | None = None
+
+    def ends(self, now: Observation) -> bool:
+        """Return whether the preview ends at *now*."""
+        try:
+            self._watch.check(now)
+        except GuardTripped as error:
+            self.refusal = str(error).partition(". The actuators")[0]
+            return True
+        where = self._watch.room_ends(now)
+        self.outcome = self._manoeuvre.where_room_ends(where) if where and self._manoeuvre.outcome is None else None
+        if self.outcome is None and self._manoeuvre.force == "Z" and now.z < SURFACE <= self._depth:
+            self.refusal = f"the craft would surface from {self._depth:.1f} m. Start deeper, or push less"
+        return self.outcome is not None or bool(self.refusal)
+
+
 def preview(
     manoeuvre: Manoeuvre,
-    craft: PaperCraft,
+    craft: NominalPlant,
     envelope: Envelope,
     *,
     floats: bool = True,
     way: float = 0.0,
     depth: float = DEEP,
-    begins: PaperState | None = None,
+    begins: PlantState | None = None,
 ) -> Preview:
-    """Fly *manoeuvre* on paper inside *envelope*.
+    """Fly *manoeuvre* in a simulation inside *envelope*.
 
     It begins at home with the bow to the north, at *way* [m/s], at *depth* [m] unless it *floats*; or as another
     manoeuvre left it, in the state *begins*.
     """
-    begins = begins or PaperState(z=math.nan if floats else depth, u=way)
-    t, psi, r, x, y, z = begins.t, begins.psi, begins.r, begins.x, begins.y, begins.z
-    start, depth = t, z
-    along = {"X": begins.u, "Y": begins.v, "Z": begins.w}
-    late: deque[float] = deque([0.0] * round(craft.yaw.delay * INSIDE / TICK))
-    rows: list[tuple[float, ...]] = []
-
-    def seen(command: Actuate) -> Observation:
-        u, v, w = along.values()
-        tilt = _pushed(t - start) if manoeuvre.by_hand else 0.0
-        output = {"N": command.N, "X": command.X, "Y": command.Y, "Z": command.Z}
-        return Observation(
-            t=t, psi=psi, r=r, phi=tilt, theta=tilt, x=x, y=y, z=z, u=u, v=v, w=w, speed=math.hypot(u, v),
-            d=WALL - x,
-            output=output, armed=True,
-        )  # fmt: skip
-
-    now = seen(Actuate())
-    home = replace(now, x=0.0, y=0.0)
-    watch, commands = Watch(envelope, now, home), manoeuvre.commands(now)
-    outcome, refusal = None, ""
-    command = next(commands)
-    while t - start < LONGEST:
-        asked = _steered(command, craft, psi, r, along["X"])
-        rows.append((t, psi, r, x, y, z, along["X"], asked.N, asked.X, asked.Y, asked.Z))
-        outcome = manoeuvre.outcome
-        if outcome is not None:
-            break
-        for _ in range(INSIDE):
-            h = TICK / INSIDE
-            late.append(asked.N)
-            r += h * _acceleration(craft.yaw, r, late.popleft())
-            psi += h * r
-            for force, tau in (("X", asked.X), ("Y", asked.Y), ("Z", asked.Z)):
-                held = _held(command, craft, force, along[force], z)
-                along[force] += h * (_along(craft, force, along[force], tau) if held is None else held)
-            u, v, w = along.values()
-            x += h * (u * math.cos(psi) - v * math.sin(psi))
-            y += h * (u * math.sin(psi) + v * math.cos(psi))
-            z += h * w
-        t += TICK
-        now = seen(asked)
-        try:
-            watch.check(now)
-        except GuardTripped as error:
-            refusal = str(error).partition(". The actuators")[0]
-            break
-        where = watch.room_ends(now)
-        outcome = manoeuvre.where_room_ends(where) if where and manoeuvre.outcome is None else None
-        if outcome is not None:
-            break
-        if manoeuvre.force == "Z" and z < SURFACE <= depth:
-            refusal = f"the craft would surface from {depth:.1f} m. Start deeper, or push less"
-            break
-        command = commands.send(now)
-    table = np.array(rows).T
+    begins = begins or PlantState(z=math.nan if floats else depth, u=way)
+    motion = _NominalMotion(craft, begins, by_hand=manoeuvre.by_hand)
+    monitor = _Monitor(manoeuvre, envelope, motion.observe())
+    fly_on(motion, manoeuvre, ticks=round(LONGEST / TICK), tick=TICK, ends=monitor.ends)
+    table, ends = np.array(motion.rows).T, motion.state
     units = {
         "psi": "rad", "r": "rad/s", "x": "m", "y": "m", "z": "m", "u": "m/s", "N": "1", "X": "1", "Y": "1", "Z": "1"
     }  # fmt: skip
     channels = {n: Channel(n, unit, table[0], table[i]) for i, (n, unit) in enumerate(units.items(), start=1)}
-    if math.isnan(z):
+    if math.isnan(ends.z):
         del channels["z"]
     trial = Trial("predicted", channels, tuple(manoeuvre.take_marks()), meta=manoeuvre.settings)
     spans = np.ptp(table, axis=1)
-    deep = 0.0 if math.isnan(z) else float(spans[5])
+    deep = 0.0 if math.isnan(ends.z) else float(spans[5])
     away = float(np.max(np.hypot(table[3], table[4])))
-    ends = PaperState(t, psi, r, x, y, z, *along.values())
-    return Preview(trial, outcome, refusal, craft, float(max(spans[3], spans[4])), float(spans[1]), deep, away, ends)
+    outcome = None if monitor.refusal else monitor.outcome or manoeuvre.outcome
+    space = float(max(spans[3], spans[4])), float(spans[1]), deep, away
+    return Preview(trial, outcome, monitor.refusal, craft, *space, ends)
 
 
 def _pushed(t: float) -> float:
@@ -208,7 +278,7 @@ def _pushed(t: float) -> float:
     return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
-def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float) -> Actuate:
+def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: float) -> Actuate:
     """Return the forces of a command; heading is held as by a well tuned autopilot, at the commanded speed."""
     if isinstance(command, Actuate):
         return command
@@ -224,7 +294,7 @@ def _steered(command: Command, craft: PaperCraft, psi: float, r: float, u: float
     return Actuate(X=thrust, N=max(-1.0, min(1.0, N)))
 
 
-def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) -> float | None:
+def _held(command: Command, craft: NominalPlant, force: str, nu: float, z: float) -> float | None:
     """Return the acceleration [m/s^2] that the autopilot's own loop of depth or speed gives; None where none does."""
     if force == "Z" and isinstance(command, DepthTarget):
         return 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
@@ -233,7 +303,7 @@ def _held(command: Command, craft: PaperCraft, force: str, nu: float, z: float) 
     return None
 
 
-def _along(craft: PaperCraft, force: str, nu: float, tau: float) -> float:
+def _along(craft: NominalPlant, force: str, nu: float, tau: float) -> float:
     """Return the acceleration [m/s^2] along a force; without a model the craft moves ahead at its speed, or not."""
     if force in craft.others:
         return _acceleration(craft.others[force], nu, tau)

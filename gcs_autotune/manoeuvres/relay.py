@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import relay_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Progress
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
 
-__all__ = ["LEAST_REVERSALS", "OptionNames", "Relay", "RelaySettings", "StopRule", "WallRelay"]
+__all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
@@ -51,90 +51,12 @@ LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
-class OptionNames(NamedTuple):
-    """What a person sets a relay's size by: named in advice."""
-
-    output: str = "--relay-output"
-    hysteresis: str = "--relay-hysteresis"
-
-
-OF_A_TUNE = OptionNames()
-"""Those of ``tune`` and ``experiment``."""
-
-
-@dataclass(frozen=True, slots=True)
-class RelaySettings:
-    """Settings. Outputs are normalised; angles rad, lengths m, times s.
+class StopCriterion(Protocol):
+    """A criterion that ends a relay before its periods agree, once the record suffices. It is asked at every tick.
 
     Attributes
     ----------
-    signal, force : the feedback signal (``psi``, ``z``, ``d``; ``x``, ``y`` for integrated surge and sway speed) and
-        the driven force.
-    output : relay output C; None: start at ``first_output`` and grow by ``growth`` up to ``most_output``.
-    hysteresis : switching value x_a; None: ``least_hysteresis`` or five times the measured noise.
-    throttle : constant thrust ahead during the experiment (a boat's rudder needs speed).
-    reference_speed : mean speed of a surge relay [m/s].
-    keep_still : hold an ROV's other axes (heading, depth).
-    periods, tolerance : the stop rule.
-    unsettled_periods, most_widenings : after this many unsettled periods an automatic hysteresis is widened by
-        ``growth``, at most this many times.
-    patience : longest time without a switching [s].
-    least_distance : nearest to a wall ahead [m], of a relay on ``d``.
-    noise_std : noise of the signal, if known; then there is no approach.
-    least_period : shortest period [s] that the link can resolve; a shorter one is widened, then rejected.
-    names : what the command at hand calls output and hysteresis.
-
-    Raises
-    ------
-    UsageError
-        An output is not within 0 to 1, a hysteresis not above 0, or a number not finite.
-    """
-
-    signal: str
-    force: str
-    output: float | None = None
-    hysteresis: float | None = None
-    throttle: float = 0.0
-    reference_speed: float = 0.0
-    keep_still: bool = False
-    first_output: float = 0.3
-    growth: float = 1.5
-    most_output: float = 0.9
-    least_hysteresis: float = math.radians(10.0)
-    periods: int = 5
-    tolerance: float = 0.10
-    most_periods: int = 30
-    unsettled_periods: int = 10
-    most_widenings: int = 2
-    patience: float = 30.0
-    least_period: float = 0.0
-    least_distance: float = 0.0
-    noise_std: float | None = None
-    names: OptionNames = OF_A_TUNE
-
-    def __post_init__(self) -> None:
-        """See that a relay can be made of it: it switches, and pushes no harder than there is."""
-        for name in ("output", "first_output", "most_output"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value <= 1.0:
-                raise UsageError(
-                    f"relay: {name} is {value:g}. It must be a normalised output above 0, at most 1"
-                    + (f" with a throttle of {self.throttle:g}" if self.throttle else "")
-                )
-        for name in ("hysteresis", "least_hysteresis"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise UsageError(f"relay: {name} is {value:g}. The switching value must be finite and above 0")
-        if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
-            raise UsageError(f"relay: throttle {self.throttle:g} or speed {self.reference_speed:g} m/s is out of range")
-
-
-class StopRule(Protocol):
-    """Ends a relay before its limit cycle has settled, once the record suffices. It is asked at every tick.
-
-    Attributes
-    ----------
-    counted_to : the vehicle's time [s] up to which the record counts when the rule ended the relay; NaN for its end.
+    counted_to : the vehicle's time [s] up to which the record counts when it ended the relay; NaN for its end.
     """
 
     counted_to: float
@@ -149,18 +71,18 @@ class StopRule(Protocol):
 
 
 class Relay(Manoeuvre):
-    """Approach (way on, noise measured), then the relay until the limit cycle has settled, or *rule* says enough."""
+    """Approach (way on, noise measured), then the relay until its periods agree or *criterion* is met."""
 
     kind = "relay"
 
-    def __init__(self, settings: RelaySettings, name: str = "relay", rule: StopRule | None = None) -> None:
+    def __init__(self, settings: RelaySettings, name: str = "relay", criterion: StopCriterion | None = None) -> None:
         super().__init__(name, signal=settings.signal, force=settings.force)
         self._settings = settings
         self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
         self._output = settings.output if settings.output is not None else settings.first_output
         self._hysteresis = settings.hysteresis or settings.least_hysteresis
         self._monitor = self._new_monitor()
-        self._rule, self._enough = rule, False
+        self._criterion, self._enough = criterion, False
         self._counted_to = math.nan
         if settings.noise_std is not None:
             self._approach.skip(settings.noise_std)
@@ -184,7 +106,7 @@ class Relay(Manoeuvre):
     def asked(self) -> Mapping[str, Any]:
         """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began.
 
-        ``enough`` : a rule ended it, so that few periods are no fault of it.
+        ``enough`` : the criterion of the caller ended it, so that few periods are no fault of it.
         """
         s = self._settings
         return {
@@ -296,14 +218,9 @@ class Relay(Manoeuvre):
         ):
             self._slow_down(t, state.cycle.T_H + state.cycle.T_L)
             return
-        enough = self._rule.update(self, state.switchings) if self._rule is not None and state.proper else ""
+        enough = self._met_criterion()
         if enough:
-            assert self._rule is not None
-            self._enough, self._counted_to = True, self._rule.counted_to
             self._end("completed", enough)
-            return
-        if state.settled:
-            self._end("completed", f"{s.periods} periods within {100 * s.tolerance:.0f} %")
             return
         if state.switchings >= self._judged + 2:
             self._judged = state.switchings
@@ -321,6 +238,17 @@ class Relay(Manoeuvre):
             self._settle(t)
         elif state.switchings >= 2 * s.most_periods:
             self._give_up(messages.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
+
+    def _met_criterion(self) -> str:
+        """Return the stop criterion that is met, in words; empty for none.
+
+        There are two: the one of the caller, where there is one, and that the periods agree.
+        """
+        s, criterion, state = self._settings, self._criterion, self._monitor.state
+        enough = criterion.update(self, state.switchings) if criterion is not None and state.proper else ""
+        if criterion is not None and enough:
+            self._enough, self._counted_to = True, criterion.counted_to
+        return enough or (f"{s.periods} periods within {100 * s.tolerance:.0f} %" if state.settled else "")
 
     def _grow(self, t: float, otherwise: str) -> None:
         """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
@@ -369,8 +297,8 @@ class Relay(Manoeuvre):
     def _reset_monitor(self) -> None:
         self._judged = 0
         self._monitor = self._new_monitor()
-        if self._rule is not None:
-            self._rule.begin()
+        if self._criterion is not None:
+            self._criterion.begin()
 
     def _new_monitor(self) -> LimitCycleMonitor:
         from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from gcs_autotune.manoeuvres.relay import RelaySettings
+from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 
 __all__ = [
     "improper",

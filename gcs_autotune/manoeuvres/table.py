@@ -10,7 +10,8 @@ from gcs_autotune.axes import EXCITATIONS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import free_decay, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.relay import OptionNames, Relay, RelaySettings, WallRelay
+from gcs_autotune.manoeuvres.relay import Relay, WallRelay
+from gcs_autotune.manoeuvres.relay_settings import OptionNames, RelaySettings
 
 __all__ = ["MANOEUVRES"]
 

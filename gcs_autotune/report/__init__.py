@@ -1,46 +1,59 @@
 """The only package that formats for people: pages, terminal tables, live lines, wording.
 
+Each report is a :class:`Document`, built by the function named after it and shown by :func:`to_html`,
+:func:`print_document` or :func:`to_json`. A new section is one function beside those of its report.
+
 =========  ======================================================================
-toolkit    the parts of every report
+toolkit    the document model, its three renderers, and what reports share
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
-summaries  terminal output of the commands without a page
+summaries  the reports of the commands without a page
 =========  ======================================================================
 """
 
 from __future__ import annotations
 
-from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
-from gcs_autotune.report.diagnosis.page import MODEL_FILE, render_diagnosis
-from gcs_autotune.report.diagnosis.tables import diagnosis_summary, effects_list, effects_to_dict
-from gcs_autotune.report.flight.page import FlightModel, TrialTold, render_flight, render_preview
-from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_summary, render_recheck
-from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
-from gcs_autotune.report.study.page import render_study
-from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study, study_to_dict
-from gcs_autotune.report.study.tables import method_list, model_summary, study_summary
-from gcs_autotune.report.summaries import (
-    log_summary,
-    plan_summary,
-    propeller_summary,
-    sheets_summary,
-    thruster_summary,
+from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
+from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
+from gcs_autotune.report.diagnosis.tables import effects_document
+from gcs_autotune.report.flight.document import (
+    FlightModel,
+    FlightStory,
+    TrialTold,
+    flight_document,
+    preview_document,
 )
-from gcs_autotune.report.toolkit.axis_fit import fit_summary
+from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
+from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
+from gcs_autotune.report.study.document import fit_document, method_list, study_document
+from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study
+from gcs_autotune.report.summaries import (
+    log_document,
+    plan_document,
+    propeller_document,
+    sheets_document,
+    thruster_document,
+)
+from gcs_autotune.report.toolkit.data import to_json
+from gcs_autotune.report.toolkit.document import Document
 from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.page import to_html
+from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
 from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
-from gcs_autotune.report.tune.run_directory import summarise, write_story
+from gcs_autotune.report.tune.document import tune_document
+from gcs_autotune.report.tune.run_directory import write_story
 from gcs_autotune.report.tune.story import TuneStory
-from gcs_autotune.report.tune.tables import show_tune
 from gcs_autotune.report.tune.wording import proof_command
 from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
     "MODEL_FILE",
+    "Document",
     "FlightModel",
+    "FlightStory",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -53,34 +66,32 @@ __all__ = [
     "TuneStory",
     "beside_telemetry",
     "correlation_plot",
-    "diagnosis_summary",
-    "effects_list",
-    "effects_to_dict",
-    "fit_summary",
+    "diagnosis_document",
+    "effects_document",
+    "fit_document",
+    "flight_document",
     "format_factor",
     "frequency_plot",
-    "hint_stories",
+    "hint_notes",
+    "hint_title",
     "lead_sentence",
-    "log_summary",
+    "log_document",
     "method_list",
-    "model_summary",
+    "plan_document",
     "plan_plot",
-    "plan_summary",
     "plot",
+    "preview_document",
+    "print_document",
     "profile_plot",
     "proof_command",
-    "propeller_summary",
-    "recheck_summary",
-    "render_diagnosis",
-    "render_flight",
-    "render_preview",
-    "render_recheck",
-    "render_study",
-    "sheets_summary",
-    "show_tune",
-    "study_summary",
-    "study_to_dict",
-    "summarise",
-    "thruster_summary",
+    "propeller_document",
+    "recheck_document",
+    "sheets_document",
+    "study_document",
+    "thruster_document",
+    "to_html",
+    "to_json",
+    "to_terminal",
+    "tune_document",
     "write_story",
 ]

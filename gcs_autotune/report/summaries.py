@@ -1,20 +1,18 @@
-"""Terminal output of the commands without a page: logs, plans, ship figures, thrusters."""
+"""The reports of the commands without a page: logs, plans, ship figures, thrusters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rich.console import Group, RenderableType
-
 from gcs_autotune.identify import CONTRADICTION, Agreement, PlanResult
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import bullet, contradictions_shown, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, bullets
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     contradictions_in,
     doubt_sentence,
+    doubt_sentences,
     format_number,
     format_seconds,
     format_value,
@@ -25,7 +23,14 @@ from gcs_autotune.rounding import EXACT
 from gcs_autotune.seatrials import Figure, Sheet
 from gcs_autotune.thrusters import PropellerFit, ThrusterFit
 
-__all__ = ["log_summary", "plan_summary", "propeller_summary", "sheet_table", "sheets_summary", "thruster_summary"]
+__all__ = [
+    "log_document",
+    "plan_document",
+    "propeller_document",
+    "sheet_section",
+    "sheets_document",
+    "thruster_document",
+]
 
 
 MESSAGES = 12
@@ -38,43 +43,51 @@ AT_ONCE = 2.0
 """States first reported within this time [s] of a log's start count as initial; heartbeats come once a second."""
 
 
-def log_summary(told: Mapping[str, Any]) -> Group:
-    """Return the output of ``logs list`` for one log."""
+def log_document(told: Mapping[str, Any]) -> Document:
+    """Return the report of one log: its contents, its boots, and the runs in it."""
+    contradictions = tuple(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION)
+    doubts = tuple(f"{cause}: {cure}" for _, cause, cure in told["notes"])
+    heading = f"{told['source']}: {told['format']}"
+    return Document(
+        title=heading,
+        contradictions=contradictions,
+        doubts=doubts or None,
+        doubted="log",
+        sections=(
+            Section("log", heading, tuple(_log(told)), facts=IN_RESULT),
+            Section("runs", "Runs", tuple(_log_runs(told)), facts=IN_RESULT),
+        ),
+        facts=told,
+    )
+
+
+def _log(told: Mapping[str, Any]) -> Iterator[Part]:
     counts = told["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
     stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
     cut = ", truncated in the middle of a message" if counts.get("truncated") else ""
-    parts: list[RenderableType] = [
-        *contradictions_shown(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION),
-        title(f"{told['source']}: {told['format']}"),
-        paragraph(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}."),
-    ]
+    yield Note(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}.")
     for number, boot in enumerate(told["boots"], start=1):
         which = f"Boot {number}: " if len(told["boots"]) > 1 else ""
-        parts.append(
-            paragraph(
-                f"{which}{boot['vehicle']}, {format_seconds(boot['duration'])}, clock: {boot['clock']}; "
-                f"{boot['parameters']} parameters; inputs: {boot['servo_map']}."
-            )
+        yield Note(
+            f"{which}{boot['vehicle']}, {format_seconds(boot['duration'])}, clock: {boot['clock']}; "
+            f"{boot['parameters']} parameters; inputs: {boot['servo_map']}."
         )
-        parts.append(paragraph(_course(boot)))
+        yield Note(_course(boot))
         if boot["dated_by_arrival"]:
-            parts.append(
-                paragraph(f"Timed by arrival, without a timestamp of their own: {', '.join(boot['dated_by_arrival'])}.")
-            )
-    parts.append(grid(_messages(told["messages"])))
+            yield Note(f"Timed by arrival, without a timestamp of their own: {', '.join(boot['dated_by_arrival'])}.")
+    yield _messages(told["messages"])
     if told["truth"]:
-        parts.append(
-            paragraph(f"The log contains a simulator's true state ({', '.join(told['truth'])}); it is not used.")
-        )
-    parts.append(title("Runs") if told["runs"] else paragraph(_no_run(told["boots"])))
+        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}); it is not used.")
+
+
+def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
+    if not told["runs"]:
+        yield Note(_no_run(told["boots"]))
     for run in told["runs"]:
-        parts.append(paragraph(f"{run['name']} (inputs: {run['input_from']})"))
-        parts += [bullet(_look(look)) for look in run["excitation"]]
-    parts += [bullet(f"skipped {row['name']}: {row['why']}") for row in told["left_out"]]
-    if told["notes"]:
-        parts += doubts_shown(f"{cause}: {cure}" for _, cause, cure in told["notes"])
-    return Group(*parts)
+        yield Note(f"{run['name']} (inputs: {run['input_from']})")
+        yield from bullets(tuple(_look(look) for look in run["excitation"]))
+    yield from bullets(tuple(f"skipped {row['name']}: {row['why']}" for row in told["left_out"]))
 
 
 def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
@@ -112,21 +125,27 @@ def _look(look: Mapping[str, Any]) -> str:
     )
 
 
-def plan_summary(result: PlanResult) -> Group:
+def plan_document(result: PlanResult) -> Document:
     """Return the result of a plan: steps with validation, agreement, parameters, final validation, doubts."""
-    parts: list[RenderableType] = [title(f"Plan {result.plan.name}: {result.plan.title}"), grid(_steps(result))]
+    step_doubts = (f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts)
+    return Document(
+        title=f"Plan {result.plan.name}: {result.plan.title}",
+        doubts=(*doubt_sentences(result.doubts), *step_doubts),
+        sections=tuple(_plan_sections(result)),
+        facts=result.to_dict(),
+    )
+
+
+def _plan_sections(result: PlanResult) -> Iterator[Section]:
+    yield Section("steps", f"Plan {result.plan.name}: {result.plan.title}", (_steps(result),), facts=IN_RESULT)
     if result.agreements:
-        parts += [title("Shared parameters, compared between steps"), grid(_agreements(result.agreements))]
-    parts += [title("Parameters of the joint fit of all runs"), grid(_plan_parameters(result))]
+        table = _agreements(result.agreements)
+        yield Section("agreements", "Shared parameters, compared between steps", (table,), facts=IN_RESULT)
+    joint = _plan_parameters(result)
+    yield Section("parameters", "Parameters of the joint fit of all runs", (joint,), facts=IN_RESULT)
     if result.final is not None:
-        parts += [
-            title("Final validation on held-out runs"),
-            grid(_final(result)),
-            paragraph(f"Fit {result.final.fit_percent:.1f} % on average."),
-        ]
-    step_doubts = [f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts]
-    parts += doubts_shown([*(doubt_sentence(d) for d in result.doubts), *step_doubts])
-    return Group(*parts)
+        parts = (_final(result), Note(f"Fit {result.final.fit_percent:.1f} % on average."))
+        yield Section("final", "Final validation on held-out runs", parts, facts=IN_RESULT)
 
 
 def _steps(result: PlanResult) -> Table:
@@ -171,17 +190,25 @@ def _final(result: PlanResult) -> Table:
 _VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
 
 
-def sheets_summary(sheets: Sequence[Sheet]) -> Group:
-    """Return the output of ``figures``: per manoeuvre its figures, verdict and doubts."""
-    parts: list[RenderableType] = []
-    parts += contradictions_shown(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts)))
-    for sheet in sheets:
-        parts.extend((title(f"{sheet.run}: {sheet.title}"), grid(sheet_table(sheet))))
-        if sheet.verdict:
-            parts.append(paragraph(f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}."))
-        if sheet.doubts:
-            parts.extend(doubts_shown((doubt_sentence(d) for d in sheet.doubts), about="figures"))
-    return Group(*parts)
+def sheets_document(sheets: Sequence[Sheet]) -> Document:
+    """Return the report of ship figures: per manoeuvre its figures, verdict and doubts."""
+    return Document(
+        title="Ship figures",
+        contradictions=tuple(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts))),
+        sections=tuple(
+            sheet_section(sheet, f"figures-{i}", doubts=True, facts=IN_RESULT)
+            for i, sheet in enumerate(sheets, start=1)
+        ),
+        facts={"schema": 1, "sheets": [sheet.to_dict() for sheet in sheets]},
+    )
+
+
+def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mapping[str, Any] | None = None) -> Section:
+    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they stand nowhere else."""
+    verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
+    about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
+    parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
+    return Section(slug, f"{sheet.run}: {sheet.title}", parts, facts=facts)
 
 
 def sheet_table(sheet: Sheet) -> Table:
@@ -218,8 +245,8 @@ _POINTS = 9
 """Number of rows of the compensation table. Chosen."""
 
 
-def thruster_summary(fit: ThrusterFit) -> Group:
-    """Return the output of ``thrusters``: the map, the choice of its structure, and commands for required forces."""
+def thruster_document(fit: ThrusterFit) -> Document:
+    """Return the report of a thruster map: its structure, and commands for required forces."""
     m = fit.map
     low, high = m.dead_zone
     way = "A higher command thrusts ahead." if m.direction > 0 else "A higher command thrusts astern."
@@ -229,28 +256,31 @@ def thruster_summary(fit: ThrusterFit) -> Group:
         else f"Dead zone from {format_number(low)} to {format_number(high)} {pretty_unit(m.unit)}."
     )
     scatter = _force_left(fit, fit.noise)
-    parts: list[RenderableType] = [
-        title(f"Thruster map of {fit.pulls.name}: {fit.structure.name}"),
-        grid(_thruster_parameters(fit)),
-        paragraph(f"{way} {zone} Scatter of one reading: {scatter} N; fit {fit.fit_percent:.1f} %."),
-        title("Which structure"),
-        grid(_candidates(fit)),
-        title("Command for a required force"),
-        grid(_compensation(fit)),
-        *doubts_shown(doubt_sentence(d) for d in fit.doubts),
-    ]
-    return Group(*parts)
+    heading = f"Thruster map of {fit.pulls.name}: {fit.structure.name}"
+    quality = Note(f"{way} {zone} Scatter of one reading: {scatter} N; fit {fit.fit_percent:.1f} %.")
+    return Document(
+        title=heading,
+        doubts=doubt_sentences(fit.doubts),
+        sections=(
+            Section("map", heading, (_thruster_parameters(fit), quality), facts=IN_RESULT),
+            Section("structure", "Which structure", (_candidates(fit),), facts=IN_RESULT),
+            Section("commands", "Command for a required force", (_compensation(fit),), facts=IN_RESULT),
+        ),
+        facts=fit.to_dict(),
+    )
 
 
-def propeller_summary(fit: PropellerFit) -> Group:
-    """Return the output of ``thrusters`` for an open-water test."""
+def propeller_document(fit: PropellerFit) -> Document:
+    """Return the report of an open-water test."""
     rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
     noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
-    return Group(
-        title(f"Propeller: {fit.kind}"),
-        grid(Table(("coefficient", "value ± std", "unit"), "lrl", rows)),
-        paragraph(f"Scatter of one run: {noise}."),
-        *doubts_shown(doubt_sentence(d) for d in fit.doubts),
+    heading = f"Propeller: {fit.kind}"
+    parts = (Table(("coefficient", "value ± std", "unit"), "lrl", rows), Note(f"Scatter of one run: {noise}."))
+    return Document(
+        title=heading,
+        doubts=doubt_sentences(fit.doubts),
+        sections=(Section("propeller", heading, parts, facts=IN_RESULT),),
+        facts=fit.to_dict(),
     )
 
 

@@ -1,11 +1,14 @@
 """Whole jobs, from link to report: what the command line's verbs do.
 
-* ``tune``, its first half ``experiment``, and ``fly`` share a ``context``: ``connection``, ``preflight``, the
-  ``runner`` of manoeuvres, the ``record`` directory, a ``worker`` that computes in the ``background``.
-  ``announcement`` and ``itinerary`` say beforehand what is done. ``tunable_loop`` is the order of every tune; the
-  autopilot's loops in ``autopilot_loop`` use ``identification``, ``proof`` and ``designing``. What ``fly`` takes is
-  seen before by ``foresight``, in the ``flight_area``.
-* ``restore``: putting a vehicle back. ``study`` (in ``study_sections``), ``diagnosis``: work on records, without one.
+* ``mission``: one job on one vehicle, declared before anything moves and carried out in one order. ``tune``,
+  ``experiment`` and ``fly`` are three declarations of it. They share ``settings``, ``connection``, ``preflight``, the
+  ``runner`` of manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the
+  ``background``.
+* Before anything moves: ``itinerary`` (stages and times), ``tune_preview`` and ``flight_preview`` (space, on the
+  ``nominal_plant``, as an ``excursion``), ``announcement`` (all of it in words).
+* ``tunable_loop`` is the order of every tune; the autopilot's loops in ``autopilot_loop`` use ``identification``,
+  ``stop_rule``, ``proof`` and ``designing``.
+* ``restore`` restores a vehicle after a run that was cut off. ``study`` and ``diagnosis`` work on records, without one.
 """
 
 from __future__ import annotations
@@ -14,22 +17,23 @@ from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, wr
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun, load_flight_plan
+from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
-from gcs_autotune.workflow.foresight import preview_of_model
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.self_planned import first_run
-from gcs_autotune.workflow.settings import Connection, TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings, Connection, TuneSettings
 from gcs_autotune.workflow.study import StudySettings, study
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, load_gains
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [
     "PLAN_FILE",
+    "CommonSettings",
     "Connection",
     "DiagnosisSettings",
     "Finding",

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, scatter_of, told_over
-from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.link import Journal, ParameterTransaction
+from gcs_autotune.errors import ParameterMissing
+from gcs_autotune.firmware import Axis, Firmware, read_named
+from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
@@ -24,23 +25,46 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, res
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
 from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
-from gcs_autotune.workflow.settings import SETTLED
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import SuppliedGains, step_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop
+from gcs_autotune.workflow.tune_log import TuneLog
 
-__all__ = ["autopilot_loop", "on_the_other_axis"]
+__all__ = ["autopilot_loop", "learn_parameters", "on_the_other_axis"]
 
 PROVING = "step with new gains"
 """The stage in which a proposal is proved."""
 
 
 def autopilot_loop(context: TuneContext) -> TunableLoop:
-    """Return the loop of the tune's axis: with the gains of a file where one is supplied, else designed here."""
+    """Return the loop of the tune's axis: with the supplied gains of a file, else with gains designed here."""
     if context.settings.gains is not None:
         return _SuppliedGains(context, context.settings.gains)
     return _DesignedGains(context)
+
+
+def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axis, dict[str, float]]:
+    """Return *axis* under the vehicle's own names, and the values found, keyed by those.
+
+    Raises
+    ------
+    ParameterMissing
+        The vehicle has one of the gains under no name we know.
+    """
+    wanted = [*(gain.parameter for gain in axis.gains), *axis.context]
+    names, found = read_named(craft.parameters, wanted)
+    missing = [name for name in wanted if names.own(name) not in found]
+    gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
+    if gains:
+        raise ParameterMissing(
+            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
+            "Its firmware is too old, too new or lacks that feature",
+            name=gains[0],
+        )
+    if missing:
+        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
+    return axis.called(names), found
 
 
 class _AutopilotLoop:
@@ -59,23 +83,21 @@ class _AutopilotLoop:
         return self.context.axis.name
 
     def read(self) -> Mapping[str, float]:
-        """Return the gains as read before anything was flown, by the vehicle's own names."""
-        names = self.context.axis.names
-        own = (names.own(gain.parameter) for gain in self.context.axis.gains)
-        return {name: self.context.log.parameters_before[name] for name in own}
+        """Return the gains that the vehicle has now, and what else the design uses, by the vehicle's names."""
+        return self.context.craft.parameters.read_existing(self.context.log.parameters_before, as_is=True)
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return the transaction on the vehicle's parameters."""
         return ParameterTransaction(self.context.craft.parameters, journal)
 
     def fly_baseline(self) -> None:
-        """Fly the turn-rate step beside a heading step, where the craft is known well enough to size it."""
+        """Fly the turn-rate step that accompanies a heading step, where the craft is known well enough to size it."""
         self._beside = StepBeside.flown(self.context, self._known)
 
     def prove(self) -> ProofResult:
         """Fly the step; both are compared over what both recorded, for each ends once the craft is at its target."""
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
-        context.come_about("step-after", STEP_AHEAD, last=self._beside is None)
+        context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
             context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
         after = context.fly(criteria.proof.step("step-after"), PROVING).trial
@@ -101,8 +123,8 @@ class _AutopilotLoop:
 
     def _fly_step(self, proof: Proof) -> Trial:
         """Return the step with the present gains; a boat turns around first where it would leave its space."""
-        if not self.context.law.controls_velocity and self.context.settings.stop_rule != SETTLED:
-            self.context.come_about("step-before", STEP_AHEAD, last=True)
+        if not self.context.law.controls_velocity and self.context.settings.ends_early:
+            self.context.turn_around("step-before", STEP_AHEAD, last=True)
         return self.context.fly(proof.step("step-before"), "step with present gains").trial
 
 
@@ -119,9 +141,9 @@ class _DesignedGains(_AutopilotLoop):
         moving, found = context.law.controls_velocity, self._found
         if moving:
             if context.given is None:
-                found = identify(context, early=context.settings.stop_rule != SETTLED)
+                found = identify(context, early=context.settings.ends_early)
                 if not found.short:  # else it has just turned around
-                    context.come_about("step-before", STEP_AHEAD)
+                    context.turn_around("step-before", STEP_AHEAD)
             proof = self._proof_of_velocity(found or context.given)
         else:
             proof = proof_about_rest(context.settings, context.axis, context.speed)
@@ -175,10 +197,10 @@ class _DesignedGains(_AutopilotLoop):
         """Return what ends the oscillations once the gains are known, from the step before; None: nothing does."""
         context, before = self.context, self._before
         noise = noise_while_held(before, grain)
-        if context.settings.stop_rule == SETTLED or not math.isfinite(noise):
+        if not context.settings.ends_early or not math.isfinite(noise):
             return None
         criteria = StepCriteria(proof, noise, grain, min(noise, jitter_in(before, grain)))
-        return KnownDesign(context.craft, context.worker, question_of(context, criteria, before), context.log)
+        return KnownDesign(context.craft, context.visit.worker, question_of(context, criteria, before), context.log)
 
 
 class _SuppliedGains(_AutopilotLoop):
@@ -267,7 +289,7 @@ def on_the_other_axis(
 
 
 def _promise(proposal: Proposal) -> str:
-    """Say what the new gains promise on the identified model, before anybody is asked about them."""
+    """Return in words what the identified model predicts for the new gains."""
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "

@@ -1,7 +1,7 @@
-"""Thinking and asking while a vehicle is armed in the water: the link must not fall silent meanwhile.
+"""Computing and asking while a vehicle is armed in the water: the link must not fall silent.
 
-ArduSub disarms three seconds after the last pilot input, ArduRover goes to HOLD after two. So neutral
-overrides keep flowing while the worker works in its own process, or while the operator thinks.
+ArduSub disarms three seconds after the last pilot input, ArduRover changes to HOLD after two. So neutral overrides are
+sent while the worker computes in its own process, or while the operator thinks.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.operator import Operator, can_be_asked
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "keep_company", "run_in_background"]
+__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -37,14 +37,14 @@ def run_in_background(
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return what *work* comes to at the *worker*, keeping the craft company meanwhile; what it raises is raised here.
+    """Return the result of *work*, done by the *worker* while the link is served; what it raises is raised here.
 
-    *bear* tells of trouble with the craft whether it is over; then the work goes on. On a lock-stepped link time stands
-    still while the work is done, so there the work is simply done.
+    *bear* returns whether trouble with the craft is over; then the work continues. On a lock-stepped link time stands
+    still, so there the work is done at once.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
-    keep_company(craft)
+    hold_neutral(craft)
     worker.begin(partial(work, *args, **named))
     found: T = await_worker(craft, worker, bear)
     return found
@@ -68,7 +68,7 @@ def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneEr
 
 
 def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:
-    """Watch the craft until what was begun at the *worker* is done, and return it; likewise."""
+    """Monitor the craft until the *worker* is done, and return the result; likewise."""
     try:
         _watch(craft, worker, meanwhile)
     except BaseException:
@@ -86,9 +86,9 @@ def _watch(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = 
 
 
 def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
-    """Return what *work* comes to, done in a thread while the link is served; for what writes files, not for computing.
+    """Return the result of *work*, done in a thread while the link is served; for writing files, not for computing.
 
-    The operator has to wait. Should the link be lost meanwhile, the work is finished all the same.
+    The operator has to wait. If the link is lost, the work is still finished.
     """
     if isinstance(craft.clock, ManualClock):
         return work()
@@ -104,14 +104,14 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 
 
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
-    """Return the operator's answer, keeping the craft company until it comes."""
+    """Return the operator's answer; until it comes the craft is held and monitored."""
     if craft.armed:
-        keep_company(craft)
+        hold_neutral(craft)
     return operator.ask(question, craft.observe)
 
 
 def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
-    """Whether the operator agrees; of a simulated vehicle it is said that nobody is asked."""
+    """Return whether the operator agrees; a simulated vehicle needs no answer, which is reported."""
     if craft.session.transport.is_simulated:
         watcher.say(f"{question} Simulated vehicle: yes.")
         return True
@@ -119,9 +119,9 @@ def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: 
 
 
 def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
-    """Return the operator's answer to a question that cannot be answered beforehand: False where nobody is there.
+    """Return the operator's answer to a question that ``--yes`` does not answer; False without an operator.
 
-    The mode stays as it is meanwhile, and so do the sticks: neutral.
+    The mode is left as it is, and the sticks neutral.
     """
     if not can_be_asked(operator):
         watcher.say(f"{question} No operator to ask (--yes): no.")
@@ -129,7 +129,7 @@ def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, questio
     return operator.ask(question, craft.session.pump)
 
 
-def keep_company(craft: MavlinkCraft) -> None:
+def hold_neutral(craft: MavlinkCraft) -> None:
     """Hold, unless it does already; sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())
@@ -138,7 +138,7 @@ def keep_company(craft: MavlinkCraft) -> None:
 
 
 def _hold(craft: MavlinkCraft) -> None:
-    """Let an ROV hold depth and heading by itself (in manual mode it would drift up), sticks neutral."""
+    """Let an ROV hold depth and heading (in manual mode it would drift up), sticks neutral."""
     if craft.firmware.holds_itself:
         craft.set_mode(craft.firmware.hold_mode)
     craft.send(Actuate())

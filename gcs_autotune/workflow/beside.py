@@ -1,4 +1,4 @@
-"""The turn-rate step that a heading tune flies beside its own, before and after: the same gains serve both modes."""
+"""The turn-rate step that accompanies the heading step of a tune, before and after: both modes have the same gains."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_tur
 __all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside", "within"]
 
 BESIDE = "turn rates"
-"""What the step beside a heading step shows."""
+"""What the accompanying step shows."""
 PRESENT, PROVING = "turn rate with present gains", "turn rate with new gains"
-"""The stages of the step beside."""
+"""The stages of the accompanying step."""
 
 
 def flies_beside(context: TuneContext) -> bool:
-    """Whether a proof of this axis has a turn-rate step beside it."""
+    """Whether a turn-rate step accompanies the proof of this axis."""
     return not context.law.controls_velocity and context.axis.law in OTHER_MODE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The step beside with the old gains and with the new, and the verdict on it."""
+    """The accompanying step with the old gains and with the new, and the verdict on it."""
 
     before: StepMetrics
     after: StepMetrics
@@ -71,7 +71,7 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
     Raises
     ------
     PreconditionFailed
-        Such turn rates cannot be told from the noise.
+        Such turn rates are hidden by the noise.
     """
     s = proof.settings
     turned = 0.5 * s.size * max(s.hold, s.settle, s.duration)
@@ -89,7 +89,7 @@ SHARE = 0.8
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:
-    context.come_about(name, STEP_AHEAD, last=True)
+    context.turn_around(name, STEP_AHEAD, last=True)
     context.runner.come_to_rest(stage, axis_kind("yaw"))
     return context.fly(criteria.proof.step(name), stage).trial
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.craft import Observation
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
@@ -16,24 +15,24 @@ from gcs_autotune.watch import Vitals, Watcher, Words
 from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.settings import Connection
+from gcs_autotune.workflow.settings import CommonSettings, Connection
 
 __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 SERVO_RATE = 40.0
-"""Hz asked for SERVO_OUTPUT_RAW: the fastest a 50 Hz ArduRover grants. When a relay switched is read off it."""
+"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched: the fastest of a 50 Hz ArduRover."""
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
 """Hz of a vehicle whose loop is quicker, on a link with room: a Falcon's damping is six times as certain by it."""
 
 
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
-"""Hz of ATTITUDE, and so of our relay, unless told otherwise. The craft that ArduPilot's own simulator flies turn in
-half a second, and a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+"""Default rate [Hz] of ATTITUDE, and so of our relay. The craft of ArduPilot's own simulator turn in half a second, and
+a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
 
 
-def arming(craft: MavlinkCraft, now: Observation) -> str:
+def arming(craft: MavlinkCraft) -> str:
     """Return what arming brings with it, for announcements: thrusters that steer push while they are twitched."""
-    armed = "leave the vehicle armed" if now.armed else "arm the vehicle, and disarm it at the end"
+    armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"
@@ -88,24 +87,16 @@ def _without_record_of_the_wrong_vehicle(record: RunDirectory | None) -> Iterato
 
 @contextmanager
 def connect_craft(
-    connection: Connection,
-    operator: Operator,
-    watcher: Watcher,
-    record: RunDirectory,
-    control_rate: float | None,
-    axis: str,
-    patience: float = 0.0,
+    common: CommonSettings, operator: Operator, watcher: Watcher, record: RunDirectory, axis: str
 ) -> Iterator[MavlinkCraft]:
-    """Connect and have a craft that can be watched and commanded, with telemetry at the wanted rates.
+    """Connect and yield a craft that can be monitored and commanded, with telemetry at the requested rates.
 
-    A silence of up to *patience* [s] is waited out until it is armed (:func:`armed`).
-
-    Where the link has no room for those, what shows *axis* comes first.
+    Where the link is too slow for these, what shows *axis* comes first.
     """
-    with connect(connection, operator, watcher, record) as session:
+    with connect(common.connection, operator, watcher, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
-        control_rate = control_rate or usual
-        session.patience = patience
+        control_rate = common.control_rate or usual
+        session.patience = common.patience
         craft = open_craft(
             session,
             wanted_rates=telemetry_rates(control_rate),
@@ -132,7 +123,7 @@ def connect_craft(
 
 
 def _pass_words_on(session: Session, watcher: Watcher) -> None:
-    """Tell *watcher* what the vehicle says in words from now on."""
+    """Pass the vehicle's STATUSTEXT messages on to *watcher* from now on."""
     told = session.texts.count
 
     def hear(message: Message) -> None:
@@ -152,12 +143,12 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
 
 
 def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
-    """Say how late things are on the link of a craft just armed, and what that allows."""
+    """Report the delays on the link of a craft just armed, and the shortest oscillation that they allow."""
     watcher.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
 
 
 def _leave(craft: MavlinkCraft) -> None:
-    """Let go of the sticks, should a broken visit have left them in our hands, and put the message rates back."""
+    """Release the overrides, which a broken visit may have left, and restore the message rates."""
     try:
         craft.release()
     finally:

@@ -1,47 +1,37 @@
-"""What the stages of one tune or experiment have in common: the vehicle, the axis, the wish, and who is told of it."""
+"""What the stages of one tune or experiment share: the vehicle, the axis, the settings, the log."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.craft import Observation
 from gcs_autotune.design import LAWS, Law
-from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck, ThrustCheck, restore_on_exit
+from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.background import agreed, await_worker, beside, keep_company, run_in_background
-from gcs_autotune.workflow.connection import say_link_times
+from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
 from gcs_autotune.workflow.experiments import dive_for
-from gcs_autotune.workflow.open_runs import forget_run, note_run, refuse_open_runs
-from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import (
     STAGE,
-    make_ready,
+    check_signs,
     most_speed_of,
-    see_signs,
     sign_check_for,
     steered_meanwhile,
 )
-from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import SETTLED, Connection, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tune_log import TuneLog
-from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["TuneContext", "armed", "recorder"]
+__all__ = ["TuneContext", "tune_runner"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -51,18 +41,17 @@ P = ParamSpec("P")
 class TuneContext:
     """One tune or experiment on one vehicle.
 
-    ``axis`` has the vehicle's own parameter names; ``present`` are its values under the canonical ones. ``given`` is
-    the model to design from, None to identify on the water. ``throttle`` [fraction] and ``speed`` [m/s] are what is
-    tuned at. ``worker`` is where it is computed; ``earlier`` what was flown before.
+    Attributes
+    ----------
+    earlier : trials of an earlier run to use.
+    axis : with the vehicle's own parameter names. present : their values under the canonical names.
+    given : the model to design from; None: identify on the water.
+    throttle, speed : what to tune at [fraction, m/s].
     """
 
     settings: TuneSettings
-    operator: Operator
-    log: TuneLog
-    record: RunDirectory
-    craft: MavlinkCraft
+    visit: Visit[TuneLog]
     runner: ManoeuvreRunner
-    worker: Worker
     earlier: Earlier
     axis: Axis
     given: SuppliedModel | None
@@ -71,15 +60,25 @@ class TuneContext:
     speed: float
 
     @property
+    def craft(self) -> MavlinkCraft:
+        """The vehicle."""
+        return self.visit.craft
+
+    @property
+    def log(self) -> TuneLog:
+        """What has happened so far."""
+        return self.visit.log
+
+    @property
     def law(self) -> Law:
         """The autopilot's control law of the axis (``UnknownName`` for an axis that is only identified)."""
         return lookup(LAWS, self.axis.law, "control law")
 
     def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
-        """Say which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it comes to no good end."""
+        """Report which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it fails."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
-            beside(self.craft, partial(self.record.keep, flown))
+            self.visit.keep(flown)
             self.log.flown(flown)
             self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
             return Flown(flown, Outcome("completed", flown.reason))
@@ -96,41 +95,41 @@ class TuneContext:
             self.log.say("diving")
             self.runner.fly(dive, "diving")
 
-    def come_about(self, before: str, ahead: float, *, last: bool = False) -> bool:
-        """Bring a boat back before the trial *before*, up to *ahead* [s] long, if the room asks for it; whether it did.
+    def turn_around(self, before: str, ahead: float, *, last: bool = False) -> bool:
+        """Turn a boat around before the trial *before* of up to *ahead* [s], if the space requires it; return whether.
 
-        Not before a trial that an earlier run has flown; with the stop rule of Miskovic2010 in any case.
+        Not before a trial that an earlier run has flown; where stages do not end early, in any case.
         """
         if self.earlier.has(before):
             return False
-        ahead = math.inf if self.settings.stop_rule == SETTLED else ahead
-        return self.runner.come_about(self.throttle, ahead, last=last)
+        ahead = math.inf if not self.settings.ends_early else ahead
+        return self.runner.turn_around(self.throttle, ahead, last=last)
 
-    def come_back_meanwhile(self, before: str, work: Callable[[], T]) -> T:
+    def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
         """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
-            self.come_about(before, math.inf)
+            self.turn_around(before, math.inf)
             return work()
-        self.worker.begin(work)
+        self.visit.worker.begin(work)
         try:
-            self.come_about(before, math.inf)
+            self.turn_around(before, math.inf)
         except BaseException:
-            self.worker.abandon()
+            self.visit.worker.abandon()
             raise
         found: T = self.await_worker()
         return found
 
     def await_worker(self) -> Any:
         """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
-        if not self.worker.done:
-            keep_company(self.craft)
-        return await_worker(self.craft, self.worker, self.runner.bear)
+        if not self.visit.worker.done:
+            hold_neutral(self.craft)
+        return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:
-        """See that what is driven acts, and the right way, before a loop or a relay relies on it; dive where needed.
+        """Check that the actuators act in the right direction before a loop or a relay uses them; dive where needed.
 
-        That is the actuator of the axis, and what steers meanwhile. Returns the context with the throttle that the boat
-        needs for its speed, where the one of its cruise pair drives it far too fast.
+        These are the actuator of the axis and the one that steers during the run. Returns the context with the throttle
+        that the boat needs for its speed, if that of its cruise pair drives it far too fast.
         """
         axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
         output, limit = self.settings.relay_output, self.runner.speed_limit
@@ -140,8 +139,7 @@ class TuneContext:
         for dof in (axis.dof, *(["yaw"] if meanwhile else [])):
             check = sign_check_for(
                 dof,
-                firmware,
-                servos,
+                self.craft,
                 self.throttle,
                 axis.needs_speed,
                 output if dof == axis.dof else None,
@@ -149,31 +147,17 @@ class TuneContext:
                 most_speed=most_speed_of(self.settings.throttle, self.speed, limit),
             )
             if dof == axis.dof:
-                see_signs(check, self.runner.attempt)
+                check_signs(check, self.runner.attempt)
             else:
-                self._see_steering(check)
+                envelope = replace(self.settings.envelope, cruise=self.speed)
+                self.runner.check_steering(check, envelope)
             if isinstance(check, SignCheck) and check.eased:
                 context = self._with_throttle(check.throttle)
         self.come_down()
         return context
 
-    def _see_steering(self, check: SignCheck | ThrustCheck) -> None:
-        """See that what steers while something else is tried does not work the wrong way.
-
-        The tune of its own axis refuses a craft that turns by itself, or hardly answers; here that is said.
-        """
-        envelope = replace(self.settings.envelope, cruise=self.speed, heading_excursion=math.inf)
-        try:
-            see_signs(check, partial(self.runner.attempt, envelope=envelope))
-        except PreconditionFailed as error:
-            seen = check.answer if isinstance(check, SignCheck) else None
-            wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
-            if wrong or self.runner.contradicted:
-                raise
-            self.log.say(f"steering, which is held during this: {error}")
-
     def _with_throttle(self, throttle: float) -> TuneContext:
-        """Return the context with the *throttle* [fraction] just learnt, having said so."""
+        """Report the *throttle* [fraction] just measured, and return the context with it."""
         pair = (
             f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, the speed of "
             f"CRUISE_SPEED and CRUISE_THROTTLE; {throttle:.1%} is enough"
@@ -187,79 +171,16 @@ class TuneContext:
 
     def run_in_background(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
         """Return ``work(*args, **named)``, done by the worker while the link is served."""
-        return run_in_background(self.craft, self.worker, self.runner.bear, work, *args, **named)
-
-    def agrees(self, question: str) -> bool:
-        """Whether the operator agrees; of a simulated vehicle nobody is asked."""
-        return agreed(self.craft, self.operator, self.log, question)
+        return run_in_background(self.craft, self.visit.worker, self.runner.bear, work, *args, **named)
 
 
-def recorder(craft: MavlinkCraft, record: RunDirectory, log: TuneLog) -> Callable[[Trial], None]:
-    """Return what keeps a trial on disk and tells of it, while the link is served."""
+def tune_runner(settings: TuneSettings, visit: Visit[TuneLog], speed: float) -> ManoeuvreRunner:
+    """Return what flies the experiments and proofs at *speed* [m/s], and keeps and reports every trial."""
+    log = visit.log
 
     def keep(trial: Trial) -> None:
-        beside(craft, partial(record.keep, trial))
+        visit.keep(trial)
         log.flown(trial.proper)
         log.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
 
-    return keep
-
-
-@contextmanager
-def armed(craft: MavlinkCraft, watcher: Watcher, record: RunDirectory, connection: Connection) -> Iterator[Journal]:
-    """Arm, and put everything back on the way out; the journal is on disk before anything is armed, moved or written.
-
-    It is settled only when the craft was left as found, else ``gcs-autotune restore`` has work to do.
-
-    Raises
-    ------
-    PreconditionFailed
-        The journal cannot be written; then nothing is done.
-    NotAsFound
-        Something could not be put back.
-    """
-    journal: Journal | None = None
-
-    def settle() -> None:
-        try:
-            if journal is not None:
-                journal.close()
-                forget_run(record.journal)
-        except PreconditionFailed as error:  # a disk that is full by now does no harm
-            watcher.say(
-                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
-                f"check"
-            )
-
-    def open_journal(found: Observation) -> Journal:
-        refuse_open_runs(craft)
-        if not craft.session.transport.is_simulated:  # a vehicle in this process is nobody else's, and ends with it
-            note_run(record.journal)
-        craft.session.at_work = True
-        opened = Journal(
-            record.journal,
-            vehicle=craft.session.vehicle,
-            link=connection.uri,
-            mode=found.mode,
-            armed=found.armed,
-            fingerprint=fingerprint_of(craft.parameters),
-        )
-        craft.on_order = lambda event, what: beside(craft, partial(note_order, opened, event, what))
-        return opened
-
-    def note_order(opened: Journal, event: str, what: Mapping[str, Any]) -> None:
-        with suppress(PreconditionFailed):  # a full disk keeps nobody from ordering neutral; restore then asks
-            opened.record(event, **what)
-
-    try:
-        with restore_on_exit(craft, watcher, settle) as found:
-            journal = open_journal(found)
-            make_ready(craft, watcher)
-            craft.arm()
-            say_link_times(craft, watcher)
-            yield journal
-    finally:
-        if journal is not None:
-            craft.on_order = lambda event, what: None
-            craft.session.at_work = False
-            journal.leave()
+    return visit.runner(replace(settings.envelope, cruise=speed), keep, gains=True)

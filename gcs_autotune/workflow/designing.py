@@ -1,4 +1,4 @@
-"""From what is known of the craft to a proposal: of the model identified on the water, or of the one given by file."""
+"""From a model of the craft to a proposal: the model identified on the water, or that of a file."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def question_of(context: TuneContext, criteria: StepCriteria, flown: Trial) -> D
 
 
 def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, criteria: StepCriteria) -> Proposal:
-    """Return gains for the model of a file, having said how much of the step just *flown* it explains."""
+    """Return gains for the model of a file, and report how much of the step just *flown* it explains."""
     log, file = context.log, given.file
     share = context.run_in_background(explained, given, flown)
     if not math.isnan(share):

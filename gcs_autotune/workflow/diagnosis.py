@@ -16,7 +16,7 @@ from gcs_autotune.identify import load_model
 from gcs_autotune.kept_results import KeptResults, fingerprint, keeping
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import MODEL_FILE, render_diagnosis
+from gcs_autotune.report import MODEL_FILE, diagnosis_document, to_html, to_json
 from gcs_autotune.trial import Trial
 
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
@@ -137,8 +137,9 @@ def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "report.html"
     title = f"Diagnosis of {', '.join(dict.fromkeys(told.used))}"
-    page.write_text(render_diagnosis(told, title, when, str(directory), runs), encoding="utf-8")
-    (directory / "diagnosis.json").write_text(told.to_json() + "\n", encoding="utf-8")
+    document = diagnosis_document(told, title, when, str(directory), runs)
+    page.write_text(to_html(document), encoding="utf-8")
+    (directory / "diagnosis.json").write_text(json_text(to_json(document)), encoding="utf-8")
     if told.verdict == "unfinished":
         (directory / MODEL_FILE).unlink(missing_ok=True)
     else:

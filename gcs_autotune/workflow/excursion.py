@@ -1,9 +1,10 @@
-"""How far a run goes from where the vehicle lies and how long it takes, estimated on paper before anything is armed.
+"""How far a run goes from the start and how long it takes, simulated before anything is armed.
 
 A run is more than its manoeuvre: the sign check, the approach to speed, turning around, the way back and the distance
-that the craft coasts at the end take water and time too. All stages are flown on paper one after the other
-(:func:`gcs_autotune.manoeuvres.preview`). Where the craft is assumed, several craft are flown, and the worst counts.
-``tune``, ``experiment``, ``fly`` and ``recheck`` announce these numbers and refuse a limit that cannot be kept.
+that the craft coasts at the end take space and time too. All stages are simulated one after the other
+(:func:`gcs_autotune.manoeuvres.preview`). Where the craft is assumed, several craft are simulated, and the worst
+counts. ``tune``, ``experiment``, ``fly`` and ``recheck`` announce these numbers and reject a limit that cannot be
+kept.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from gcs_autotune.manoeuvres import (
     Commands,
     Envelope,
     Manoeuvre,
+    NominalPlant,
     Outcome,
-    PaperCraft,
-    PaperState,
+    PlantState,
     Preview,
     TurnAbout,
     TurnAboutSettings,
@@ -37,7 +38,7 @@ __all__ = [
     "NO_LIMITS",
     "Ahead",
     "Excursion",
-    "PaperVisit",
+    "VisitPreview",
     "least_distance",
     "overhead",
     "too_small",
@@ -61,7 +62,7 @@ ROUNDED, EXACT = 5.0, 30.0
 NO_LIMITS = Envelope(
     heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
 )
-"""In which a run on paper shows all that it takes."""
+"""Limits that end no preview, so that it shows all that a run takes."""
 
 
 class Ahead(Manoeuvre):
@@ -120,20 +121,20 @@ class _Coast(Manoeuvre):
             now = yield Actuate()
 
 
-class PaperVisit:
-    """One visit on paper: stages of one *craft* one after the other, each beginning as the last one ended.
+class VisitPreview:
+    """The simulation of one visit: stages of one *craft* one after the other, each beginning where the last one ended.
 
-    *envelope* holds for every stage. ``trouble`` is what ended the first stage that came to no good end.
+    *envelope* holds for every stage. ``trouble`` is what ended the first stage that ended badly.
     """
 
-    def __init__(self, craft: PaperCraft, envelope: Envelope, begins: PaperState, *, under_way: bool) -> None:
+    def __init__(self, craft: NominalPlant, envelope: Envelope, begins: PlantState, *, under_way: bool) -> None:
         self._craft, self._envelope, self._under_way = craft, envelope, under_way
         self._state, self._seconds = begins, ARMING
         self.stages: list[tuple[str, Preview]] = []
         self.trouble = ""
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Preview:
-        """Fly *manoeuvre* and return its preview; nothing moves any more after a stage that came to no good end."""
+        """Fly *manoeuvre* and return its preview."""
         seen = preview(manoeuvre, self._craft, envelope or self._envelope, begins=self._state)
         self.stages.append((stage, seen))
         self._state = seen.ends
@@ -145,8 +146,8 @@ class PaperVisit:
         self._seconds += BETWEEN
         return seen
 
-    def come_about(self, throttle: float, ahead: float, *, last: bool = False) -> None:
-        """Turn a boat around as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.come_about` does."""
+    def turn_around(self, throttle: float, ahead: float, *, last: bool = False) -> None:
+        """Turn a boat around as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.turn_around` does."""
         away = math.hypot(self._state.x, self._state.y)
         if self._under_way and far_out(self._envelope, away, ahead, last=last):
             s = self._state
@@ -198,11 +199,11 @@ class Excursion:
 
     Attributes
     ----------
-    seconds : from arming until the vehicle is restored. distance : the greatest [m] from where it lay.
+    seconds : from arming until the vehicle is restored. distance : the greatest [m] from the start.
     stages : name and seconds of each.
     time : seconds of the longest stage. Of these and the others, the greatest as the envelope limits them: SI, rad.
-    trouble : what ends it early on paper; empty for nothing.
-    usual : the same where a loop that is flown damps well; None: no loop is flown for long.
+    trouble : what ends it early; empty for nothing.
+    usual : the same with a well damped loop; None: no loop is flown for long.
     least : the least of several craft, by name; empty for one craft.
     submerged : it is flown below the surface.
     """
@@ -232,10 +233,10 @@ class Excursion:
         return min(self.needs, envelope.distance_limit)
 
     def beyond(self, envelope: Envelope, what: str) -> str:
-        """Return why *what* is refused: a limit of *envelope* that it cannot keep, with the nearest that it can.
+        """Return why *what* is rejected: a limit of *envelope* that it cannot keep, with the nearest that it can.
 
-        Empty for nothing. Only limits that somebody set are looked at: distance and time as the worst craft needs them,
-        others as every craft does. A loop that is flown is assumed to damp well: else its run ends with the space.
+        Empty for nothing. Only limits that the user set count: distance and time as the worst craft needs them, others
+        as every craft does. A loop is assumed to be well damped: else its run ends with the space.
         """
         usual = Envelope()
         for option, name, factor, unit in LIMITED:
@@ -259,11 +260,11 @@ LIMITED: Sequence[tuple[str, str, float, str]] = (
     ("max-depth", "depth_max", 1.0, "m"),
     ("max-depth-excursion", "depth_excursion", 1.0, "m"),
 )
-"""Options -> field of the envelope and of an excursion, its factor to people's units, and that unit."""
+"""Options -> field of the envelope and of an excursion, its factor to the user's units, and that unit."""
 
 
 def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> str:
-    """Return the sentences that refuse a *limit* below what *what* *needs*, both in people's *unit*."""
+    """Return the sentences that reject a *limit* below what *what* *needs*, both in the user's *unit*."""
     return (
         f"not started: {what} needs --{option} {needs:g}, but the limit is {limit:g} {unit}. Nothing was armed. "
         f"Use --{option} {needs:g}, or fly a smaller, slower or shorter manoeuvre"
@@ -289,7 +290,7 @@ def worst_of(excursions: Sequence[Excursion]) -> Excursion:
 
 
 def overhead(stages: int) -> float:
-    """Return the seconds that a visit of so many stages takes beside them."""
+    """Return the seconds that a visit of so many stages takes in addition to them."""
     return ARMING + BETWEEN * stages + LEAVING
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,14 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics, throttle_of
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import noise_of, quantum
+from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     LEVELS,
     Dive,
     DiveSettings,
     Relay,
     RelaySettings,
-    StopRule,
+    StopCriterion,
     ThrottleSteps,
     ThrottleStepsSettings,
     windows_of,
@@ -38,11 +40,11 @@ __all__ = [
     "STEP_AHEAD",
     "SWING_AHEAD",
     "WORKING_DEPTH",
+    "Relays",
     "dive_for",
     "measure",
     "measure_halves",
     "noise_in",
-    "relay_for",
     "resolution",
     "second_output",
     "speed_for",
@@ -52,7 +54,7 @@ __all__ = [
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
-    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless told otherwise."""
+    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless the user set them."""
     if not axis.needs_speed:
         return settings.throttle or 0.0, settings.speed or 0.0
     throttle = settings.throttle
@@ -78,7 +80,7 @@ def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float
 
 
 LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
-"""Chosen: between them there is way on, and room for the autopilot to make up for turned thrust."""
+"""Chosen: between them the boat has headway, and the autopilot has range to compensate turned thrust."""
 
 
 def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool = False) -> ThrottleSteps:
@@ -90,50 +92,68 @@ def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool =
     return ThrottleSteps(ThrottleStepsSettings(throttle, levels, until_answered=short), name)
 
 
-def relay_for(
-    settings: TuneSettings,
-    dof: str,
-    throttle: float,
-    output: float | None,
-    name: str,
-    *,
-    keep_still: bool,
-    least_period: float = 0.0,
-    noise_std: float | None = None,
-    rule: StopRule | None = None,
-) -> Relay:
-    """Return a relay experiment on *dof*; *keep_still*: the craft's other axes are held meanwhile.
+@dataclass(frozen=True, slots=True)
+class Relays:
+    """The relay experiments on one degree of freedom of a vehicle.
 
-    *output* None lets it find its size. A boat's surge swings about its cruise, an ROV's about rest. ``least_period``
-    [s] is that of the quickest oscillation that the link can carry; ``noise_std`` [rad or m] is known of a craft that
-    needs no approach; *rule* may end it before five periods agree.
+    Attributes
+    ----------
+    throttle : fraction of full thrust ahead. A boat's surge oscillates about its cruise, an ROV's about rest.
+    keep_still : whether the vehicle's other axes are held meanwhile.
+    least_period : period [s] of the quickest oscillation that the link can carry.
     """
-    d = excitation_of(dof)
-    return Relay(
-        RelaySettings(
-            signal=d.signal,
-            force=d.names.force,
-            output=output,
-            hysteresis=settings.relay_hysteresis,
-            throttle=throttle,
-            reference_speed=(settings.speed or 0.0) if d.signal == "x" else 0.0,
-            most_output=0.9 if d.signal != "x" else 0.9 - abs(throttle),
-            first_output=0.3 if d.signal != "x" else min(0.3, 0.9 - abs(throttle)),
-            keep_still=keep_still,
-            least_hysteresis=d.least_hysteresis,
-            least_period=least_period,
-            noise_std=noise_std,
-        ),
-        name,
-        rule,
-    )
+
+    settings: TuneSettings
+    dof: str
+    throttle: float
+    keep_still: bool
+    least_period: float = 0.0
+
+    @classmethod
+    def of(cls, settings: TuneSettings, dof: str, craft: MavlinkCraft, throttle: float) -> Relays:
+        """Return those for *craft*."""
+        return cls(settings, dof, throttle, not craft.firmware.needs_way, craft.least_period)
+
+    def relay(
+        self,
+        name: str,
+        output: float | None,
+        *,
+        noise_std: float | None = None,
+        criterion: StopCriterion | None = None,
+    ) -> Relay:
+        """Return the relay *name* of size *output*; None lets it find its size.
+
+        noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : what may end it before its
+        periods agree.
+        """
+        d, throttle = excitation_of(self.dof), self.throttle
+        along = d.signal == "x"
+        return Relay(
+            RelaySettings(
+                signal=d.signal,
+                force=d.names.force,
+                output=output,
+                hysteresis=self.settings.relay_hysteresis,
+                throttle=throttle,
+                reference_speed=(self.settings.speed or 0.0) if along else 0.0,
+                most_output=0.9 - abs(throttle) if along else 0.9,
+                first_output=min(0.3, 0.9 - abs(throttle)) if along else 0.3,
+                keep_still=self.keep_still,
+                least_hysteresis=d.least_hysteresis,
+                least_period=self.least_period,
+                noise_std=noise_std,
+            ),
+            name,
+            criterion,
+        )
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:
-    """Return the relay output of the second experiment: as different as there is *room* for (Miskovic2010, 7.1).
+    """Return the relay output of the second experiment: as different as *room* allows (Miskovic2010, 7.1).
 
-    Smaller than that of the *first* where there is no room above it, or where a larger one would swing the craft
-    faster than the relay can follow tick by tick.
+    Smaller than that of the *first* if there is no room above it, or if a larger one would oscillate faster than the
+    relay can follow tick by tick.
     """
     C = float(first.meta["C"])
     return min(2.0 * C, room) if C <= room / 1.5 and not _is_hasty(first) else 0.5 * C
@@ -149,13 +169,13 @@ def _is_hasty(relay: Trial) -> bool:
 
 
 STEP_AHEAD, SWING_AHEAD = 60.0, 30.0
-"""Chosen [s]: what a proof, and an experiment that swings or is over soon, take of going straight ahead at most."""
+"""Chosen [s]: longest time straight ahead of a proof, and of an experiment that oscillates or is short."""
 WORKING_DEPTH, SHALLOW = 1.5, 1.0
 """Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
 
 
 def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
-    """Return what takes an ROV off the surface before its depth is swung; None when it need not."""
+    """Return the dive that takes an ROV off the surface before its depth oscillates; None if it is deep enough."""
     if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
@@ -200,17 +220,18 @@ def measure_halves(
     Each is read over its first ``windows`` [s], or as long as it was recorded; never beyond that.
 
     A step that was stopped because the loop ran away counts as if its last error had lasted to the end. *noise_std*
-    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass of two degrees
-    cannot tell one.
+    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a
+    resolution of two degrees cannot show one.
     """
     signal = str(trial.meta["signal"])
-    force, late = SIGNAL_FORCES[signal], _seen_late(trial, signal)
+    late = _seen_late(trial, signal)
     targets = [m for m in trial.marks if m.kind == "target"]
     own, found = windows_of(trial), []
     read = (*map(min, own, windows), *own[len(windows) :])
     for (before, after), window in zip(itertools.pairwise(targets), read, strict=True):
         values = float(before.detail["value"]), float(after.detail["value"])
-        found.append(_one_step(trial, signal, force, *values, after.t + late, window, noise_std, resolution))
+        asked = _Step(*values, after.t + late, window)
+        found.append(_one_step(trial, signal, asked, noise_std, resolution))
     return found
 
 
@@ -225,18 +246,18 @@ def _seen_late(trial: Trial, signal: str) -> float:
     return late + (float(trial.meta.get("rate_lag", 0.0)) if signal == "r" else 0.0)
 
 
-def _one_step(
-    trial: Trial,
-    signal: str,
-    force: str,
-    before: float,
-    after: float,
-    start: float,
-    window: float,
-    noise_std: float,
-    quantum: float,
-) -> StepMetrics:
-    end = start + window
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """One step of a target, from ``before`` to ``after`` (SI) at ``start`` [s], read over its first ``window`` [s]."""
+
+    before: float
+    after: float
+    start: float
+    window: float
+
+
+def _one_step(trial: Trial, signal: str, asked: _Step, noise_std: float, quantum: float) -> StepMetrics:
+    start, end = asked.start, asked.start + asked.window
     position = trial[signal].between(start - 1.0, end)
     t, x = position.t, position.values
     if signal in CALMED:
@@ -246,10 +267,10 @@ def _one_step(
     t, x = np.insert(t, first, start), np.insert(x, first, np.interp(start, t, x))
     if t[-1] < end - 1.0:
         t, x = np.append(t, np.linspace(t[-1] + 0.1, end, 10)), np.append(x, np.full(10, x[-1]))
-    output = np.array([trial[force].held_at(moment) for moment in t])
+    output = np.array([trial[SIGNAL_FORCES[signal]].held_at(moment) for moment in t])
     return step_metrics(
         t - start,
-        np.where(t < start, before, after),
+        np.where(t < start, asked.before, asked.after),
         x,
         output,
         noise_std=noise_std,

@@ -1,8 +1,8 @@
-"""A third size of self-oscillation, when two cannot tell a dead band from a thrust curve.
+"""A third size of self-oscillation, when two do not separate a dead zone from a thrust curve.
 
-A square wave of one size tells one point of the actuator's characteristic. Two points fit a dead band and a curve
-alike, whatever the noise; a third parts them. It is flown only where the first two call for either, at the size at
-which the two explanations differ most for the time it takes on the water.
+A square wave of one size shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit two
+points, whatever the noise; a third separates them. It is flown only if the first two need either, at the size at which
+the two models differ most per second of its oscillation.
 """
 
 from __future__ import annotations
@@ -25,22 +25,20 @@ from gcs_autotune.identify import (
     pays,
     unexplained,
 )
-from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.experiments import relay_for
+from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
 
 Array = NDArray[np.float64]
 
 _ALIKE = 0.9
-"""Chosen: explanations that leave so much alike (ratio of what is left) have not been told apart."""
+"""Chosen: two models whose residuals have at least this ratio are not separated."""
 _WEAKEST = 0.5
-"""Chosen: a smaller relay must leave so much of the force of the smallest flown, or it takes too long, and a constant
-force outweighs it."""
+"""Chosen: a smaller relay must have this share of the force of the smallest flown; else it takes too long, and a
+constant force outweighs it."""
 _APART = 1.25
 """Chosen: a third size differs at least so much (ratio) from those flown."""
 
@@ -54,7 +52,7 @@ class ThirdRelay:
 
 
 def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
-    """Return the relay that tells a dead band from a curve; None when the *runs* call for neither, or tell already.
+    """Return the relay that separates a dead zone from a thrust curve; None if the *runs* need neither, or suffice.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
     """
@@ -76,29 +74,11 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_extra(
-    third: ThirdRelay,
-    settings: TuneSettings,
-    dof: str,
-    craft: MavlinkCraft,
-    throttle: float,
-    runner: ManoeuvreRunner,
-    watcher: Watcher,
-) -> list[Trial]:
-    """Say why, and fly the third size; nothing comes back when the craft would not swing: two are enough to go on."""
+def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watcher: Watcher) -> list[Trial]:
+    """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
     watcher.say(third.why)
-    least = craft.least_period
-    relay = relay_for(
-        settings,
-        dof,
-        throttle,
-        third.output,
-        "relay-3",
-        keep_still=not craft.firmware.needs_way,
-        least_period=least,
-    )
     try:
-        return [runner.fly(relay, "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
     except NotAchieved as error:
         watcher.say(f"{error}; continuing with the two flown")
         return []

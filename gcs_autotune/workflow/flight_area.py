@@ -1,4 +1,4 @@
-"""Where a flight may go: the area that was given, and the vehicle's own fence."""
+"""Where a flight may go: the area of the user, and the vehicle's own fence."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from gcs_autotune.watch import Watcher
 __all__ = ["area_of_flight"]
 
 _FAR = 10e3
-"""Chosen [m]: nobody who flies is so far from the area meant."""
+"""Chosen [m]: a vehicle so far from the area suggests swapped coordinates."""
 
 
 def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) -> Area | None:
-    """Return where *craft* may be, in metres about it: in the area *given*, and in its own fence; None: anywhere.
+    """Return where *craft* may be, in metres around it: in the user's area *given* and its own fence; None: anywhere.
 
     Raises
     ------
     PreconditionFailed
-        An area is given, and nobody knows where the craft is, or it is outside.
+        There is an area, and the vehicle is outside it or reports no position.
     """
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)

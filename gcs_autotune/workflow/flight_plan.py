@@ -4,9 +4,9 @@ A plan::
 
     title = "Charlie, calm harbour"
     area = "harbour.geojson"       # or "lat,lon lat,lon lat,lon"
-    order = "shuffled"             # or as listed; shuffled alike every time, so that it can be gone on with
+    order = "shuffled"             # or "listed"; the shuffled order is always the same, so that a plan can be resumed
     [conditions]
-    calm = true                    # before each run roll and pitch are looked at
+    calm = true                    # roll and pitch must be small before each run
     min-depth = 1.5                # m; an ROV dives to it before each run
     [defaults]                     # options of every run that takes them
     full-rudder = 30
@@ -39,24 +39,27 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.precision import Precision
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune_files import Refused, clipped, parse, read_text
 
-__all__ = ["FlightLeg", "FlightPlan", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
+__all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
 """As ArduRover sets them: the cruise of no boat in particular."""
 SCALES = tuple(0.8**k for k in range(1, 11))
-"""Chosen: how much smaller a manoeuvre is tried, one after the other; beyond a tenth it tells next to nothing."""
+"""Chosen: sizes that are tried, one after the other, as a share of the usual one; below a tenth a run shows nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlySettings:
-    """What to fly: ``options`` (SI and radians) are those given, by their names in the table of limits.
+    """What to fly.
 
-    ``side`` is 1 to begin to starboard, -1 to port; ``force`` the one driven, where any may be. ``model`` is what the
-    preview is made with, ``full_scale`` its input at full output; without, the vehicle's own figures are.
+    Attributes
+    ----------
+    options : those that the user set (SI and radians), by their names in the table of limits.
+    side : 1 to begin to starboard, -1 to port. force : the one to drive, where the manoeuvre can drive any.
+    model : what the preview is made with; None: the vehicle's own figures. full_scale : its input at full output.
 
     Raises
     ------
@@ -65,7 +68,7 @@ class FlySettings:
     """
 
     manoeuvre: str
-    common: TuneSettings
+    common: CommonSettings
     options: Mapping[str, float] = field(default_factory=dict)
     side: int = 1
     model: ModelFile | None = None
@@ -73,7 +76,7 @@ class FlySettings:
     force: str = ""
 
     def __post_init__(self) -> None:
-        """See that it can be flown at all."""
+        """Check that it can be flown at all."""
         kind = self.kind
         if kind.make is None:
             raise UsageError(
@@ -102,7 +105,7 @@ class FlySettings:
         return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
 
     def cruise(self, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
-        """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise (*present*) unless told otherwise."""
+        """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise (*present*) unless the user set them."""
         s = self.common
         if not firmware.needs_way:
             return s.throttle or 0.0, s.speed or 0.0
@@ -124,12 +127,12 @@ class FlySettings:
 
     @property
     def _usual(self) -> dict[str, float]:
-        """What the options are (SI and radians) that are not given."""
+        """The default values (SI and radians) of all options."""
         rows = {name: limit_of(name, self.kind.axis) for name in self.kind.options}
         return {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
 
     def smaller(self) -> Iterator[FlySettings]:
-        """Yield these settings ever smaller and shorter, by the options that nobody gave; none where all are."""
+        """Yield these settings ever smaller and shorter, in the options that the user left open, if there are any."""
         free = {name: power for name, power in self.kind.shrinks.items() if name not in self.options}
         usual = self._usual
         for scale in SCALES if free else ():
@@ -141,7 +144,7 @@ class FlySettings:
                 return
 
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
-        """Return the manoeuvre; what was not given is as the table of limits says."""
+        """Return the manoeuvre; options that were not set have their defaults."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
         given = dict(self.options)
@@ -161,7 +164,7 @@ class FlySettings:
 
 @dataclass(frozen=True, slots=True)
 class PlannedRun:
-    """One run; ``name`` tells it from the others, ``held_out``: it is kept from the fit, to validate on."""
+    """One run with a unique ``name``; ``held_out``: it is left out of the fit, to validate on."""
 
     name: str
     settings: FlySettings
@@ -175,7 +178,7 @@ class PlannedRun:
 
 
 class FlownAgain(Protocol):
-    """Who looks at a run that was flown, and may have another one flown after it; ``words`` say so beforehand."""
+    """Reads the record of a run and may have another one flown after it; ``words`` announce it."""
 
     words: str
 
@@ -193,11 +196,15 @@ class FlownAgain(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """Runs in the order in which they are flown, what must hold before each, the ``area`` [deg] to stay in.
+    """Runs in the order in which they are flown.
 
-    ``text`` is the file it came from. ``until``: after these runs it goes on by itself, up to this precision;
-    ``options`` then hold for every run that takes them, and ``known`` are runs of the same craft flown before, so that
-    the first, too, is chosen. ``again``: what may fly a run once more, on what its record shows.
+    Attributes
+    ----------
+    calm, min_depth : what must hold before each run: calm water, a depth [m]. area : where to stay [deg].
+    text : the file it came from.
+    until : after these runs further ones are chosen, up to this precision. options : of all these runs. known : earlier
+        runs of the same craft, so that the first run is chosen, too.
+    again : what may fly a run once more, depending on its record.
     """
 
     title: str
@@ -223,41 +230,58 @@ class FlightPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlightLeg:
-    """A run with what is known of it before it is flown: a boat's ``throttle`` and ``speed``, and its limits.
+class FlightRun:
+    """A planned run with what is known of it.
 
-    ``preview`` is of the manoeuvre alone, ``excursion`` of the whole visit.
+    Attributes
+    ----------
+    throttle, speed, envelope : a boat's throttle [fraction] and speed [m/s], and the limits.
+    preview : of the manoeuvre alone. excursion : of all that comes before and after it, too.
+    trial : its record, once it was flown.
     """
 
-    run: PlannedRun
+    planned: PlannedRun
     throttle: float
     speed: float
     envelope: Envelope
     preview: Preview
     excursion: Excursion
+    trial: Trial | None = None
+
+    @property
+    def name(self) -> str:
+        """Its name in the plan."""
+        return self.planned.name
+
+    @property
+    def settings(self) -> FlySettings:
+        """What is flown."""
+        return self.planned.settings
 
     @property
     def why_not(self) -> str:
-        """Why it is refused before arming: a limit that was set and cannot be kept; empty for nothing."""
-        return self.excursion.beyond(self.envelope, self.run.name)
+        """Why it is rejected before arming: a limit that the user set and that it cannot keep; empty for nothing."""
+        return self.excursion.beyond(self.envelope, self.name)
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
 _ORDERS = ("listed", "shuffled")
 _RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed")
-"""Keys of a run beside the manoeuvre's own options."""
+"""Keys of a run in addition to the manoeuvre's own options."""
 _CONDITIONS = ("calm", "min-depth")
 MOST_RUNS = 100
 """Chosen: a plan of more is a slip of the pen."""
 
 
-def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, full_scale: float | None) -> FlightPlan:
+def load_flight_plan(
+    path: Path, common: CommonSettings, model: ModelFile | None, full_scale: float | None
+) -> FlightPlan:
     """Read a plan; ``common``, ``model`` and ``full_scale`` are those of every run.
 
     Raises
     ------
     BadFile
-        Not readable, not TOML, or not a plan: the message says which run and why, with the nearest spellings.
+        Not readable, not TOML, or not a plan: the message names the run, the reason and the nearest spellings.
     """
     try:
         text = read_text(path)
@@ -265,9 +289,9 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
     except Refused as error:
         raise BadFile(f"{path} cannot be read as a plan: {error}") from error
     try:
-        _see_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
+        _check_keys(data, ("title", "order", "area", "conditions", "defaults", "run"), "the plan")
         conditions = _table(data, "conditions")
-        _see_keys(conditions, _CONDITIONS, "[conditions]")
+        _check_keys(conditions, _CONDITIONS, "[conditions]")
         order = lookup(dict.fromkeys(_ORDERS, True), _text(data, "order", "listed"), "order")
         title = _text(data, "title", path.stem)
         runs = list(_runs(data, common, model, full_scale))
@@ -293,7 +317,7 @@ def load_flight_plan(path: Path, common: TuneSettings, model: ModelFile | None, 
     return FlightPlan(title, tuple(_named(runs)), calm, least, text, area)
 
 
-def _see_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+def _check_keys(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
     for key in data:
         try:
             lookup(dict.fromkeys(known, True), key, "key")
@@ -322,11 +346,11 @@ def _number(value: Any) -> float:
 
 
 def _runs(
-    data: Mapping[str, Any], common: TuneSettings, model: ModelFile | None, full_scale: float | None
+    data: Mapping[str, Any], common: CommonSettings, model: ModelFile | None, full_scale: float | None
 ) -> Iterator[PlannedRun]:
     defaults, listed = _table(data, "defaults"), data.get("run", [])
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
-    _see_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
+    _check_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
         raise UsageError("runs must be written as [[run]]")
     left = MOST_RUNS
@@ -344,7 +368,7 @@ def _runs(
 def _of_entry(
     entry: Mapping[str, Any],
     defaults: Mapping[str, Any],
-    common: TuneSettings,
+    common: CommonSettings,
     model: ModelFile | None,
     full_scale: float | None,
     left: int,
@@ -353,7 +377,7 @@ def _of_entry(
     if "manoeuvre" not in entry:
         raise UsageError('no manoeuvre given (manoeuvre = "zig-zag"). See `gcs-autotune fly --list`')
     kind = lookup(MANOEUVRES, _text(entry, "manoeuvre"), "manoeuvre")
-    _see_keys(entry, (*_RUN, *kind.options), kind.name)
+    _check_keys(entry, (*_RUN, *kind.options), kind.name)
     given = {**{k: v for k, v in defaults.items() if k in (*_RUN, *kind.options)}, **entry}
     force = _text(given, "force")
     kind = kind.of(force)

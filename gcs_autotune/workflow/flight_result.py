@@ -10,37 +10,39 @@ from pathlib import Path
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import Fit, Validation, fit_axis, moved_besides, save_model, validate, with_doubt_of_thrust
 from gcs_autotune.manoeuvres import Preview, limited_orders
-from gcs_autotune.report import FlightModel, TrialTold, render_flight, render_preview
+from gcs_autotune.report import (
+    Document,
+    FlightModel,
+    FlightStory,
+    TrialTold,
+    flight_document,
+    preview_document,
+    to_html,
+)
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, PlannedRun
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
-__all__ = ["FlightResult", "FlownRun", "draw_previews", "read_flight"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlownRun:
-    """A run of the plan, as it was foreseen and, unless it was only previewed, as it was flown."""
-
-    planned: PlannedRun
-    preview: Preview
-    trial: Trial | None = None
+__all__ = ["FlightResult", "read_flight", "write_previews"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightResult:
-    """What came of it: ``runs``, ``sheets`` of figures, a model per degree of freedom in ``models``, what to doubt.
+    """The result of a flight.
 
-    ``steps``: the story of a trial that planned itself; its model is the one of the form asked for.
+    ``runs`` with their records, ``sheets`` of figures, a model per degree of freedom in ``models``, and ``remarks``.
+    ``document``: the report, written to ``page``. ``steps`` are those of a trial that planned itself; its model has the
+    required form.
     """
 
-    runs: Sequence[FlownRun]
-    page: Path | None = None
+    runs: Sequence[FlightRun]
+    page: Path
+    document: Document
     sheets: Sequence[Sheet] = ()
     models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
@@ -62,27 +64,28 @@ class FlightResult:
         return self.models[0].fit if self.models else None
 
 
-def draw_previews(runs: Sequence[FlownRun], plan: FlightPlan, directory: Path, when: str) -> Path:
-    """Draw the predicted tracks in *directory*."""
+def write_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path, when: str) -> FlightResult:
+    """Write the predicted tracks to ``preview.html`` in *directory*."""
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
     told = [(run.planned.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
-    page.write_text(render_preview(f"Preview of {plan.title}", when, told), encoding="utf-8")
-    return page
+    document = preview_document(f"Preview of {plan.title}", when, told)
+    page.write_text(to_html(document), encoding="utf-8")
+    return FlightResult(runs, page, document)
 
 
 def read_flight(
     plan: FlightPlan,
-    common: TuneSettings,
+    common: CommonSettings,
     record: RunDirectory,
-    runs: Sequence[FlownRun],
+    runs: Sequence[FlightRun],
     when: str,
     steps: Sequence[TrialStep] = (),
 ) -> FlightResult:
-    """Read figures and models off the records; what they do not tell is a remark, for the records are good.
+    """Read figures and models off the records; a figure or model that they do not determine is a remark.
 
-    A model is fitted per degree of freedom to its runs but those held out: the ones the plan says, else the last of
-    several. On these it is validated. A trial that planned itself (*steps*) has its model already; each of its runs
+    A model is fitted per degree of freedom to its runs except those held out: the ones of the plan, else the last of
+    several. It is validated on these. A trial that planned itself (*steps*) has its model already; each of its runs
     was predicted by the model before it.
     """
     remarks: list[str] = []
@@ -120,22 +123,21 @@ def read_flight(
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri}"
-    page.write_text(
-        render_flight(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)), encoding="utf-8"
-    )
-    return FlightResult(runs, page, sheets, models, remarks, steps)
+    document = flight_document(FlightStory(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)))
+    page.write_text(to_html(document), encoding="utf-8")
+    return FlightResult(runs, page, document, sheets, models, remarks, steps)
 
 
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
-    """Return the steps of a trial that planned itself as the page tells them."""
+    """Return the steps of a trial that planned itself as the page shows them."""
     return [
-        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.foretold, s.ended)
+        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
     ]
 
 
 def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
-    """Return the runs to fit and those held out, per degree of freedom that the runs tell about."""
+    """Return the runs to fit and those held out, per degree of freedom that the runs excite."""
     found: dict[str, tuple[list[Trial], list[Trial]]] = {}
     for planned, trial in flown:
         dof = str(trial.meta.get("dof", ""))
@@ -149,7 +151,7 @@ def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[lis
     return found
 
 
-def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: TuneSettings) -> FlightModel:
+def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: CommonSettings) -> FlightModel:
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )
@@ -159,7 +161,7 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
 
 
 def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Path) -> list[str]:
-    """Return a remark on what the runs moved besides *dof*, which a model of one degree of freedom leaves out."""
+    """Return a remark on other motions than *dof* in the runs, which a model of one degree of freedom omits."""
     swung = [trial for planned, trial in flown if planned.settings.kind.identifies and trial.meta.get("dof") == dof]
     moved = moved_besides(swung, {dof})
     if not moved:
@@ -174,7 +176,7 @@ def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Pa
 
 
 def _limited(trial: Trial) -> list[str]:
-    """Return a remark where clearly less came out of an actuator than was asked for: it stands at a limit."""
+    """Return a remark where an actuator gave clearly less than commanded: it was at a limit."""
     return [
         f"of {asked:.0%} {force} commanded, {came:.0%} reached the output: it is at a limit"
         f"{' (less --throttle leaves thrusters range to steer)' * (force == 'N')}. "

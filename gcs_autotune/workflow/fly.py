@@ -5,57 +5,47 @@ from __future__ import annotations
 import itertools
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import AutotuneError, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import AxisFit
-from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import (
-    Area,
-    CalmCheck,
-    ComeBack,
-    Dive,
-    DiveSettings,
-)
-from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Intentions, PredictedTrack, Watcher
-from gcs_autotune.workflow.announcement import after_a_silence, battery, exactly, whole_of
-from gcs_autotune.workflow.background import agreed, asked_now, beside, run_in_background
-from gcs_autotune.workflow.connection import arming, connect_craft
-from gcs_autotune.workflow.context import armed
+from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings
+from gcs_autotune.watch import PredictedTrack, Watcher
+from gcs_autotune.workflow.announcement import battery, exactly, whole_of
+from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews, read_flight
-from gcs_autotune.workflow.foresight import COMING_BACK, DEEPER, Foresight
-from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, Paced, pace_of
-from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
-from gcs_autotune.workflow.onboard_log import log_of_run
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
+from gcs_autotune.workflow.flight_result import FlightResult, read_flight, write_previews
+from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, MissionLog, pace_of
+from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.preflight import (
     CHECKED,
     STAGE,
+    check_depth_is_reported,
+    check_signals,
+    check_signs,
+    check_vehicle_suits,
     checked_dof,
-    see_depth_is_told,
-    see_it_suits,
-    see_it_tells,
-    see_signs,
     sign_check_for,
+    steered_meanwhile,
 )
 from gcs_autotune.workflow.record import RunDirectory
-from gcs_autotune.workflow.resuming import Earlier, note_setting_out, same_options
+from gcs_autotune.workflow.resuming import Earlier, same_options
 from gcs_autotune.workflow.runner import ManoeuvreRunner
-from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, driven, see_it_can_be_told
-from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.worker import Worker
+from gcs_autotune.workflow.self_planned import SelfPlanner, TrialStep, check_identifiable, driven
+from gcs_autotune.workflow.settings import CommonSettings
 
 __all__ = ["PLAN_FILE", "fly", "fly_plan"]
 
@@ -64,9 +54,11 @@ PLAN_FILE = "plan.toml"
 BACK, LOOKING = 45.0, 6.0
 """Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
 _FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
-"""Parameters that tell how a boat moves."""
+"""Parameters that show how a boat moves."""
+SHOWN_FIRST = "heading"
+"""The axis whose telemetry comes first on a slow link: most manoeuvres steer."""
 _POINTS = 400
-"""Chosen: of a predicted track that are told; more no screen shows."""
+"""Chosen: points of a predicted track that are passed on; a screen shows no more."""
 
 
 def fly(
@@ -78,7 +70,7 @@ def fly(
 
 def fly_plan(
     plan: FlightPlan,
-    common: TuneSettings,
+    common: CommonSettings,
     operator: Operator,
     watcher: Watcher,
     when: str,
@@ -87,238 +79,220 @@ def fly_plan(
 ) -> FlightResult:
     """Preview, announce, ask, fly, read: the run directory has ``trials/``, figures, models and ``report.html``.
 
-    No parameter is written. The craft is left as found on every ending. Runs that ``common.resume`` has are not flown
-    again.
+    No parameter is written. The vehicle is left as before on every ending. Runs that ``common.resume`` has are not
+    flown again.
 
     Raises
     ------
     WrongVehicle
-        It has not what a manoeuvre drives, or is not the one of the earlier flight.
+        It lacks what a manoeuvre drives, or is not the one of the earlier flight.
     PreconditionFailed
         A predicted track leaves the envelope.
     OperatorStopped, GuardTripped, NotAchieved, LinkError
         What ended it early; the records are on disk.
     """
-    record = RunDirectory(common.directory)
+    record, log = RunDirectory(common.directory), MissionLog(watcher)
     earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
     warm = plan.until.dofs if plan.until is not None else ()
     what = plan.title if plan.until is None else f"until {plan.until.title}"
-    with (
-        record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when),
-        jit_warmup(common.connection.uri, warm, []) as worker,
-        connect_craft(
-            common.connection, operator, watcher, record, common.control_rate, common.axis, common.patience
-        ) as craft,
-    ):
-        flight = _Flight(plan, common, operator, watcher, record, craft, earlier, worker)
-        flight.foresee(only_preview=only_preview)
+    visit = visiting(common, operator, log, record, SHOWN_FIRST, dofs=warm)
+    flight = _Flight(plan, earlier)
+    with record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when):
         if only_preview:
-            runs = [FlownRun(leg.run, leg.preview) for leg in flight.legs]
-            return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
-        await_warmup(craft, worker, watcher)
-        with log_of_run(common.fetch_log, craft, record, operator, watcher) as onboard:
-            flight.announce()
-            try:
-                flight.fly()
-            except AutotuneError as error:
-                flight.say_how_to_go_on(error)
-                raise
-    runs = [FlownRun(leg.run, leg.preview, flight.flown[leg.run.name]) for leg in flight.legs]
-    result = read_flight(plan, common, record, runs, when, flight.steps)
+            with visit as at:
+                flight.show_preview(at)
+            return write_previews(flight.runs, plan, common.directory, when)
+        onboard = run_mission(visit, flight.declare, log)
+    result = read_flight(plan, common, record, flight.runs, when, flight.steps)
     onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
     return result
 
 
 class _Flight:
-    """One flight on one vehicle: ``legs`` to fly, ``flown`` by name."""
+    """One flight on one vehicle; ``runs`` in their order, with their records once flown.
 
-    def __init__(
-        self,
-        plan: FlightPlan,
-        common: TuneSettings,
-        operator: Operator,
-        watcher: Watcher,
-        record: RunDirectory,
-        craft: MavlinkCraft,
-        earlier: Earlier,
-        worker: Worker,
-    ) -> None:
-        self._plan, self._common, self._operator, self._worker = plan, common, operator, worker
-        self._watcher, self._record, self._craft, self._earlier = watcher, record, craft, earlier
-        self.legs: list[FlightLeg] = []
-        self.flown: dict[str, Trial] = {}
+    ``steps``: the story of a trial that plans itself.
+    """
+
+    def __init__(self, plan: FlightPlan, earlier: Earlier) -> None:
+        self._plan, self._earlier = plan, earlier
+        self.runs: list[FlightRun] = []
         self.steps: list[TrialStep] = []
-        self._held: dict[str, float] = {}
-        self._area: Area | None = None
         self._planner: SelfPlanner | None = None
+        self._has_begun = False
+        self._visit: Visit[MissionLog]
+        self._previewer: FlightPreviewer
 
-    def foresee(self, *, only_preview: bool) -> None:
-        """See that the vehicle can fly all of it, and preview each run."""
-        craft, firmware = self._craft, self._craft.firmware
-        self._held = present = craft.parameters.read_existing(_FIGURES)
-        self._earlier.see_that_it_is_the_same(craft, present)
-        if self._plan.min_depth is not None and firmware.floats:
-            raise WrongVehicle(f"the plan requires a depth of {self._plan.min_depth:g} m, but this vehicle floats")
-        if self._plan.until is not None:
-            see_it_can_be_told(self._plan.until, self._plan.runs[0].settings.kind, firmware)
-        if self._plan.again is not None:
-            self._plan.again.meet(craft)
-        self._area = area_of_flight(craft, self._plan.area, self._watcher)
-        checks, several = self._checks_of(self._plan.runs), len(self._plan.runs) > 1 or self._plan.until is not None
-        least, watcher = self._plan.min_depth, self._watcher
-        self._foresight = sees = Foresight(craft, present, self._area, least, watcher, checks, several)
-        for run in self._plan.runs:
-            see_it_suits(run.settings, craft)
-            see_it_tells(run.settings.kind, craft)
-            leg = sees.made_to_fit(sees.leg_of(run))
-            if self._plan.until is not None:
-                leg = self._planned_from(leg, self._plan.until)
-            seen, assumed = leg.preview, leg.preview.craft.assumed
-            self.legs.append(leg)
-            of = f"preview of {run.name}" if len(self._plan.runs) > 1 else "preview"
-            self._watcher.say(f"{of} (the manoeuvre alone): {seen.told()}")
-            self._tell_track(leg)
-            if seen.trouble and not assumed and not only_preview:
-                raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
-            if leg.why_not and not only_preview:
-                raise PreconditionFailed(leg.why_not)
-            if leg.why_not:
-                self._watcher.say(f"it would be rejected: {leg.why_not}")
-            if seen.trouble:
-                by = ", with assumed parameters" if assumed else ""
-                self._watcher.say(f"the {of} ends early{by}: {seen.trouble}")
-        if only_preview:
-            for text in self._needs():
-                self._watcher.say(f"it would {text}")
-            self._watcher.say(f"it would {battery(craft.observe(), self._common.envelope, self._whole.seconds)}")
+    def declare(self, visit: Visit[MissionLog]) -> Mission:
+        """Return what this flight will do on the vehicle of *visit*; nothing moves yet."""
+        return self._declared(visit, only_preview=False)
 
-    def _tell_track(self, leg: FlightLeg) -> None:
-        """Tell who watches where the run is expected to go from where the craft is now."""
-        seen, now = leg.preview, self._craft.observe()
+    def show_preview(self, visit: Visit[MissionLog]) -> None:
+        """Report what this flight would do on the vehicle of *visit*."""
+        mission = self._declared(visit, only_preview=True)
+        for text in mission.needs:
+            visit.log.say(f"it would {text}")
+
+    def _declared(self, visit: Visit[MissionLog], *, only_preview: bool) -> Mission:
+        self._visit = visit
+        held = self._preview_runs(only_preview=only_preview)
+        craft, firmware = visit.craft, visit.craft.firmware
+        now, checked, looped = craft.observe(), self._checked, self._looped
+        if not only_preview:
+            for dof in (*checked, *looped):
+                check_depth_is_reported(craft, dof)
+        dives = any(dive_for(dof, firmware, now) is not None for dof in (*checked, *looped))
+        whole = self._whole(DIVE * dives)
+        first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dives
+        pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+        idle = not self._left and self._plan.until is None
+        in_manual = {run.planned.make(run.throttle).in_manual for run in self._left}
+        modes = [firmware.hold_mode] * (False in in_manual or dives or self._plan.min_depth is not None)
+        modes += [firmware.manual_mode] * (True in in_manual or bool(checked))
+        return Mission(
+            itinerary=Itinerary([*first, *self._stages()], pace.turn),
+            modes=() if idle else tuple(modes),
+            movements=COMPLETE if idle else f"{_checks([*checked, *self._steered(checked)])}{self._movements()}",
+            needs=(*self._needs(whole), *self._continues(whole), battery(now, visit.common.envelope, whole.seconds)),
+            fly=lambda journal: self._fly(),
+            held=held,
+            prepare=self._prepare,
+            way_on=self._way_on,
+        )
+
+    def _preview_runs(self, *, only_preview: bool) -> Mapping[str, float]:
+        """Check that the vehicle can fly all of it, and preview each run; return the parameters that were used."""
+        plan, log, craft = self._plan, self._visit.log, self._visit.craft
+        held = craft.parameters.read_existing(_FIGURES)
+        self._earlier.verify_same_vehicle(craft, held)
+        if plan.min_depth is not None and craft.firmware.floats:
+            raise WrongVehicle(f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats")
+        if plan.until is not None:
+            check_identifiable(plan.until, plan.runs[0].settings.kind, craft.firmware)
+        if plan.again is not None:
+            plan.again.meet(craft)
+        area = area_of_flight(craft, plan.area, log)
+        checks, several = self._checks_of(plan.runs), len(plan.runs) > 1 or plan.until is not None
+        checks += self._steered(checks)
+        self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several)
+        for planned in plan.runs:
+            check_vehicle_suits(planned.settings, craft)
+            check_signals(planned.settings.kind, craft)
+            run = previewer.made_to_fit(previewer.run_of(planned))
+            if plan.until is not None:
+                run = self._planned_from(run, plan.until)
+            self.runs.append(run)
+            self._report_preview(run, f"preview of {planned.name}" if len(plan.runs) > 1 else "preview", only_preview)
+        return held
+
+    def _report_preview(self, run: FlightRun, of: str, only_preview: bool) -> None:
+        """Report the preview *of* a run; one that must not be flown is rejected unless it is *only_preview*.
+
+        Raises
+        ------
+        PreconditionFailed
+            It ends early, or cannot keep a limit that the user set.
+        """
+        seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
+        log.say(f"{of} (the manoeuvre alone): {seen.told()}")
+        self._tell_track(run)
+        if seen.trouble and not assumed and not only_preview:
+            raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
+        if run.why_not and not only_preview:
+            raise PreconditionFailed(run.why_not)
+        if run.why_not:
+            log.say(f"it would be rejected: {run.why_not}")
+        if seen.trouble:
+            by = ", with assumed parameters" if assumed else ""
+            log.say(f"the {of} ends early{by}: {seen.trouble}")
+
+    def _tell_track(self, run: FlightRun) -> None:
+        """Tell the watcher where the run is expected to go from where the vehicle is now."""
+        seen, now = run.preview, self._visit.craft.observe()
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
         some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
         track = tuple(map(float, ahead[some])), tuple(map(float, abeam[some]))
-        self._watcher.note(PredictedTrack(leg.run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
+        self._visit.log.note(PredictedTrack(run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
 
-    def _planned_from(self, first: FlightLeg, until: Precision) -> FlightLeg:
+    def _planned_from(self, first: FlightRun, until: Precision) -> FlightRun:
         """Set up what chooses the runs, and return the first: the usual one, or what helps after those known.
 
         Raises
         ------
         UsageError
-            What was flown before tells what was asked for already, or nothing that may be flown helps.
+            The runs flown before have the required precision already, or nothing that may be flown helps.
         """
-        craft, known = self._craft, self._plan.known
+        craft, known = self._visit.craft, self._plan.known
         overhead = BACK if craft.firmware.needs_way else 0.0
         self._planner = planner = SelfPlanner(
-            until, first, craft.firmware, overhead, self._watcher.say, options=self._plan.options, known=len(known)
+            until, first, craft.firmware, overhead, self._visit.log.say, options=self._plan.options, known=len(known)
         )
         self.steps = planner.steps
         if not known:
             return first
-        think = partial(run_in_background, craft, self._worker, lambda error: False)
-        leg = planner.next_leg(known, think, self._foresight.leg_of)
-        if leg is None:
+        think = partial(run_in_background, craft, self._visit.worker, lambda error: False)
+        run = planner.next_run(known, think, self._previewer.run_of)
+        if run is None:
             raise UsageError(f"nothing was flown: after the {len(known)} supplied runs, {planner.steps[-1].ended}")
-        return leg
+        return run
 
     @property
-    def _to_fly(self) -> list[FlightLeg]:
-        return [leg for leg in self.legs if not self._earlier.has(leg.run.name)]
+    def _left(self) -> list[FlightRun]:
+        """The runs that are still to be flown."""
+        return [run for run in self.runs if run.trial is None and not self._earlier.has(run.name)]
 
     def _checks_of(self, runs: Sequence[PlannedRun]) -> list[str]:
         """Return the degrees of freedom whose actuators are checked before *runs*."""
         until = self._plan.until
-        wanted = driven(until, self._craft.firmware) if until is not None else ()
+        wanted = driven(until, self._visit.craft.firmware) if until is not None else ()
         flown = [checked_dof(run.settings.kind) for run in runs if not self._earlier.has(run.name)]
         return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
 
     @property
-    def _dofs(self) -> list[str]:
+    def _checked(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
-        return self._checks_of([leg.run for leg in self._to_fly])
+        return self._checks_of([run.planned for run in self._left])
+
+    def _steered(self, checked: Sequence[str]) -> list[str]:
+        """Return ``yaw`` where it is not among those *checked*, but is steered while they are driven."""
+        firmware, servos = self._visit.craft.firmware, self._visit.craft.servos
+        meanwhile = any(steered_meanwhile(dof, firmware, servos) for dof in checked)
+        return ["yaw"] if meanwhile and "yaw" not in checked else []
 
     @property
-    def _whole(self) -> Excursion:
-        """All that is left to fly, from arming until the vehicle is restored."""
-        each = [leg.excursion for leg in self._to_fly]
+    def _looped(self) -> list[str]:
+        """The degrees of freedom that the autopilot's own loops move."""
+        axes = {run.settings.kind.axis for run in self._left} - {""}
+        return sorted(axis_kind(axis).dof for axis in axes)
+
+    def _whole(self, diving: float) -> Excursion:
+        """Return all that is left to fly, from arming until the vehicle is restored, *diving* [s] included."""
+        each = [run.excursion for run in self._left]
         check = sum(seconds for name, seconds in each[0].stages if name == STAGE) if each else 0.0
         looking = LOOKING * self._plan.calm * len(each)
         alone = [(name, seconds) for one in each for name, seconds in one.stages if name != STAGE]
         stages = ((STAGE, check), *alone) if check else tuple(alone)
-        seconds = sum(one.seconds for one in each) - check * max(len(each) - 1, 0) + looking + self._diving
+        seconds = sum(one.seconds for one in each) - check * max(len(each) - 1, 0) + looking + diving
         return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
-    @property
-    def _diving(self) -> float:
-        """Seconds of diving beforehand."""
-        now, dofs = self._craft.observe(), (*self._dofs, *self._held_dofs)
-        return DIVE * any(dive_for(dof, self._craft.firmware, now) is not None for dof in dofs)
-
-    @property
-    def _held_dofs(self) -> list[str]:
-        """The degrees of freedom that the autopilot's own loops move."""
-        axes = {leg.run.settings.kind.axis for leg in self._to_fly} - {""}
-        return sorted(axis_kind(axis).dof for axis in axes)
-
-    def announce(self) -> None:
-        """Say what will be done, and ask.
-
-        Raises
-        ------
-        OperatorStopped
-            The answer was no.
-        """
-        craft, s, plan = self._craft, self._common, self._plan
-        dofs, now = self._dofs, craft.observe()
-        for dof in (*dofs, *self._held_dofs):
-            see_depth_is_told(craft, dof)
-        dive = any(dive_for(dof, craft.firmware, now) for dof in (*dofs, *self._held_dofs))
-        whole = self._whole
-        first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dive
-        pace = pace_of(under_way=craft.firmware.needs_way, skid=craft.skid)
-        self._itinerary = Itinerary([*first, *self._planned_legs()], pace.turn)
-        if not self._to_fly and plan.until is None:
-            self._watcher.say("every run is complete: nothing is armed or moved; figures and models are computed again")
-            return
-        manual, hold = craft.firmware.manual_mode, craft.firmware.hold_mode
-        in_manual = {leg.run.make(leg.throttle).in_manual for leg in self._to_fly}
-        used = [hold] * (False in in_manual or dive or plan.min_depth is not None)
-        used += [manual] * (True in in_manual or bool(dofs))
-        modes = f"use mode{'s' * (len(used) > 1)} {' and '.join(used)}"
-        intentions = (
-            arming(craft, now),
-            f"{modes}, and return to {now.mode} at the end",
-            f"move: {_checks(dofs)}{self._movements()}",
-            *self._needs(),
-            *self._goes_on(),
-            battery(now, s.envelope, whole.seconds),
-            *after_a_silence(s, now),
-            "write no parameter",
-        )
-        self._watcher.note(Intentions(intentions))
-        for text in intentions:
-            self._watcher.say(f"will {text}")
-        if not agreed(craft, self._operator, self._watcher, "Go ahead?"):
-            raise OperatorStopped("not started: the answer was no. Nothing was armed or moved")
-
-    def _planned_legs(self) -> list[Leg]:
+    def _stages(self) -> list[Leg]:
         """Return the stages of the runs and of what lies between them, as the worst craft takes them."""
         legs: list[Leg] = []
-        for leg in self._to_fly:
-            taken = dict(leg.excursion.stages)
-            if legs and self._craft.firmware.needs_way:
+        for run in self._left:
+            taken = dict(run.excursion.stages)
+            if legs and self._visit.craft.firmware.needs_way:
                 legs.append(Leg(COMING_BACK, taken.get(COMING_BACK, 0.0)))
             legs += [Leg(LOOKING_OUT, LOOKING)] * self._plan.calm
-            legs.append(Leg(leg.run.name, taken.get(leg.run.name, leg.preview.seconds)))
+            legs.append(Leg(run.name, taken.get(run.name, run.preview.seconds)))
         return legs
 
-    def _goes_on(self) -> list[str]:
+    def _continues(self, whole: Excursion) -> list[str]:
+        """Return in words what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
-        if self._plan.again is not None:
-            leg, whole = self._to_fly[0], self._whole
-            back = whole.metres(leg.envelope) / leg.speed if leg.speed else 0.0
-            words = "return and " * self._craft.firmware.needs_way + self._plan.again.words
+        if self._plan.again is not None and self._left:
+            run = self._left[0]
+            back = whole.metres(run.envelope) / run.speed if run.speed else 0.0
+            words = "return and " * self._visit.craft.firmware.needs_way + self._plan.again.words
             return [f"then {words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
         if until is None:
             return []
@@ -328,132 +302,130 @@ class _Flight:
         ]
 
     def _movements(self) -> str:
-        if len(self.legs) == 1:
-            kind = self.legs[0].run.settings.kind
+        if len(self.runs) == 1:
+            kind = self.runs[0].settings.kind
             return f"{kind.name} ({kind.help})"
-        back = ", with a return to the start in between" if self._craft.firmware.needs_way else ""
-        left = self._to_fly
-        done = f" ({len(self.legs) - len(left)} already flown)" if len(left) < len(self.legs) else ""
-        return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(leg.run.name for leg in left)}{back}"
+        back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
+        left = self._left
+        done = f" ({len(self.runs) - len(left)} already flown)" if len(left) < len(self.runs) else ""
+        return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(run.name for run in left)}{back}"
 
-    def _needs(self) -> list[str]:
-        left = self._to_fly
-        if not left:
+    def _needs(self, whole: Excursion) -> list[str]:
+        """Return in words the space, the time and the depth that the *whole* excursion needs."""
+        if not self._left:
             return []
-        least = self._plan.min_depth
-        craft = left[0].preview.craft
-        source = craft.source + ", the worst case of several" * craft.assumed
-        needs = [whole_of(self._whole, left[0].envelope, source)]
+        first, least = self._left[0], self._plan.min_depth
+        plant = first.preview.craft
+        needs = [whole_of(whole, first.envelope, plant.source + ", the worst case of several" * plant.assumed)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
-    def fly(self) -> None:
-        """Fly what is left of the plan, from the sign check on, and put everything back."""
-        craft, s, firmware = self._craft, self._common, self._craft.firmware
-        watcher = Paced(self._watcher, self._itinerary)
+    def _prepare(self) -> None:
+        """Keep the plan, and what an earlier flight has of it, in the run directory."""
+        self._has_begun = True
         if self._plan.text:
-            (self._record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
-        note_setting_out(self._record, s, craft, self._held)
-
-        def keep(trial: Trial) -> None:
-            beside(craft, partial(self._record.keep, trial))
-
-        for leg in self.legs:
-            trial = self._earlier.take(leg.run.name)
+            (self._visit.record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
+        for i, run in enumerate(self.runs):
+            trial = self._earlier.take(run.name)
             if trial is not None:
-                keep(trial)
-                self.flown[leg.run.name] = trial
-        left = [leg for leg in self.legs if leg.run.name not in self.flown]
-        if not left:
-            return
-        ask = partial(asked_now, craft, self._operator, watcher)
-        runner = ManoeuvreRunner(craft, replace(s.envelope, area=self._area), watcher, keep, s.patience, ask)
-        dofs = self._dofs
-        with armed(craft, watcher, self._record, s.connection):
-            home = craft.observe()
-            throttle = max(leg.throttle for leg in left)
-            for dof in dofs:
-                check = sign_check_for(dof, firmware, craft.servos, throttle, needs_speed=firmware.needs_way)
-                see_signs(check, partial(runner.attempt, envelope=left[0].envelope))
-                dive = dive_for(dof, firmware, home)
-                if dive is not None:
-                    runner.fly(dive, "diving")
-            for dof in self._held_dofs:
-                dive = dive_for(dof, firmware, craft.observe())
-                if dive is not None:
-                    runner.fly(dive, "diving")
-            for k, leg in enumerate(itertools.chain(left, self._chosen(runner))):
-                if k:
-                    self._come_back(runner, leg, home)
-                self._make_conditions(runner)
-                manoeuvre = leg.run.make(leg.throttle, speed=leg.speed, keep_still=not firmware.needs_way)
-                fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
-                self.flown[leg.run.name] = fly(manoeuvre, leg.run.name, leg.envelope).trial
+                self._visit.keep(trial)
+                self.runs[i] = replace(run, trial=trial)
 
-    def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
-        """Yield the runs that a trial which plans itself goes on with, each chosen on what was flown before it."""
-        planner = self._planner
-        if planner is None:
-            yield from self._flown_again(runner)
-            return
-        think = partial(run_in_background, self._craft, self._worker, runner.bear)
-        while True:
-            runs = [*self._plan.known, *(self.flown[leg.run.name] for leg in self.legs)]
-            leg = planner.next_leg(runs, think, self._foresight.leg_of)
-            if leg is None:
-                return
-            self.legs.append(leg)
-            self._tell_track(leg)
-            yield leg
+    def _fly(self) -> None:
+        """Fly what is left of the plan, from the sign check on."""
+        visit, left, checked = self._visit, self._left, self._checked
+        craft, firmware = visit.craft, visit.craft.firmware
+        runner = visit.runner(replace(visit.common.envelope, area=self._previewer.area), visit.keep)
+        home = craft.observe()
+        throttle = max(run.throttle for run in left)
+        looped = self._looped
+        for dof in checked:
+            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
+            _dive(runner, dive_for(dof, firmware, home))
+        for dof in self._steered(checked):
+            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            runner.check_steering(check, left[0].envelope)
+        for dof in looped:
+            _dive(runner, dive_for(dof, firmware, craft.observe()))
+        for k, run in enumerate(itertools.chain(left, self._chosen(runner))):
+            if k:
+                self._come_back(runner, run, home)
+            self._make_conditions(runner)
+            manoeuvre = run.planned.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
+            fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
+            flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope).trial)
+            self.runs[self.runs.index(run)] = flown
 
-    def _flown_again(self, runner: ManoeuvreRunner) -> Iterator[FlightLeg]:
-        """Yield the runs that follow from the record of the last one."""
-        again = self._plan.again
-        think = partial(run_in_background, self._craft, self._worker, runner.bear)
-        while again is not None:
-            last = self.legs[-1].run
-            run = again.another(last, self.flown[last.name], think)
-            if run is None:
-                return
-            leg = self._foresight.leg_of(run)
-            trouble = leg.why_not or ("" if leg.preview.craft.assumed else leg.preview.trouble)
-            if trouble:
-                self._watcher.say(f"not repeated: {trouble}")
-                return
-            self.legs.append(leg)
-            self._tell_track(leg)
-            yield leg
+    def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightRun]:
+        """Yield the runs that follow from the records of those before them, where the plan has such."""
+        think = partial(run_in_background, self._visit.craft, self._visit.worker, runner.bear)
+        next_run = self._next_planned if self._planner is not None else self._next_again
+        while (run := next_run(think)) is not None:
+            self.runs.append(run)
+            self._tell_track(run)
+            yield run
 
-    def _come_back(self, runner: ManoeuvreRunner, leg: FlightLeg, home: Observation) -> None:
-        """Bring a boat back to where it began, or say why not; other craft stay about where they are."""
-        if not self._craft.firmware.needs_way or leg.run.settings.kind.tied:
+    def _next_planned(self, think: Callable[..., Any]) -> FlightRun | None:
+        """Return the run that a trial which plans itself flies next, chosen on all that was flown before it."""
+        assert self._planner is not None
+        flown = [run.trial for run in self.runs if run.trial is not None]
+        return self._planner.next_run([*self._plan.known, *flown], think, self._previewer.run_of)
+
+    def _next_again(self, think: Callable[..., Any]) -> FlightRun | None:
+        """Return the run that follows from the record of the last one; None for nothing."""
+        last = self.runs[-1]
+        if self._plan.again is None or last.trial is None:
+            return None
+        planned = self._plan.again.another(last.planned, last.trial, think)
+        if planned is None:
+            return None
+        run = self._previewer.run_of(planned)
+        trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
+        if trouble:
+            self._visit.log.say(f"not repeated: {trouble}")
+            return None
+        return run
+
+    def _come_back(self, runner: ManoeuvreRunner, run: FlightRun, home: Observation) -> None:
+        """Bring a boat back to where it began, or report why not; other craft stay about where they are."""
+        if not self._visit.craft.firmware.needs_way or run.settings.kind.tied:
             return
-        free = replace(leg.envelope, heading_excursion=math.inf)
-        flown = runner.attempt(ComeBack(home.x, home.y, leg.throttle), COMING_BACK, free)
-        self._watcher.say(f"{COMING_BACK}: {flown.outcome.reason}")
+        free = replace(run.envelope, heading_excursion=math.inf)
+        flown = runner.attempt(ComeBack(home.x, home.y, run.throttle), COMING_BACK, free)
+        self._visit.log.say(f"{COMING_BACK}: {flown.outcome.reason}")
 
     def _make_conditions(self, runner: ManoeuvreRunner) -> None:
+        """Dive and look for calm water where the plan requires it."""
         least = self._plan.min_depth
-        if least is not None and not self._craft.observe().z >= least:
-            runner.fly(Dive(DiveSettings(least + DEEPER, enough=least)), "diving")
+        if least is not None and not self._visit.craft.observe().z >= least:
+            _dive(runner, Dive(DiveSettings(least + DEEPER, enough=least)))
         if self._plan.calm:
             runner.fly(CalmCheck(), LOOKING_OUT)
 
-    def say_how_to_go_on(self, error: AutotuneError) -> None:
-        """Tell, after a plan that an *error* ended early, what of it is flown, and the command that flies the rest."""
-        if self._plan.text and len(self.flown) < len(self.legs):
-            link, run = shlex.quote(self._common.connection.uri), shlex.quote(str(self._record.path))
-            self._watcher.say(
-                f"{len(self.flown)} of {len(self.legs)} runs of the plan are flown. To fly the rest, "
-                f"{same_options(error)}: gcs-autotune fly --resume {run} --connect {link}"
-            )
+    def _way_on(self, error: BaseException) -> str:
+        """Return how much of a plan that an *error* ended early is flown, and the command that flies the rest."""
+        flown = sum(run.trial is not None for run in self.runs)
+        if not self._has_begun or not self._plan.text or flown == len(self.runs):
+            return ""
+        link, run = shlex.quote(self._visit.common.connection.uri), shlex.quote(str(self._visit.record.path))
+        return (
+            f"{flown} of {len(self.runs)} runs of the plan are flown. To fly the rest, "
+            f"{same_options(error)}: gcs-autotune fly --resume {run} --connect {link}"
+        )
 
 
+COMPLETE = "every run is complete: nothing is armed or moved; figures and models are computed again"
 LOOKING_OUT = "checking for calm water"
-"""A stage between two runs, beside :data:`COMING_BACK`."""
+"""A stage between two runs, as :data:`COMING_BACK`."""
+
+
+def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:
+    if dive is not None:
+        runner.fly(dive, "diving")
 
 
 def _checks(dofs: Sequence[str]) -> str:
-    """Return in words how the actuators of *dofs* are checked, those that are checked alike together."""
+    """Return in words how the actuators of *dofs* are checked; those with the same check are named together."""
     alike: dict[str, list[str]] = {}
     for dof in dofs:
         alike.setdefault(excitation_of(dof).check, []).append(dof)

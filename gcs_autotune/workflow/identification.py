@@ -1,4 +1,4 @@
-"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that explains both."""
+"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that fits both."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import SWING_AHEAD, noise_in, relay_for, second_output, throttle_steps_for
+from gcs_autotune.workflow.experiments import SWING_AHEAD, Relays, noise_in, second_output, throttle_steps_for
 from gcs_autotune.workflow.extra_relay import extra_relay, fly_extra
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
@@ -33,9 +33,13 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """The model of one axis, the ``runs`` it was fitted to, and ``curved``: the same model with the bent or dead
-    actuator that the record calls for, or None. ``short``: oscillations were ended early for
-    being explained by themselves, or throttle steps; what they leave open of the gains nobody has looked at.
+    """The model of one axis.
+
+    Attributes
+    ----------
+    runs : what it was fitted to.
+    curved : the same model with the thrust curve or dead zone that the record requires, or None.
+    short : whether the experiments ended early without an assessment of the gains.
     """
 
     fit: AxisFit
@@ -59,10 +63,10 @@ def identify(
 ) -> Identified:
     """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
 
-    step : flown before under the autopilot's own loop, if one was; it tells a dead band from a curve.
-    rule : ends relays once the gains are known; without it five periods that agree do.
-    turns_first : bring a boat back before the first of them, too.
-    early : a boat's throttle steps are not flown on the way back where they would tell nothing new.
+    step : flown before under the autopilot's own loop, if any; it separates a dead zone from a thrust curve.
+    rule : ends relays once the gains are known; without it they end when five periods agree.
+    turns_first : turn a boat around before the first of them, too.
+    early : omit a boat's throttle steps on the way back where they add no information.
     """
     if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
@@ -75,29 +79,29 @@ def identify(
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
-    """Return the delay [s] to identify with: the one asked for, else it is estimated."""
+    """Return the delay [s] to identify with: that of the settings, else it is estimated."""
     return "auto" if settings.delay is None else settings.delay
 
 
 def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -> Identified:
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
-    relay = relay_for(s, dof, throttle, s.relay_output, "relay-1", keep_still=still, least_period=least)
+    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
+    relay = relays.relay("relay-1", s.relay_output)
     if turns_first:
-        context.come_about("relay-1", SWING_AHEAD)
+        context.turn_around("relay-1", SWING_AHEAD)
     first = context.fly(relay, "first self-oscillation").trial
     room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
-    relay = relay_for(s, dof, throttle, second_output(first, room), "relay-2", keep_still=still, least_period=least)
-    context.come_about("relay-2", SWING_AHEAD)
+    relay = relays.relay("relay-2", second_output(first, room))
+    context.turn_around("relay-2", SWING_AHEAD)
     trials = [first, context.fly(relay, "second self-oscillation").trial]
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
         third = context.run_in_background(extra_relay, trials, plain)
         if third is not None:
-            context.come_about("relay-3", SWING_AHEAD)
+            context.turn_around("relay-3", SWING_AHEAD)
             context.come_down()
-            trials += fly_extra(third, s, dof, craft, throttle, context.runner, log)
+            trials += fly_extra(third, relays, context.runner, log)
             plain = _plain(context, trials)
     log.fit = plain
     return _with_curve(context, plain, trials, step)
@@ -110,12 +114,11 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     not explained then is flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    still, throttle, least = not craft.firmware.needs_way, context.throttle, craft.least_period
-    noise = noise_in(step, excitation_of(dof).signal) if still else None
+    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
+    noise = noise_in(step, excitation_of(dof).signal) if relays.keep_still else None
     rule.start()
-    context.come_about("relay-1", SWING_AHEAD)
-    relay_of = partial(relay_for, s, dof, throttle, keep_still=still, least_period=least)
-    relay = relay_of(s.relay_output, "relay-1", noise_std=noise, rule=rule)
+    context.turn_around("relay-1", SWING_AHEAD)
+    relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
     again = context.earlier.has("relay-1")
     first = context.fly(relay, "first self-oscillation").trial
     if again:
@@ -128,9 +131,9 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         return Identified(fit, [step, first])
     short = rule.another_size
     output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
-    turned = context.come_about("relay-2", SWING_AHEAD)
+    turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
-    relay = relay_of(output, "relay-2", noise_std=noise, rule=rule if short else None)
+    relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
     second = context.fly(relay, "second self-oscillation").trial
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")
@@ -147,11 +150,11 @@ BENT_UNEXPLAINED = 10.0
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return *found* with the curve that *step* tells too, flown about the speed that *found* foretold.
+    """Return *found* with the thrust curve that *step* shows, flown about the speed that *found* predicts.
 
-    The oscillations are of one size each, larger than what such a step takes; what small outputs do, it alone shows.
-    Not of a boat's steering: the autopilot drives its own throttle meanwhile, on which that rests. Of its surge the
-    step is the way back.
+    The oscillations are of one size each, larger than the outputs of such a step, which alone shows small outputs. A
+    boat's steering is left out: it depends on the throttle, which the autopilot changes. For its surge the step is the
+    way back.
     """
     if found.short and excitation_of(context.axis.dof).by_throttle:
         return _with_step_back(context, found, step)
@@ -186,17 +189,17 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     s, log = context.settings, context.log
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     if turns_first:
-        context.come_about("throttle-1", SWING_AHEAD)
+        context.turn_around("throttle-1", SWING_AHEAD)
     out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
     first = context.fly(out, "first throttle steps").trial
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
-        alone = context.come_back_meanwhile("step-before", partial(_or_none, fitted, [first]))
+        alone = context.compute_while_turning("step-before", partial(_or_none, fitted, [first]))
         if alone is not None and unexplained(alone) < BY_ITSELF:
             log.fit = alone
             return Identified(alone, [first], short=True)
     else:
-        context.come_about("throttle-2", math.inf)
+        context.turn_around("throttle-2", math.inf)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials)
@@ -204,9 +207,9 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
 
 
 def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return the surge that a way out and the *step* on the way back tell together; else fly throttle steps back, too.
+    """Return the surge model of the way out and the *step* on the way back; else fly throttle steps back, too.
 
-    Together they tell nothing sure where they show a current, or where it is open how drag or thrust goes.
+    These two do not suffice where they show a current, or leave the form of drag or thrust open.
     """
     log, s, first = context.log, context.settings, found.runs[0]
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
@@ -219,7 +222,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
         if both is not None and told and unexplained(both) < BY_ITSELF:
             log.fit = both
             return Identified(both, [first, step], short=True)
-    context.come_about("throttle-2", SWING_AHEAD)
+    context.turn_around("throttle-2", SWING_AHEAD)
     trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials, along=along)
@@ -227,7 +230,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
 
 
 def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
-    """Return the fit of *trials*; None where they tell none by themselves: then more is flown."""
+    """Return the fit of *trials*; None if they do not suffice: then more is flown."""
     try:
         return fitted(trials)
     except AutotuneError:

@@ -1,7 +1,7 @@
-"""The stages of a tune or an experiment in their order, with how long each takes: told beforehand, kept while it runs.
+"""The stages of a mission in their order with their times: announced before, updated while it runs.
 
-Times are of the vehicle. What is flown by a clock (a step) is known; how long a self-oscillation takes is the craft's
-affair, so it is estimated from craft that steer alike, and from the first one flown for the next.
+Times are of the vehicle. The time of a step is known. That of a self-oscillation depends on the craft: it is estimated
+from craft that steer in the same way, and then from the first one flown.
 """
 
 from __future__ import annotations
@@ -12,24 +12,31 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Fact, Progress, Watcher
+from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
 from gcs_autotune.workflow.preflight import STAGE
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["TURNING", "Itinerary", "Leg", "Pace", "Paced", "legs_of_experiment", "legs_of_tune", "pace_of"]
+__all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
 TURNING = "turning about"
 DIVE, HOLD = 20.0, 10.0
 """Seconds of a dive, and of holding still before a step that is flown by the clock."""
 SETTLE, GAINS = 6.0, ("present", "new")
-"""Seconds before a turn-rate step beside a heading step, and what it is flown with."""
+"""Seconds before a turn-rate step that accompanies a heading step, and the gains it is flown with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long [s] what is not flown by the clock takes: a sign check, a turn about, a self-oscillation and a throttle
-    level until they are steady, both where they end once enough is ``known``; holding before a step until the craft
-    ``rests``, and a half of one until it ``settles`` at its target, in a speed or a turn rate (``moving``) as well.
+    """How long [s] stages take that have no fixed duration.
+
+    Attributes
+    ----------
+    check, turn : the sign check, turning around.
+    relay, level : a self-oscillation and a throttle level until they are steady.
+    known, answered : the same where they end early: the gains are known, the boat has responded.
+    rests : holding before a step until the craft is at rest.
+    settles, moving : half of a step until the craft settles at its target, and that in a speed or a turn rate.
+    under_way : whether it is a boat, which turns around between stages.
     """
 
     check: float
@@ -41,19 +48,20 @@ class Pace:
     rests: float
     settles: float
     moving: float
+    under_way: bool = True
 
 
 _PACES: Mapping[str, Pace] = {
     "rudder": Pace(40.0, 32.0, 110.0, 12.0, 30.0, 7.0, 12.0, 24.0, 16.0),
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
-    "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0),
+    "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
 }
-"""Chosen: as simulated craft took (Charlie; a BlueBoat; a BlueROV2, a VideoRay). How quick a craft is nobody knows
-before it has moved, but those that thrusters turn are small and quick."""
+"""Chosen: times of simulated craft (Charlie; a BlueBoat; a BlueROV2, a VideoRay). Before a craft has moved its speed of
+response is unknown, but craft that thrusters turn are small and quick."""
 
 
 _RESTLESS = 110.0
-"""Chosen [s]: a self-oscillation of a craft that comes to no rest, as an ROV that hunts in its thrusters' dead band."""
+"""Chosen [s]: a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone."""
 
 
 def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
@@ -67,10 +75,10 @@ def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One stage: its name as the sequencer is told it, seconds, and those of turning about before it.
+    """One stage: its name for the sequencer, its seconds, and those of turning around before it.
 
-    Stages of one ``kind`` take alike: of the first flown, the others are guessed. One that was not planned is of the
-    kind its name ends with.
+    Stages of one ``kind`` take the same time: the first one flown gives the estimate of the others. A stage that was
+    not planned is of the kind its name ends with.
     """
 
     stage: str
@@ -89,24 +97,26 @@ def legs_of_tune(
     dof: str,
     pace: Pace,
     *,
-    under_way: bool,
     moving: bool,
     given: bool,
     dives: bool,
     beside: bool = False,
 ) -> tuple[Leg, ...]:
-    """Return the stages of a tune; *moving*: the loop is on a velocity; *given*: no experiments are flown; *beside*: a
-    turn-rate step accompanies that in heading."""
-    turn = pace.turn if under_way else 0.0
+    """Return the stages of a tune.
+
+    moving : the loop controls a velocity. given : no experiments are flown. dives : an ROV dives first.
+    beside : a turn-rate step accompanies that in heading.
+    """
+    turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
     legs = _first(pace, dives=dives, steers=dof != "yaw")
     before = Leg("step with present gains", step, kind="step")
-    thorough = moving or settings.stop_rule == SETTLED
-    turn = turn if settings.stop_rule == SETTLED else 0.0
-    flown = _swings(dof, pace, under_way) if thorough else _known(pace, under_way)
+    thorough = moving or not settings.ends_early
+    turn = turn if not settings.ends_early else 0.0
+    flown = _swings(dof, pace) if thorough else _known(pace)
     swings = [] if given else [replace(swing, before=turn) for swing in flown]
     back = turn if swings else 0.0
-    if swings and under_way and excitation_of(dof).by_throttle and settings.stop_rule != SETTLED:
+    if swings and pace.under_way and excitation_of(dof).by_throttle and settings.ends_early:
         first = replace(swings[0], seconds=pace.answered * len(LEVELS[0]))
         swings, back = [first], pace.turn  # the step is the way back
     legs += [*swings, replace(before, before=back)] if moving else [before, *swings]
@@ -118,13 +128,13 @@ def legs_of_tune(
     return tuple(legs)
 
 
-def legs_of_experiment(dof: str, pace: Pace, *, under_way: bool, dives: bool) -> tuple[Leg, ...]:
+def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
-    first, second = _swings(dof, pace, under_way)
+    first, second = _swings(dof, pace)
     return (
         *_first(pace, dives=dives, steers=dof != "yaw"),
         first,
-        replace(second, before=pace.turn if under_way else 0.0),
+        replace(second, before=pace.turn),
     )
 
 
@@ -133,17 +143,17 @@ def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:
     return [Leg(STAGE, pace.check * (2.0 if steers else 1.0))] + [Leg("diving", DIVE)] * dives
 
 
-def _swings(dof: str, pace: Pace, under_way: bool) -> list[Leg]:
-    if excitation_of(dof).by_throttle and under_way:
+def _swings(dof: str, pace: Pace) -> list[Leg]:
+    if excitation_of(dof).by_throttle and pace.under_way:
         return _two("throttle steps", pace.level * len(LEVELS[0]))
     return _two("self-oscillation", pace.relay)
 
 
-def _known(pace: Pace, under_way: bool) -> list[Leg]:
+def _known(pace: Pace) -> list[Leg]:
     """Return the self-oscillations that end once the gains are known: one under way, two of a craft at rest, whose
     thrusters mostly have a dead band."""
     legs = _two("self-oscillation", pace.known)
-    return legs[:1] if under_way else legs
+    return legs[:1] if pace.under_way else legs
 
 
 def _two(kind: str, seconds: float) -> list[Leg]:
@@ -156,13 +166,13 @@ def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
     if each is None:
         kind = axis_kind(settings.axis)
         each = kind.guessed_duration if moving else kind.step_duration
-    if settings.stop_rule == SETTLED:
+    if not settings.ends_early:
         return HOLD + 2.0 * each
     return pace.rests + 2.0 * min(each, pace.moving if moving else pace.settles)
 
 
 class Itinerary:
-    """Where one is in the stages, by the *stage* of each tick; one that was not planned is put in where it comes.
+    """The present place in the stages, by the *stage* of each tick; one that was not planned is inserted.
 
     turn : seconds of a turn about that was not planned.
     """
@@ -229,23 +239,22 @@ class Itinerary:
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
-            if past.kind and took > 0.0:
-                for i in range(index, len(self.legs)):
-                    if self.legs[i].kind == past.kind:
-                        self.legs[i] = replace(self.legs[i], seconds=took)
+            alike = [i for i in range(index, len(self.legs)) if past.kind and self.legs[i].kind == past.kind]
+            for i in alike if took > 0.0 else ():
+                self.legs[i] = replace(self.legs[i], seconds=took)
         self._now, self._leg_began = index, self._t
 
 
-class Paced:
-    """A watcher that tells another where in the stages each tick is."""
+class MissionLog:
+    """A watcher that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
 
-    def __init__(self, watcher: Watcher, itinerary: Itinerary) -> None:
+    def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
-        self._itinerary = itinerary
+        self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
         """Pass the tick on."""
-        self._watcher.update(self._itinerary.at(progress))
+        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
         """Pass it on."""
@@ -254,3 +263,12 @@ class Paced:
     def note(self, fact: Fact) -> None:
         """Pass it on."""
         self._watcher.note(fact)
+
+    def announce(self, intentions: tuple[str, ...]) -> None:
+        """State, before anything moves, what will be done."""
+        self.note(Intentions(intentions))
+        for text in intentions:
+            self.say(f"will {text}")
+
+    def abort(self, error: BaseException) -> None:
+        """Take note of what ended the mission early."""

@@ -1,6 +1,6 @@
 """What a tune will compute is compiled, in the process that will compute it, before anything is armed.
 
-The compiled parts are kept on disk; only the first run after an installation pays for them, up to a minute.
+The compiled parts are kept on disk; only the first run after an installation needs up to a minute for them.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from gcs_autotune.workflow.worker import Worker
 __all__ = ["await_warmup", "jit_warmup", "warm_up"]
 
 _PATIENCE = 2.0
-"""Seconds after which it is said why nothing happens."""
+"""Seconds after which the reason for the delay is reported."""
 _LOCK_STEPPED = ("sitl:", "memory")
 """How the URIs begin, that of a ``MemoryLink`` too, of vehicles whose time stands still while we compute."""
 _MODEL = (1.0, 0.5)
-"""Gain and drag [1/s] of the craft computed with: any."""
+"""Gain and drag [1/s] of the simulated craft: any."""
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Ite
 
 
 def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
-    """Wait until the *worker* is ready, saying why if that takes long; the craft is only watched meanwhile."""
+    """Wait until the *worker* is ready, and report why if that takes long; the craft is only monitored."""
     if not worker.apart or isinstance(craft.clock, ManualClock):
         return  # in simulated time nobody waits: what is computed is computed at once
     told: Deadline | None = Deadline.after(craft.clock, _PATIENCE)
@@ -62,7 +62,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
 
 
 def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
-    """Run identification in *dofs* and the control laws named *laws* once, on a craft on paper.
+    """Run identification in *dofs* and the control laws named *laws* once, on a simulated craft.
 
     Several *dofs* without a law are those of a coupled form.
     """
@@ -86,7 +86,7 @@ def _identify(dof: str) -> None:
 
 
 def _swing(dofs: Sequence[str]) -> Trial:
-    """Return a record of a relay experiment on paper in each of *dofs*, with periods of their own: 40 s at 10 Hz."""
+    """Return a simulated record of relay experiments in each of *dofs*, with different periods: 40 s at 10 Hz."""
     alpha, beta = _MODEL
     step = 0.1
     t = step * np.arange(400, dtype=np.float64)

@@ -61,6 +61,6 @@ def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
 def jitter_in(step: Trial, resolution: float = 0.0) -> float:
     """Return the standard deviation [rad or m] of what changes from sample to sample: the noise that moves an actuator.
 
-    A craft that still swings, or an estimate that wanders, is no jitter. At least what rounding to *resolution* makes.
+    Slow oscillation of the craft or drift of the estimate is left out. At least the noise of rounding to *resolution*.
     """
     return max(noise_in(step, str(step.meta["signal"])), resolution / math.sqrt(12.0))

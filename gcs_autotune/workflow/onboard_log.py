@@ -1,4 +1,4 @@
-"""Fetch a log from the vehicle's own card: one that is asked for, or the one it wrote of the run just flown."""
+"""Fetch a log from the vehicle's SD card: a requested one, or that of the run just flown."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gcs_autotune.errors import (
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
 from gcs_autotune.logs import load_runs
-from gcs_autotune.report import beside_telemetry, render_study
+from gcs_autotune.report import beside_telemetry, study_document, to_html
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.operator import Operator
@@ -31,7 +31,7 @@ from gcs_autotune.workflow.study import study_of
 __all__ = ["RunLog", "fetch_onboard_log", "log_of_run"]
 
 _EVERY = 5.0
-"""Chosen: seconds between two words on how far it is."""
+"""Chosen: seconds between two progress messages."""
 _BY_HAND = "use `gcs-autotune logs fetch` to fetch it later"
 
 
@@ -71,17 +71,17 @@ def _teller(clock: Clock, watcher: Watcher) -> Callable[[int, int], None]:
 
 @dataclass(slots=True)
 class RunLog:
-    """The log on board of one run; ``path`` once it is fetched."""
+    """The onboard log of one run; ``path`` once it is fetched."""
 
     record: RunDirectory
     watcher: Watcher
     path: Path | None = None
 
     def identify(self, fits: Sequence[AxisFit], when: str) -> None:
-        """Identify from it what the telemetry was identified for; both models are told beside each other.
+        """Identify from it what the telemetry was identified for, and report both models together.
 
-        ``fit-onboard.json`` and ``onboard.html`` are left in the run directory. A log that tells nothing is no failure
-        of the run: it is said.
+        Writes ``fit-onboard.json`` and ``onboard.html`` to the run directory. A log without information is reported;
+        the run has not failed.
         """
         if self.path is None:
             return
@@ -94,8 +94,8 @@ class RunLog:
                 self.watcher.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
                 continue
             self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
-            page = render_study(study_of(found, runs, f"{fit.dof} from the onboard log", when))
-            (self.record.path / f"onboard{stem}.html").write_text(page, encoding="utf-8")
+            document = study_document(study_of(found, runs, f"{fit.dof} from the onboard log", when))
+            (self.record.path / f"onboard{stem}.html").write_text(to_html(document), encoding="utf-8")
             for line in beside_telemetry(fit, found):
                 self.watcher.say(line)
 
@@ -104,15 +104,15 @@ class RunLog:
 def log_of_run(
     wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, watcher: Watcher
 ) -> Iterator[RunLog]:
-    """Fetch, once all inside is over and put back, the log that the vehicle wrote of it, if it is *wanted*.
+    """Fetch the log that the vehicle wrote of the run within, once everything is restored, if it is *wanted*.
 
-    Nothing is fetched while anything is to be put back, after a STOP, or over a link that is in trouble: then it is
-    said how it is fetched later. A STOP while it is fetched ends the fetching and nothing else.
+    Nothing is fetched while anything is to be restored, after a STOP, or over a failing link: then it is reported how
+    to fetch it later. A STOP during the download ends only the download.
 
     Raises
     ------
     PreconditionFailed
-        The vehicle tells no logs; before anything inside begins.
+        The vehicle lists no logs; raised before the run begins.
     """
     kept = RunLog(record, watcher)
     before = _logs_before(craft) if wanted else ()
@@ -145,7 +145,7 @@ def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
 
 
 def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequence[OnboardLog]) -> None:
-    """Fetch the log that is new, or has grown; what goes wrong with it is said, for the run is over and good."""
+    """Fetch the log that is new, or has grown; a failure is only reported, since the run is complete."""
     session, say = craft.session, kept.watcher.say
     sizes = {log.number: log.size for log in before}
     tell = _teller(session.clock, kept.watcher)

@@ -51,7 +51,7 @@ def _note_of(journal: Path) -> Path:
 
 
 def note_run(journal: Path) -> None:
-    """Note that *journal* is open; a state folder that cannot be written keeps nobody from flying."""
+    """Note that *journal* is open; a state folder that cannot be written does not prevent flying."""
     with suppress(OSError):
         _noted().mkdir(parents=True, exist_ok=True)
         _note_of(journal).write_text(str(journal.absolute()), encoding="utf-8")

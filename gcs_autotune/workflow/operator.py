@@ -1,4 +1,4 @@
-"""The person at the keyboard, as the workflow sees them: may stop everything, and is asked before writes."""
+"""The person at the keyboard: may stop everything, and is asked before writes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["Operator", "Unattended", "can_be_asked"]
 
 
 class Operator(Protocol):
-    """Somebody who can stop the work and answer a question."""
+    """A person who can stop the work and answer a question."""
 
     def stop_requested(self) -> bool:
         """Whether Ctrl-C (or its like) was pressed."""
@@ -21,7 +21,7 @@ class Operator(Protocol):
 
 
 class Unattended:
-    """Nobody at the keyboard: every question was answered beforehand (``--yes``)."""
+    """No operator: every question is answered beforehand (``--yes``)."""
 
     answered_beforehand = True
 
@@ -33,10 +33,10 @@ class Unattended:
         return False
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Return the answer given beforehand."""
+        """Return the answer of ``--yes``."""
         return self.answer
 
 
 def can_be_asked(operator: Operator) -> bool:
-    """Whether *operator* answers a question now; nobody does where all were answered beforehand (``--yes``)."""
+    """Whether *operator* answers a question now; with ``--yes`` there is no operator."""
     return not getattr(operator, "answered_beforehand", False)

@@ -23,9 +23,9 @@ _ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """What is asked for: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs.
+    """The required precision: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs.
 
-    ``typed``: what the user calls a parameter that the fit calls otherwise.
+    ``typed``: the user's name of a parameter, if the fit has another one.
     """
 
     wanted: Mapping[str, float]
@@ -39,7 +39,7 @@ class Precision:
         return (self.form,) if self.form in DOFS else tuple(FORMS[self.form].dofs)
 
     def reached(self, relative: Mapping[str, float]) -> bool:
-        """Whether the relative standard errors are as small as asked for."""
+        """Whether the relative standard errors are as small as required."""
         return all(relative[name] <= share for name, share in self.wanted.items())
 
     def told(self, relative: Mapping[str, float]) -> str:
@@ -54,7 +54,7 @@ class Precision:
 
     @property
     def title(self) -> str:
-        """What is asked for, in words."""
+        """The required precision, in words."""
         return ", ".join(f"{self.called(n)} to {_shown(share)}" for n, share in self.wanted.items())
 
 
@@ -66,7 +66,7 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
     Raises
     ------
     UsageError, UnknownName
-        It cannot be read, or no form, or not the one given, has such a parameter.
+        It cannot be read, or no form, or not this *form*, has such a parameter.
     """
     asked: dict[str, float] = {}
     for item in text.split(","):

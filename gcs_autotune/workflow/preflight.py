@@ -1,4 +1,4 @@
-"""What must be right before anything swings: the vehicle is ready, the actuator acts, the right way, with way on.
+"""Checks before anything oscillates: the vehicle is ready and under way, the actuator acts in the right direction.
 
 A freshly booted ArduRover passes its checks after half a minute, and takes GUIDED (while armed) only when its estimator
 has a position, most of a minute after boot: measured 23 s and 42 s on ArduPilot's own simulator.
@@ -35,17 +35,17 @@ from gcs_autotune.workflow.flight_plan import FlySettings
 __all__ = [
     "CHECKED",
     "STAGE",
+    "check_depth_is_reported",
+    "check_signals",
+    "check_signs",
+    "check_throttle_is_free",
+    "check_vehicle_suits",
     "checked_dof",
     "crooked",
     "cure_of",
     "make_ready",
     "most_speed_of",
     "remarks_on",
-    "see_depth_is_told",
-    "see_it_suits",
-    "see_it_tells",
-    "see_signs",
-    "see_throttle_is_free",
     "sign_check_for",
     "steered_meanwhile",
 ]
@@ -71,7 +71,7 @@ _ROUNDING = 0.005
 def checked_dof(kind: ManoeuvreKind) -> str:
     """Return the degree of freedom whose actuator is checked before a manoeuvre of the *kind*; empty for none.
 
-    None of a craft that is tied up, or before a wall: the relay there tells itself when it is driven the wrong way.
+    Empty, too, for a craft that is tied up or before a wall: that relay itself detects a reversed actuator.
     """
     unchecked = kind.tied or kind.needs
     return "" if unchecked else next((CHECKED[force] for force in sorted(kind.drives) if force in CHECKED), "")
@@ -79,8 +79,7 @@ def checked_dof(kind: ManoeuvreKind) -> str:
 
 def sign_check_for(
     dof: str,
-    firmware: Firmware,
-    servos: ServoMap,
+    craft: MavlinkCraft,
     throttle: float,
     needs_speed: bool,
     output: float | None = None,
@@ -88,12 +87,13 @@ def sign_check_for(
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: the relay's, when given.
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
-    A craft that needs no way to steer by is checked at rest, whatever *throttle* it is flown at: under way it may turn
-    by itself, for many an ROV is unstable on its course.
+    A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
+    course, so that they turn under way without steering.
     """
+    firmware, servos = craft.firmware, craft.servos
     if excitation_of(dof).by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
     d = excitation_of(dof)
@@ -144,7 +144,7 @@ def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
 
 
 def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to change on a craft that goes astern when told to go ahead."""
+    """Return what to change on a craft that goes astern when commanded ahead."""
     if firmware.frame_parameter:
         return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
@@ -180,13 +180,13 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def see_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
     """Fly the check.
 
     Raises
     ------
     PreconditionFailed
-        The actuator is dead, turned round, saturated or too weak, or there is no way on; the message has the cure.
+        The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
     """
     flown = fly(check, STAGE)
     if flown.outcome.ending == "aborted":
@@ -202,7 +202,7 @@ def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
-    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; none where *throttle* was given.
+    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; infinite if *throttle* is set.
 
     limit : the safety limit of the speed.
     """
@@ -215,10 +215,10 @@ TOO_FAST = 1.6
 """Chosen: a boat that goes so many times its cruise speed at its cruise throttle has a wrong pair of them."""
 
 
-def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
-    """See that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
+def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
+    """Check that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
 
-    Capped at less it stands at its limit for most of every manoeuvre, and nothing is learnt from it.
+    With a lower cap it is at its limit for most of every manoeuvre, which then identifies nothing.
 
     Raises
     ------
@@ -237,16 +237,16 @@ def see_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None
 
 
 _PRESSURE_PATIENCE = 2.0
-"""Chosen [s]: a sensor that has not told its pressure by then, asked for it, tells none."""
+"""Chosen [s]: a sensor that has not reported a pressure by then, on request, does not report one."""
 
 
-def see_depth_is_told(craft: MavlinkCraft, dof: str) -> None:
-    """See that the water-pressure sensor can tell a depth; one that is not heard by itself is asked for.
+def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
+    """Check that the water-pressure sensor reports a depth; it is requested if the vehicle does not send it.
 
     Raises
     ------
     PreconditionFailed
-        It tells less than nothing: the autopilot then takes its zero anew at every reading, and every depth is 0.
+        Its pressure is negative: the autopilot then resets its zero at every reading, and every depth is 0.
     """
     if not excitation_of(dof).below_surface:
         return
@@ -290,7 +290,7 @@ _PRED_POS_HORIZ_ABS = 1 << 9
 
 
 class _Estimator:
-    """What the vehicle's estimator last said of itself."""
+    """The last status report of the vehicle's estimator."""
 
     def __init__(self, craft: MavlinkCraft) -> None:
         self.flags: int | None = None
@@ -314,9 +314,9 @@ class _Estimator:
 
 
 def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
-    """Wait, neutral overrides flowing, until a disarmed vehicle passes its checks and a boat knows where it is.
+    """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
 
-    Whether the checks pass is for arming to say: after half a minute they are left to that, with the reasons.
+    After half a minute the checks are left to arming, which reports why they fail.
 
     Raises
     ------
@@ -361,13 +361,13 @@ def _reasons(craft: MavlinkCraft) -> str:
     return f" (its message: {quoted(list(said)[-3:])})" if said else ""
 
 
-def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
-    """See that the craft has what a manoeuvre drives, and steers by what it was told.
+def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
+    """Check that the vehicle has what a manoeuvre drives, and a rudder where an angle is set.
 
     Raises
     ------
     WrongVehicle
-        It has not. UsageError: a rudder is meant, and there is none.
+        It lacks it. UsageError: a rudder angle is set, and there is no rudder.
     """
     kind, firmware = settings.kind, craft.firmware
     if kind.axis and kind.axis not in firmware.axes:
@@ -388,13 +388,13 @@ def see_it_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
 
 
 _TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
-"""Signal that not every vehicle tells -> its message, and the rate [Hz] asked for."""
+"""Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
 _WAITING = 5.0
 """Chosen [s]: for the first of them."""
 
 
-def see_it_tells(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
-    """Ask for what *kind* is read off, and see that a signal it cannot do without comes.
+def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
+    """Request the messages that *kind* is evaluated from, and check that a signal it requires arrives.
 
     Raises
     ------

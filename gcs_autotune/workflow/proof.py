@@ -35,7 +35,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
-from gcs_autotune.workflow.settings import SETTLED, TuneSettings
+from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 
 __all__ = [
@@ -62,12 +62,12 @@ NEAR = 0.9
 SAME_SPEED = 0.02
 """A present cruise speed within this share of the measured one is left alone."""
 LEAST_SETTLE = 6.0
-"""A boat is given so long [s] to come to the turn rate that its step begins at."""
+"""A boat has so long [s] to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""A speed step is given so many time constants of the craft, within these bounds [s]."""
+"""A speed step lasts so many time constants of the craft, within these bounds [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
-"""...and these where a half may end early: both steps are compared over what both recorded, and gains that are worth
-writing have a boat at its target by then."""
+"""The same where half a step may end early: both steps are compared over the time that both recorded, and a boat with
+useful gains is at its target by then."""
 HOLD = 10.0
 """Chosen: a craft that can stay where it is is held so long [s] before its step, for its integral to come to rest."""
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
@@ -81,8 +81,7 @@ OF_TIME_BESIDE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What experiments, or a given model, tell of the craft: the model in fractions of full, its actuator, and the
-    noise of its velocity (SI)."""
+    """The model of the craft with normalised outputs, its actuator, and the noise of its velocity (SI)."""
 
     model: SingleDof
     actuator: Actuator
@@ -90,10 +89,10 @@ class Known:
 
 
 def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
-    """Return what experiments, or a model given by file, tell of *axis* before the loop itself is flown.
+    """Return what experiments, or a model file, show of *axis* before the loop itself is flown.
 
-    What a model leaves unexplained is no noise: of what was flown the noise is that between neighbouring samples. But
-    neighbouring speeds over ground share theirs, the receiver having filtered them: there it is what the fit leaves.
+    The noise is that between neighbouring samples: what a model leaves unexplained is more than noise. Speeds over
+    ground are filtered by the receiver, so that neighbouring samples share their noise: there it is the residual.
     """
     if isinstance(source, Identified):
         fit, curved = source.fit, source.curved
@@ -154,7 +153,7 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
 
 def _enough(settings: TuneSettings, seconds: float) -> float:
     """Return the *seconds* after which a wait may end early: never with Miskovic2010's stop rule."""
-    return math.inf if settings.stop_rule == SETTLED else seconds
+    return math.inf if not settings.ends_early else seconds
 
 
 def proof_of_velocity(
@@ -172,7 +171,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     Raises
     ------
     PreconditionFailed
-        That is hardly any speed, or the autopilot's WP_SPEED leaves no room for a step the sensors can tell.
+        The boat hardly moves, or below the autopilot's WP_SPEED a step is hidden by the noise.
     """
     model = known.model
     force = float(known.actuator.static(np.array([pulse_of(throttle, present)]))[0])
@@ -189,7 +188,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
     time = model.alpha / max(drag, 1e-3)
     share, least_duration = (
-        (SETTLE_OF_TIME, LEAST_DURATION) if settings.stop_rule == SETTLED else (SHORT_OF_TIME, LEAST_SHORT)
+        (SETTLE_OF_TIME, LEAST_DURATION) if not settings.ends_early else (SHORT_OF_TIME, LEAST_SHORT)
     )
     duration = settings.step_duration or min(max(share * time, least_duration), MOST_DURATION)
     enough, least = _enough(settings, ENOUGH), _enough(settings, LEAST)
@@ -202,7 +201,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
 def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
     """Return the whole percent of throttle nearest to *throttle* and the speed the boat keeps at it.
 
-    The speed is what the measured approaches to it tend to. The present pair stays when it says the same.
+    The speed is the steady one of the model. The present pair stays if it is the same.
     """
     percent = float(max(round(100.0 * throttle), 1))
     force = float(known.actuator.static(np.array([pulse_of(percent / 100.0, present)]))[0])
@@ -216,7 +215,7 @@ def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) ->
 def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, beside: bool = False) -> Proof:
     """Return the turn-rate step, from one side to the other, at *speed* [m/s].
 
-    beside : it accompanies a heading tune: size and time are not those of *settings*, and it is shorter.
+    beside : it accompanies a heading tune, is shorter, and ignores size and time of *settings*.
 
     Raises
     ------
@@ -248,7 +247,7 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
 
 
 STRAIGHT = 0.2
-"""A bend of the thrust curve below this is not worth a word."""
+"""A curvature of the thrust curve below this is not reported."""
 
 
 def reduction_of(fit: AxisFit) -> Reduction | None:

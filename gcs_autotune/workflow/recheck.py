@@ -14,7 +14,7 @@ from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import LoopCheck, LoopNumbers, render_recheck
+from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, to_html, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
@@ -246,8 +246,9 @@ def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watch
     doubts = () if check.sheet is None else tuple(check.sheet.doubts)
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
     title = f"Recheck of {axis.name}: {common.connection.uri}"
-    (directory / "report.html").write_text(render_recheck(found, title, when, shown), encoding="utf-8")
-    (directory / "recheck.json").write_text(json_text(found.to_dict()), encoding="utf-8")
+    document = recheck_document(found, title, when, shown)
+    (directory / "report.html").write_text(to_html(document), encoding="utf-8")
+    (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")
     summary = {"title": f"recheck {axis.name}", "when": when, "ending": found.kind, "reason": found.text}
     (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
     return found

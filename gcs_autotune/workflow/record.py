@@ -21,7 +21,7 @@ JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
 
 SUMMARY = "summary.json"
-"""How a run ended in a few words, likewise; a tune's says more."""
+"""File with the ending of a run in a few words; that of a tune contains more."""
 PROPOSED = "proposed.param"
 """The gains that a run proposed and did not write."""
 
@@ -60,7 +60,7 @@ class RunDirectory:
         self.is_made = True
 
     def discard(self) -> None:
-        """Remove the directory of a run that was refused before anything was flown; one with trials stays."""
+        """Remove the directory of a run that was rejected before anything was flown; one with trials stays."""
         if self.is_made and not any((self.path / "trials").iterdir()):
             shutil.rmtree(self.path, ignore_errors=True)
             self.is_made = False
@@ -72,11 +72,11 @@ class RunDirectory:
 
     @property
     def journal(self) -> Path:
-        """What is borrowed from the vehicle and not yet given back."""
+        """What was changed on the vehicle and is not yet restored."""
         return self.path / JOURNAL
 
     def keep(self, trial: Trial) -> None:
-        """Write a trial; one with a lead-in is also written whole, beside the manoeuvre proper.
+        """Write a trial; one with a lead-in is also written whole, in a second file.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class RunDirectory:
     def save_proposed(
         self, values: Mapping[str, float], types: Mapping[str, int], vehicle: tuple[int, int], comment: str
     ) -> None:
-        """Write gains that nobody has proved yet: ``proposed.param`` and, as QGroundControl reads it, ``.params``.
+        """Write gains that are not proved yet: ``proposed.param`` and, for QGroundControl, ``.params``.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class RunDirectory:
 
     @contextmanager
     def summarised(self, title: str, when: str) -> Iterator[None]:
-        """Say in ``summary.json`` what the run within was, and how it ended: what lists of runs show.
+        """Write title and ending of the run within to ``summary.json``, which lists of runs show.
 
         Raises
         ------

@@ -1,8 +1,8 @@
-"""Going on from a run that ended early: what of it was flown to its end is used, when nothing has changed since.
+"""Resuming a run that ended early: its completed trials are used if nothing has changed since.
 
-A trial tells about one vehicle with one set of parameters. So the vehicle must be the same, by its board or its
-fingerprint, its firmware too, and hold the parameters recorded then; axis and settings must be those of that run. What
-makes a flight safe, the sign check and the dive, is always flown again.
+A trial is valid for one vehicle with one set of parameters. So the board (or the fingerprint), the firmware and the
+parameters must be the recorded ones; axis and settings must be those of that run. The sign check and the dive, which
+make a flight safe, are always flown again.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of,
 from gcs_autotune.manoeuvres import GUARDS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.record import JOURNAL, RunDirectory
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
 SETTING_OUT = "setting_out.json"
-"""What a run set out with, in its directory."""
+"""File of a run directory with the settings, vehicle and parameters that the run started with."""
 USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
 """Trials that a later run may use."""
 _SHAPING = (
     *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
     *("full_scale", "stop_rule"),
 )
-"""Settings that say what is flown."""
+"""Settings that determine what is flown."""
 
 
-def _shape(settings: TuneSettings) -> dict[str, Any]:
-    return {**{name: getattr(settings, name) for name in _SHAPING}, "given": settings.given is not None}
+def _shape(settings: CommonSettings) -> dict[str, Any]:
+    shape = {name: getattr(settings, name) for name in _SHAPING if hasattr(settings, name)}
+    return {**shape, "given": settings.given is not None} if isinstance(settings, TuneSettings) else shape
 
 
 def note_setting_out(
-    record: RunDirectory, settings: TuneSettings, craft: MavlinkCraft, own: Mapping[str, float]
+    record: RunDirectory, settings: CommonSettings, craft: MavlinkCraft, own: Mapping[str, float]
 ) -> None:
     """Write down, before anything moves, what a run that goes on from this one must find the same."""
     vehicle = craft.session.vehicle
@@ -83,21 +84,21 @@ class _SetOut(Struct, frozen=True):
 
 
 class Earlier:
-    """The finished trials of an earlier run (``settings.resume``) that are called *names*; none without it.
+    """The completed trials called *names* of an earlier run (``settings.resume``); none without it.
 
-    *alike*: it was flown with the same settings, as its trials are to take the place of those flown now.
+    alike : whether the settings must be the same, since its trials replace those of this run.
 
     Raises
     ------
     UsageError
-        It is no run that can be gone on with, or was flown with other settings.
+        It is not a run that can be resumed, or was flown with other settings.
     PreconditionFailed
-        It left its vehicle with something to be put back.
+        It has not restored everything on its vehicle.
     BadFile
         It cannot be read.
     """
 
-    def __init__(self, settings: TuneSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
+    def __init__(self, settings: CommonSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
         self._run = settings.resume
         self._names = names
         self._told = _SetOut()
@@ -142,8 +143,8 @@ class Earlier:
         """Whether :meth:`take` would return one."""
         return name in self._trials
 
-    def see_that_it_is_the_same(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
-        """See that the vehicle is the one of that run, and holds what it held then (*own*: name -> value now).
+    def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
+        """Check that vehicle and parameters are those of that run (*own*: name -> value now).
 
         Raises
         ------

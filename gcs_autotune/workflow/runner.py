@@ -1,9 +1,9 @@
-"""Manoeuvres as jobs fly them: what must succeed, the way back between two, and silences that are waited out.
+"""Manoeuvres as jobs fly them: which must succeed, turning around between two, and waiting after a silence.
 
-A vehicle's failsafes may have disarmed it and changed its mode during a silence; so may another station, which nobody
-here hears. Where a failsafe does just this after so long a silence, the operator is asked whether to go on; ``--yes``
-is no answer to that. What was found armed is not armed again. A vehicle that has restarted ends the run: its
-estimator and message rates are gone.
+During a silence a failsafe, or another station, may have disarmed the vehicle or changed its mode. Where a failsafe
+does exactly this after such a silence, the operator is asked whether to continue; ``--yes`` does not answer this
+question. A vehicle that was armed at the start is not armed again. A vehicle that has restarted ends the run: its
+estimator and message rates are lost.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.craft import Intervention
@@ -32,6 +33,8 @@ from gcs_autotune.manoeuvres import (
     Flown,
     Manoeuvre,
     Sequencer,
+    SignCheck,
+    ThrustCheck,
     TurnAbout,
     TurnAboutSettings,
     far_out,
@@ -39,6 +42,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
+from gcs_autotune.workflow.preflight import check_signs
 from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
 
 __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
@@ -115,7 +119,7 @@ class ManoeuvreRunner:
             try:
                 flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
                 if flown.outcome.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.outcome.reason):
-                    self._see_it_agrees(manoeuvre)
+                    self._check_sensors_agree(manoeuvre)
                     return flown
             except AutotuneError as error:
                 if not self.bear(error):
@@ -125,10 +129,29 @@ class ManoeuvreRunner:
             self._come_down(again)
             manoeuvre = deepcopy(again)
 
+    def check_steering(self, check: SignCheck | ThrustCheck, envelope: Envelope) -> None:
+        """Check what steers the craft while another degree of freedom is tried.
+
+        A craft that turns by itself, or that hardly answers, is reported here. The tune of its own axis refuses it.
+
+        Raises
+        ------
+        PreconditionFailed
+            It turns the wrong way, or its sensors contradict each other.
+        """
+        try:
+            check_signs(check, partial(self.attempt, envelope=replace(envelope, heading_excursion=math.inf)))
+        except PreconditionFailed as error:
+            seen = check.answer if isinstance(check, SignCheck) else None
+            wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
+            if wrong or self.contradicted:
+                raise
+            self._watcher.say(f"steering, which is held during this: {error}")
+
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
         """Whether this computer left the vehicle without commands for long since link time *begun* [s].
 
-        Then what the craft did is not what was commanded, and *reason*, for which it ended, says nothing about it.
+        Then the craft did not follow our commands, and the *reason* for which it ended shows nothing about it.
 
         Raises
         ------
@@ -158,13 +181,13 @@ class ManoeuvreRunner:
         if found:
             raise PreconditionFailed(f"{self._last.name}: {found}. {tripped(error)}") from error
 
-    def _see_it_agrees(self, manoeuvre: Manoeuvre) -> None:
-        """See that the sensors agree about what was just flown; where only a record was wanted, say what does not.
+    def _check_sensors_agree(self, manoeuvre: Manoeuvre) -> None:
+        """Check that the sensors agree about what was just flown; where only a record is needed, report what does not.
 
         Raises
         ------
         PreconditionFailed
-            They contradict each other, and gains or a loop of the autopilot's rest on them.
+            They contradict each other, and gains or a loop of the autopilot depend on them.
         """
         found = "" if self._last is None else contradiction_in(self._last)
         if not found:
@@ -186,12 +209,12 @@ class ManoeuvreRunner:
         if self._dive is not None and not isinstance(before, Dive) and self._craft.observe().z < SHALLOW:
             self._sequencer.fly(deepcopy(self._dive), "diving")
 
-    def come_about(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
-        """Turn a boat round when the room asks for it, and return whether; other craft stay where they are.
+    def turn_around(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
+        """Turn a boat around when the space requires it, and return whether; other craft stay where they are.
 
-        It turns to the side where it began: the other one takes more room.
+        It turns to the side of the start: the other one takes more space.
 
-        ahead : how long [s] what comes next takes; infinite: turn in any case. last : nothing comes after that.
+        ahead : how long [s] the next stage takes; infinite: turn in any case. last : it is the last one.
         """
         if not self._craft.firmware.needs_way:
             return False
@@ -223,17 +246,17 @@ _PROMPT = 0.8
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
 """Guards after which a run may go on, where :class:`Patience` finds that it may."""
 _LATELY = 10.0
-"""Chosen [s]: so long ago it may be the cause of what is seen now."""
+"""Chosen [s]: a silence that ended longer ago is not the cause of what happens now."""
 _HERE = 1.0
 
 
 class Patience:
-    """How interruptions of one run are borne.
+    """Decides which interruptions of one run it survives.
 
     Parameters
     ----------
-    seconds : longest silence that is waited out; 0 for none.
-    say : where it is told. ask : whether it may be armed again.
+    seconds : longest silence to wait for; 0 for none.
+    say : where to report. ask : asks whether the vehicle may be armed again.
     """
 
     def __init__(
@@ -307,7 +330,7 @@ class Patience:
         return craft.telemetry.watchdog.fault is None
 
     def _may_undo(self, change: Intervention) -> bool:
-        """Whether the operator, asked now, says that nobody ordered this, and nothing more has happened meanwhile."""
+        """Whether the operator, asked now, agrees to undo this change, and nothing more has happened until then."""
         craft = self._craft
         seen = craft.mode, craft.armed
         if not change.may_go_on or (self._found_armed and not craft.armed):

@@ -1,5 +1,5 @@
-"""A trial that plans itself: after each run the model is identified, and the next manoeuvre is the one that brings the
-precision asked for nearest per minute of water (Goodwin1977, chapter 6)."""
+"""A trial that plans itself: after each run the model is identified, and the manoeuvre with the most information per
+minute is flown next, until the required precision is reached (Goodwin1977, chapter 6)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightRun, FlySettings, PlannedRun
 from gcs_autotune.workflow.precision import Precision
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
 __all__ = [
     "Choice",
@@ -33,11 +33,11 @@ __all__ = [
     "Outlook",
     "SelfPlanner",
     "TrialStep",
+    "check_identifiable",
     "driven",
     "first_run",
     "look_ahead",
     "offers_for",
-    "see_it_can_be_told",
 ]
 
 GRID: Mapping[str, tuple[float, ...]] = {
@@ -45,21 +45,21 @@ GRID: Mapping[str, tuple[float, ...]] = {
     "heading": (math.radians(10.0), math.radians(20.0)),
     "duration": (20.0, 40.0, 80.0),
 }
-"""Option of a manoeuvre -> the sizes that are weighed (SI); the others are as the table of limits says."""
+"""Option of a manoeuvre -> the sizes that are considered (SI); other options have their defaults."""
 THROTTLES = (0.0, 0.5)
-"""Chosen: thrust ahead that is weighed for a craft that needs no way to steer by."""
+"""Chosen: thrust ahead that is considered for a craft that steers at rest."""
 SHORT = 20.0
-"""Chosen [s]: a first run up and down, or sideways, of a craft nobody knows yet: it stays within a metre or two."""
+"""Chosen [s]: a first run up and down, or sideways, of an unknown craft: it stays within a metre or two."""
 SHORT_S = 30.0
-"""Chosen [s]: a first S; half as long as one flown by itself, for what is flown after it is chosen and tells more."""
+"""Chosen [s]: a first S; half as long as one flown alone, since the chosen runs after it have more information."""
 LONGEST = 240.0
-"""Chosen [s]: a manoeuvre that takes longer is not weighed; two shorter ones tell more of where to go next."""
+"""Chosen [s]: a manoeuvre that takes longer is not considered; two shorter ones allow a choice in between."""
 OVERHEAD = 5.0
-"""Chosen [s]: what each run costs besides, a boat's coming back apart."""
+"""Chosen [s]: additional time of each run, without a boat's return."""
 WORTH_IT = 0.05
-"""Chosen: a run that brings all wishes together nearer by less, in logarithms, helps nothing."""
+"""Chosen: a run that reduces the sum of the logarithmic errors by less brings no improvement."""
 IN_VAIN = 2
-"""Chosen: after so many runs that helped nothing it ends."""
+"""Chosen: the trial ends after so many runs without improvement."""
 
 
 # --- what may be flown --------------------------------------------------------------------------------------
@@ -94,15 +94,15 @@ class Offer:
         return self.settings.make(self.throttle, keep_still=self.keep_still)
 
     def as_preset(self, dofs: Sequence[str]) -> Preset:
-        """Return it as something that is weighed by a model of *dofs*."""
+        """Return it as a candidate for a model of *dofs*."""
         forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
         made, told = self.make(), {DOFS[dof].position for dof in dofs}
         by_the_clock = isinstance(made, OpenLoopProgramme) and not made.held & told
         return Preset(self.title, " ".join(forces), lambda seconds: self.make(), closed=not by_the_clock)
 
 
-def first_run(precision: Precision, common: TuneSettings) -> FlySettings:
-    """Return what is flown first where nobody says: an S for several degrees of freedom, doublets or steps for one."""
+def first_run(precision: Precision, common: CommonSettings) -> FlySettings:
+    """Return the default first run: an S for several degrees of freedom, doublets or steps for one."""
     if len(precision.dofs) > 1:
         return FlySettings("s-manoeuvre", common, {"duration": SHORT_S})
     force = DOFS[precision.dofs[0]].force
@@ -117,7 +117,7 @@ def offers_for(
     cruise: float,
     options: Mapping[str, float] | None = None,
 ) -> list[Offer]:
-    """Return every manoeuvre of the table that tells about the form, in the sizes of :data:`GRID`.
+    """Return every manoeuvre of the table that excites the form, in the sizes of :data:`GRID`.
 
     *cruise* is a boat's throttle; *options* (SI) hold for all that take them, in place of the sizes there.
     """
@@ -165,8 +165,8 @@ def _sizes(kind: ManoeuvreKind, typed: Mapping[str, float]) -> list[dict[str, fl
 class Choice:
     """An offer by its number, the relative standard errors expected after it, its seconds and its extent.
 
-    ``room``, ``depth`` [m] and ``turned`` [rad] as the model flies it; ``gain``: how much nearer all wishes together
-    come, in natural logarithms of the errors still too large.
+    ``room``, ``depth`` [m] and ``turned`` [rad] of the simulated run; ``gain``: reduction of the errors still too
+    large, in the sum of their natural logarithms.
     """
 
     offer: int
@@ -180,15 +180,18 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """What the runs tell by now, and what to fly next, best first.
+    """The present model, and what to fly next, best first.
 
-    ``relative`` standard errors of what is wanted; ``foretold``: how well [%] the model of the runs before predicted
-    the last one, NaN where there was none. ``choices`` is None where the model runs away, so that it tells nothing.
+    Attributes
+    ----------
+    relative : standard errors over values of the required parameters.
+    predicted : prediction [%] of the last run by the model before it; NaN if there was none.
+    choices : what to fly next; None if the model is unstable, so that nothing can be predicted.
     """
 
     fit: Fit
     relative: Mapping[str, float]
-    foretold: float
+    predicted: float
     choices: tuple[Choice, ...] | None = ()
 
 
@@ -200,18 +203,18 @@ def look_ahead(
     Raises
     ------
     NotInformative
-        The runs tell nothing of this form.
+        The runs do not determine this form.
     """
     found = fit(list(runs), dof=precision.form)
     relative = relative_errors(found, precision.wanted)
-    foretold = math.nan
+    predicted = math.nan
     if before is not None:
         try:
-            foretold = validate(before.model, runs[-1]).fit_percent
+            predicted = validate(before.model, runs[-1]).fit_percent
         except NotInformative:
-            foretold = -math.inf
+            predicted = -math.inf
     if precision.reached(relative):
-        return Outlook(found, relative, foretold)
+        return Outlook(found, relative, predicted)
     most: dict[str, float] = {}
     for run in runs:
         for force, (_, came) in limited_orders(run).items():
@@ -223,7 +226,7 @@ def look_ahead(
             found, list(runs), precision.wanted, presets, longest=LONGEST, overhead=overhead, most=most
         )
     except NotInformative:
-        return Outlook(found, relative, foretold, None)
+        return Outlook(found, relative, predicted, None)
     choices = tuple(
         Choice(
             number[id(w.candidate)], w.relative, w.seconds, w.flight.reach.room, w.flight.reach.deep,
@@ -231,7 +234,7 @@ def look_ahead(
         )
         for w in ranked
     )  # fmt: skip
-    return Outlook(found, relative, foretold, choices)
+    return Outlook(found, relative, predicted, choices)
 
 
 def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
@@ -239,8 +242,8 @@ def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
     return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
 
 
-def see_it_can_be_told(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
-    """See, before anything moves, that the craft can drive what is asked for, and that the *first* run does.
+def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
+    """Check, before anything moves, that the vehicle can excite the required parameters, and that the *first* run does.
 
     Raises
     ------
@@ -274,20 +277,20 @@ class TrialStep:
 
 
 Think = Callable[..., Outlook]
-"""Does a piece of work (the first argument, with the others) while the link is served."""
+"""Computes the first argument, called with the others, while the link is served."""
 
 
 class SelfPlanner:
-    """Says after each run what is known by now and what comes next; ``steps`` is the story.
+    """Decides after each run what is flown next; ``steps`` is the record of it.
 
-    *overhead*: seconds that each run costs besides itself (a boat's coming back). *options* hold for every run that
-    takes them. *known*: how many runs there are from before the *first*, which is then chosen too.
+    *overhead*: additional seconds of each run (a boat's return). *options* hold for every run that takes them. *known*:
+    number of runs before the *first*, which is then chosen too.
     """
 
     def __init__(
         self,
         until: Precision,
-        first: FlightLeg,
+        first: FlightRun,
         firmware: Firmware,
         overhead: float,
         say: Callable[[str], None],
@@ -298,40 +301,40 @@ class SelfPlanner:
         self._until, self._say = until, say
         self._overhead = OVERHEAD + overhead
         self._known = known
-        self._offers = offers_for(until, first.run.settings, firmware, first.throttle, options)
+        self._offers = offers_for(until, first.settings, firmware, first.throttle, options)
         self._before: Fit | None = None
         self._left = until.seconds - (0.0 if known else first.preview.seconds)
         self._why = "flown before" if known else "the first"
-        self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.run.name
-        self._tried = [] if known else [first.run.settings.kind.name]
+        self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.name
+        self._tried = [] if known else [first.settings.kind.name]
         self.steps: list[TrialStep] = []
 
-    def next_leg(
-        self, runs: Sequence[Trial], think: Think, leg_of: Callable[[PlannedRun], FlightLeg]
-    ) -> FlightLeg | None:
-        """Return what to fly after *runs*; None when what was asked for is reached, or nothing helps or fits any more.
+    def next_run(
+        self, runs: Sequence[Trial], think: Think, run_of: Callable[[PlannedRun], FlightRun]
+    ) -> FlightRun | None:
+        """Return what to fly after *runs*; None if the precision is reached, or no run helps or fits any more.
 
         Raises
         ------
         NotInformative
-            The runs tell nothing of what was asked for.
+            The runs do not determine the required parameters.
         """
         until = self._until
         seen = think(look_ahead, runs, self._before, until, self._offers, self._overhead)
         self._before = seen.fit
         self._say(f"after run {len(runs)}: {until.told(seen.relative)}")
-        leg, why = self._best(seen, len(runs) + 1, leg_of)
-        self._say(f"next: {why}" if leg is not None else why)
+        run, why = self._best(seen, len(runs) + 1, run_of)
+        self._say(f"next: {why}" if run is not None else why)
         seconds = 0.0 if len(runs) == self._known else runs[-1].duration
-        self.steps.append(TrialStep(self._name, self._why, seconds, until, seen, "" if leg is not None else why))
-        if leg is not None:
-            self._why, self._name = why, leg.run.name
-            self._left -= leg.preview.seconds + self._overhead
-        return leg
+        self.steps.append(TrialStep(self._name, self._why, seconds, until, seen, "" if run is not None else why))
+        if run is not None:
+            self._why, self._name = why, run.name
+            self._left -= run.preview.seconds + self._overhead
+        return run
 
     def _best(
-        self, seen: Outlook, number: int, leg_of: Callable[[PlannedRun], FlightLeg]
-    ) -> tuple[FlightLeg | None, str]:
+        self, seen: Outlook, number: int, run_of: Callable[[PlannedRun], FlightRun]
+    ) -> tuple[FlightRun | None, str]:
         """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
         until = self._until
         if until.reached(seen.relative):
@@ -347,7 +350,7 @@ class SelfPlanner:
                 "contain (see the doubts; gcs-autotune diagnose searches for the cause)"
             )
         if seen.choices is None:
-            return self._blindly(number, leg_of)
+            return self._blindly(number, run_of)
         worth = [c for c in seen.choices if c.gain >= _noticed(away[-1])]
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
@@ -359,30 +362,30 @@ class SelfPlanner:
             if choice.seconds > self._left:
                 troubles.append(f"{offer.title} takes longer than the remaining time (--total-time)")
                 continue
-            leg = leg_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
-            guessed = leg.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
-            trouble = _beyond(choice, leg.envelope) or ("" if guessed else leg.preview.trouble) or leg.why_not
+            run = run_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
+            guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
+            trouble = _beyond(choice, run.envelope) or ("" if guessed else run.preview.trouble) or run.why_not
             if not trouble:
                 expected = until.told(choice.relative)
-                return leg, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
+                return run, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
-    def _blindly(self, number: int, leg_of: Callable[[PlannedRun], FlightLeg]) -> tuple[FlightLeg | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet, where the model runs away and foretells nothing."""
+    def _blindly(self, number: int, run_of: Callable[[PlannedRun], FlightRun]) -> tuple[FlightRun | None, str]:
+        """Return the gentlest run of a manoeuvre not flown yet; for an unstable model, which predicts nothing."""
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:
                 continue
             self._tried.append(name)
-            leg = leg_of(PlannedRun(f"{number}-{name}", offer.settings))
-            if leg.preview.seconds <= self._left and not leg.preview.trouble and not leg.why_not:
-                return leg, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
+            run = run_of(PlannedRun(f"{number}-{name}", offer.settings))
+            if run.preview.seconds <= self._left and not run.preview.trouble and not run.why_not:
+                return run, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
         return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"
 
 
 def _noticed(away: float) -> float:
-    """Return the least step nearer that counts, where one is so far *away*."""
+    """Return the least improvement that counts at this distance *away* from the required precision."""
     return min(WORTH_IT, 0.5 * away)
 
 

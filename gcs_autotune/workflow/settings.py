@@ -1,4 +1,4 @@
-"""What the user asked ``tune`` for; SI and radians."""
+"""The settings of jobs on a vehicle; SI units and radians."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from gcs_autotune.mavlink import SigningKey
 if TYPE_CHECKING:
     from gcs_autotune.workflow.supplied_gains import SuppliedGains
 
-__all__ = ["SETTLED", "STOP_RULES", "Connection", "TuneSettings"]
+__all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "TuneSettings"]
 
 SETTLED = "settled"
 STOP_RULES = ("design", SETTLED)
-"""When experiments end: once the design is known, or once five periods agree within 10 % (Miskovic2010, 6.7)."""
+"""Criteria by which a relay ends: five periods agree within 10 % (Miskovic2010, 6.7), and with ``design`` also that the
+design is known."""
 
 
-_NUMBERS = (
-    *("step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed"),
-    *("settling_time", "omega_0", "delay", "full_scale", "control_rate", "patience"),
+_COMMON_NUMBERS = ("throttle", "speed", "delay", "control_rate", "patience")
+_TUNE_NUMBERS = (
+    *("step", "step_duration", "relay_output", "relay_hysteresis", "settling_time", "omega_0", "full_scale"),
 )
-"""What a tune is given as numbers."""
 
 
-def _see_limits(settings: object, fields: Sequence[str], axis: str = "") -> None:
+def _check_limits(settings: object, fields: Sequence[str], axis: str = "") -> None:
     for name in fields:
         value = getattr(settings, name)
         if value is not None:
@@ -58,8 +58,8 @@ class Connection:
     opened: Transport | None = None
 
     def __post_init__(self) -> None:
-        """See that the numbers may be used."""
-        _see_limits(self, ("baud", "system_id", "source_system", "seed"))
+        """Check that the numbers are in their limits."""
+        _check_limits(self, ("baud", "system_id", "source_system", "seed"))
 
     def open(self) -> Transport:
         """Open the link, or return the one that is open already.
@@ -74,21 +74,19 @@ class Connection:
 
 
 @dataclass(frozen=True, slots=True)
-class TuneSettings:
-    """One tune. None means: choose for me.
+class CommonSettings:
+    """What every job on a vehicle needs; SI units and radians. None means: choose for me.
 
-    ``step`` [rad, m, m/s or rad/s], ``step_duration`` [s] each way, ``relay_output`` fraction of full output,
-    ``relay_hysteresis`` [rad or m], ``throttle`` fraction and ``speed`` [m/s] for boats, ``model`` the model
-    function's family, ``settling_time`` [s] or ``omega_0`` [rad/s] its speed, ``control_rate`` [Hz] (None: 25, or 10 in
-    simulated time). ``given``: a model
-    to design from, instead of experiments; ``full_scale`` its input at full output, when that is in newtons or rad.
-    ``gains``: gains to prove instead of designing any; ``proving``: the command that proves the gains of a file as they
-    would be here, less the file.
-    ``most_relays``: self-oscillations flown at most, 2 or 3; the third only where two cannot tell what they should.
-    ``stop_rule`` one of :data:`STOP_RULES`; with ``settled`` steps run to their end, too, and a boat turns about before
-    each manoeuvre. ``patience`` [s]: longest silence of the vehicle after which the run goes on. ``resume``:
-    directory of a run that ended early, to go on from. ``fetch_log``: the vehicle's own log of the run is fetched
-    afterwards. ``beyond_ranges``: gains may leave their documented ranges.
+    Attributes
+    ----------
+    connection, directory : how to reach the vehicle, and where the run is recorded.
+    throttle, speed : a boat's throttle [fraction] and speed [m/s]; None: its own cruise.
+    structure, delay : what to identify with: the structure of the drag, and the delay [s]; None: both are estimated.
+    control_rate : control ticks per second [Hz]; None: 25, or 10 in simulated time.
+    patience : longest silence [s] of the vehicle after which the run continues.
+    resume : directory of an earlier run to continue from.
+    fetch_log : whether to fetch the vehicle's own log of the run afterwards.
+    envelope : the safety limits.
 
     Raises
     ------
@@ -96,36 +94,72 @@ class TuneSettings:
         A number is outside its limits (:data:`gcs_autotune.limits.LIMITS`).
     """
 
-    axis: str
     connection: Connection
     directory: Path
+    throttle: float | None = None
+    speed: float | None = None
+    structure: Structure | None = None
+    delay: float | None = None
+    control_rate: float | None = None
+    patience: float = 60.0
+    resume: Path | None = None
+    fetch_log: bool = False
+    envelope: Envelope = field(default_factory=Envelope)
+
+    def __post_init__(self) -> None:
+        """Check that the numbers are in their limits."""
+        _check_limits(self, _COMMON_NUMBERS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TuneSettings(CommonSettings):
+    """One tune, or one experiment, which uses the settings of its first half.
+
+    Attributes
+    ----------
+    axis : the loop, or the degree of freedom of an experiment.
+    step, step_duration : size of the proof [rad, m, m/s or rad/s] and its seconds each way.
+    relay_output, relay_hysteresis : of the relays: fraction of full output, and rad or m.
+    model : family of the reference model. settling_time [s], omega_0 [rad/s] : its speed.
+    given : a model to design from, instead of experiments. full_scale : its input at full output, in its unit.
+    dry_run : whether to write nothing.
+    most_relays : most relays flown, 2 or 3; the third only if two do not separate a dead zone from a thrust curve.
+    stop_rule : when relays end, one of :data:`STOP_RULES`.
+    gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
+        settings, without the file.
+    beyond_ranges : whether gains may leave their documented ranges.
+
+    Raises
+    ------
+    UsageError
+        A number is outside its limits (:data:`gcs_autotune.limits.LIMITS`), or there is no such stop rule.
+    """
+
+    axis: str
     step: float | None = None
     step_duration: float | None = None
     relay_output: float | None = None
     relay_hysteresis: float | None = None
-    throttle: float | None = None
-    speed: float | None = None
     model: str = "bessel"
     settling_time: float | None = None
     omega_0: float | None = None
-    structure: Structure | None = None
-    delay: float | None = None
     given: ModelFile | None = None
     full_scale: float | None = None
     dry_run: bool = False
-    control_rate: float | None = None
     most_relays: int = 3
     stop_rule: str = STOP_RULES[0]
     gains: SuppliedGains | None = None
     proving: str = ""
-    patience: float = 60.0
-    resume: Path | None = None
-    fetch_log: bool = False
     beyond_ranges: bool = False
-    envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:
-        """See that the numbers may be used, and that there is such a rule."""
-        _see_limits(self, _NUMBERS, self.axis)
+        """Check that the numbers are in their limits, and that there is such a rule."""
+        CommonSettings.__post_init__(self)
+        _check_limits(self, _TUNE_NUMBERS, self.axis)
         if self.stop_rule not in STOP_RULES:
             raise UsageError(f"unknown stop rule '{self.stop_rule}'. Use {' or '.join(STOP_RULES)}")
+
+    @property
+    def ends_early(self) -> bool:
+        """Whether relays, steps and waits end once they have shown enough; else a boat also turns before each stage."""
+        return self.stop_rule != SETTLED

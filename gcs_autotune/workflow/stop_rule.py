@@ -1,15 +1,14 @@
-"""When an experiment has told enough: once the gains that would be designed from it are known.
+"""The second criterion of the stop rule: a relay ends once the gains that would be designed from it are known.
 
-Five periods that agree (Miskovic2010, 6.7) are needed to read a limit cycle by its first harmonic. Here the record is
-fitted exactly, together with the step flown before, so an experiment may end as soon as what is left in doubt about the
-craft hardly matters to the gains. After the step, and after each half period from the third on, the model is fitted and
-designed for, briefly and each time from the last gains on, and the predicted error over time of those gains looked at
-all over the 95 % region of its parameters. What is offered in the end is designed anew.
+The first one, five periods that agree (Miskovic2010, 6.7), is needed to read a limit cycle by its first harmonic. Here
+the record is fitted exactly, together with the step flown before. So a relay may end as soon as the remaining
+uncertainty of the model hardly changes the gains. After the step, and after each half period from the third on, the
+model is fitted and gains are designed, each time starting from the last ones. Their predicted ITAE is computed over
+the 95 % region of the parameters. The final proposal is a new design.
 
-An actuator with a dead zone or a bent curve makes the step another craft's than the oscillation. Each of two sizes is
-then ended once it is explained by itself; what is between them is found afterwards, and looked at again then. Whatever
-fits badly otherwise (waves) is left to the five periods, and so is a boat that fits badly: waves show in its steps,
-which turn it gently, before they show in its oscillations.
+With a dead zone or a thrust curve, one model does not explain both step and oscillation. Each of two sizes is then
+ended once a model explains it alone; the actuator is identified afterwards. Other bad fits (waves) are left to the
+five periods, and so is a boat that fits badly: waves show in its gentle steps before they show in its oscillations.
 """
 
 from __future__ import annotations
@@ -37,25 +36,25 @@ from gcs_autotune.workflow.worker import Worker
 __all__ = ["BY_ITSELF", "SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
 
 UNEXPLAINED = 4.0
-"""Chosen [percent]: of the motion, at most so much may be left unexplained by a model that is designed from early."""
+"""Chosen [percent]: a model to design from early leaves at most so much of the motion unexplained."""
 BY_ITSELF = 6.0
-"""Chosen [percent]: an oscillation of one size that leaves less than this needs no waves to be explained."""
+"""Chosen [percent]: an oscillation of one size that leaves less than this unexplained has no waves in it."""
 SPREAD = 0.10
-"""Chosen: gains are known when the worst predicted error over time is at most this share more than the nominal one."""
+"""Chosen: gains are known when the worst predicted ITAE is at most by this share above the nominal one."""
 MOVED = 2.0
-"""Chosen: a number that the last half period moved by so many standard errors is not known yet."""
+"""Chosen: a parameter that the last half period changed by so many standard errors is not known yet."""
 TWICE = 2
-"""So many times running the design must be known."""
+"""The design must be known so many times in a row."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES
-"""Of a run that is to count in a fit: shorter ones are left out of it silently."""
+"""Least samples of a run: a fit leaves out shorter ones without a message."""
 LEFT_OUT = "run-left-out"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignQuestion:
-    """What gains are wanted for: the ``axis`` with its ``present`` gains and the wish, and what is known already.
+    """What gains are designed for: the ``axis`` with its ``present`` gains and the specification.
 
-    ``step``: flown before under the autopilot's own loop. ``structure``, ``delay`` [s]: as asked for.
+    ``step``: flown before under the autopilot's own loop. ``structure``, ``delay`` [s]: what to identify with.
     """
 
     axis: Axis
@@ -70,10 +69,13 @@ class DesignQuestion:
 class Assessment:
     """What is known after a half period.
 
-    ``lacks``: what the design still lacks, in words, empty when it is known. ``another_size``: the run is explained by
-    itself but not together with the step. ``refused``: the craft so modelled cannot be given what was wished for.
-    ``values``, ``stds``: the model's numbers and their standard errors.
-    ``gains`` as they would be now: their predicted error over time, and by what share it is larger at worst.
+    Attributes
+    ----------
+    lacks : what the design still lacks, in words; empty when it is known.
+    another_size : whether a model explains the run alone but not together with the step.
+    refused : whether no gains meet the specification with this model.
+    values, stds : the model's parameters and their standard errors.
+    gains : those that would be designed now, with their predicted ITAE and its uncertainty.
     """
 
     lacks: str
@@ -85,19 +87,19 @@ class Assessment:
 
     @property
     def answers(self) -> bool:
-        """Whether it says what gains there will be, or that there are none."""
+        """Whether the gains are known, or that there are none."""
         return self.refused or not self.lacks
 
     def moved_from(self, last: Assessment) -> bool:
-        """Whether any number is further from what it was in the *last* one than chance explains."""
+        """Whether any parameter differs from the *last* one by more than its uncertainty."""
         pairs = zip(self.values, last.values, last.stds, strict=True)
         return any(abs(now - then) > MOVED * std for now, then, std in pairs)
 
 
 def assess(question: DesignQuestion, run: Trial | None = None, last: ProvisionalGains | None = None) -> Assessment:
-    """Return what *run*, as far as it has come, and the step, or the step alone, tell about the gains wanted.
+    """Return what *run* so far and the step, or the step alone, show about the gains.
 
-    last : the gains when less was known, to go on from.
+    last : the gains of the last assessment, to start from.
     """
     try:
         return _assess(question, run, last)
@@ -140,13 +142,12 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 
 
 class KnownDesign:
-    """Ends relays once the answer to *question* is known; computed at *worker*, so that no tick ever waits for it.
+    """Ends relays once the gains of *question* are known; computed at *worker*, so that no tick ever waits for it.
 
-    Every half period from the third on is asked about, in turn, and none is passed over. Of one record a slow computer
-    therefore gives the same answers as a fast one, only later. What was flown while an answer was awaited does not
-    count (:attr:`counted_to`).
+    Every half period from the third on is assessed, in turn. So a slow computer gives the same result for one record as
+    a fast one, only later. What was flown while a result was awaited does not count (:attr:`counted_to`).
 
-    :meth:`start` comes first of all. *watcher* is told what the gains promise by then.
+    :meth:`start` comes first. *watcher* gets the predicted ITAE.
 
     Attributes
     ----------
@@ -173,11 +174,11 @@ class KnownDesign:
         self.counted_to = math.nan
 
     def __deepcopy__(self, memo: dict[int, Any]) -> KnownDesign:
-        """A relay that is flown again asks the same one."""
+        """A relay that is flown again has the same criterion."""
         return self
 
     def start(self) -> None:
-        """Assess the step by itself."""
+        """Assess the step alone."""
         self._ask(None)
 
     def begin(self) -> None:
@@ -271,7 +272,7 @@ class KnownDesign:
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:
-        """The relay is over; nobody waits for an answer any more."""
+        """The relay is over; no result is needed any more."""
         self._waiting.clear()
         if self._at_work:
             self._worker.abandon()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -34,6 +35,8 @@ from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, pro
 from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gcs_autotune.workflow.study import StudySettings
 
 __all__ = [
@@ -59,6 +62,8 @@ WELL_KNOWN = 0.02
 ENOUGH = "These runs determine every parameter of this model to 2 % or better; more runs are not necessary"
 
 Rows = tuple[tuple[str, ...], ...]
+Plot: TypeAlias = tuple[str, Callable[[], "Figure"]]
+"""A caption, and the function that draws the figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +79,7 @@ class Intervals:
     """Intervals of parameters: one sentence each, pictures with captions."""
 
     sentences: tuple[str, ...] = ()
-    pictures: tuple[tuple[str, Any], ...] = ()
+    pictures: tuple[Plot, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +88,7 @@ class Proposed:
 
     rows: Rows = ()
     verdict: str = ""
-    pictures: tuple[tuple[str, Any], ...] = ()
+    pictures: tuple[Plot, ...] = ()
 
 
 def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
@@ -117,10 +122,13 @@ def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals
     """
     found = [profile(fit, runs, name) for name in names]
     pictures = (
-        ("Rise of the deviance with each parameter; the line marks the end of the 95 % interval.", profile_plot(found)),
+        (
+            "Rise of the deviance with each parameter; the line marks the end of the 95 % interval.",
+            partial(profile_plot, found),
+        ),
         (
             "Correlation of the estimates; dark squares are strongly correlated pairs.",
-            correlation_plot(identifiability(fit, runs)),
+            partial(correlation_plot, identifiability(fit, runs)),
         ),
     )
     return Intervals(tuple(f"{f.words}." for f in found), pictures)
@@ -199,18 +207,19 @@ def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed
     if not rows:
         return Proposed((), verdict)
     caption = "Expected standard errors, now and with the best manoeuvre added."
-    return Proposed(tuple(rows), verdict, ((caption, plan_plot(proposal)),))
+    return Proposed(tuple(rows), verdict, ((caption, partial(plan_plot, proposal)),))
 
 
 def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_pictures(fits: Sequence[Fit]) -> tuple[tuple[str, Any], ...]:
+def response_pictures(fits: Sequence[Fit]) -> tuple[Plot, ...]:
     """Return the Bode picture when one of the fits measured a frequency response."""
     found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
     if found is None:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])
     caption = "Frequency response from input to rate, with coherence; the line is Nomoto's first order."
-    return ((caption, frequency_plot(response, {"Nomoto 1": Nomoto1.from_single_dof(found.model)})),)
+    nomoto = {"Nomoto 1": Nomoto1.from_single_dof(found.model)}
+    return ((caption, partial(frequency_plot, response, nomoto)),)

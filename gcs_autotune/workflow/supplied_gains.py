@@ -1,4 +1,4 @@
-"""Gains given by file instead of designed here: those a dry run proposed, or anybody's; proved like our own."""
+"""Gains of a file instead of designed ones: those of a dry run, or any others; the proof is the same."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _settings_of(flown: Trial) -> StepSettings:
 
 
 def step_of(given: SuppliedGains, asked: StepSettings) -> StepSettings:
-    """Return the step the run of *given* has flown, in size and time as *asked* where it has flown none."""
+    """Return the step that the run of *given* has flown; the *asked* one if it has flown none."""
     return asked if given.step is None else replace(given.step, speed=asked.speed)
 
 

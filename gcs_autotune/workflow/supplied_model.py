@@ -1,4 +1,4 @@
-"""A model given by file instead of identified: is it about this axis, does it explain what the craft does?"""
+"""A model of a file instead of an identified one: is it of this axis, and does it explain the craft's motion?"""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Suppl
     Raises
     ------
     UsageError
-        It is not about this axis, or its input is in newtons and nobody says what full output is.
+        It is not of this axis, or its input is in newtons and its value at full output is unknown.
     """
     reduction = reduce(file.model, axis.dof, file.inputs, law=axis.law, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -59,7 +59,8 @@ def _hint(file: ModelFile, channel: str) -> str:
 
 
 def explained(given: SuppliedModel, step: Trial) -> float:
-    """Return how much [%] of a flown step the model explains, only its initial state fitted; NaN when it cannot say.
+    """Return how much [%] of a flown step the model explains, only its initial state fitted; NaN if it cannot be
+    computed.
 
     step : with the output as a fraction of full, as ``tune`` records it.
     """

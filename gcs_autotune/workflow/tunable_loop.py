@@ -1,6 +1,6 @@
 """A loop whose gains can be tuned, and the order of every tune: propose, ask, apply, prove, keep or restore.
 
-Whose gains these are does not matter here: an autopilot's parameters, or numbers of a controller of our own.
+The gains may be an autopilot's parameters or numbers of a controller of our own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneWatcher", "tu
 
 
 class GainLoan(Protocol):
-    """Gains changed for a while: they go back when the context ends, unless they are kept."""
+    """Gains changed for a while: they are restored when the context ends, unless they are kept."""
 
     def set(self, values: Mapping[str, float]) -> None:
         """Apply all of *values*, or none and raise."""
@@ -38,11 +38,11 @@ class GainLoan(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """New gains and what they promise.
+    """New gains and their prediction.
 
     Attributes
     ----------
-    changes : by the names the person knows them by; empty when nothing better was found.
+    changes : by the names that the operator knows; empty when there is nothing better.
     refusal : why they are not to be applied; empty when they are.
     promise : what they are predicted to do, one sentence; empty when nothing predicts it.
     costs : cost of the proof predicted with the present gains, with the new ones, and with the new ones at the worst of
@@ -62,7 +62,7 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class ProofResult:
-    """How the new gains did in the proof against the old ones; ``remarks`` are for the person if they are kept."""
+    """The new gains compared with the old ones in the proof; ``remarks`` are for the operator if they are kept."""
 
     verdict: Verdict
     remarks: Sequence[str] = ()
@@ -79,26 +79,26 @@ class TunableLoop(Protocol):
         """What the loop controls, one word."""
 
     def read(self) -> Mapping[str, float]:
-        """Return the present gains by name."""
+        """Return the gains that are in place now, and what else the proof depends on, by name."""
 
     def lend(self, journal: Journal) -> GainLoan:
-        """Return what applies new gains and restores the present ones; it keeps *journal* where a crash needs one."""
+        """Return what applies new gains and restores the present ones; it keeps the *journal* that a crash needs."""
 
     def experiment(self) -> None:
         """Fly the proof with the present gains, and what identifies the craft where that is needed."""
 
     def propose(self) -> Offer:
-        """Return new gains for what the experiments showed. May fly more where they left it open."""
+        """Return new gains from the experiments. May fly further ones where these do not suffice."""
 
     def fly_baseline(self) -> None:
-        """Fly with the present gains what else the proof compares with; nothing has been applied yet."""
+        """Fly with the present gains what else the proof compares; nothing has been applied yet."""
 
     def prove(self) -> ProofResult:
         """Fly the proof with the new gains and compare it with the present ones' proof."""
 
 
 class TuneWatcher(Protocol):
-    """Who is told how a tune goes, and keeps its end for the report."""
+    """What reports the progress of a tune, and keeps its ending for the report."""
 
     verdict: tuple[bool | None, tuple[str, ...]]
 
@@ -117,7 +117,7 @@ def tune_loop(
 ) -> None:
     """Tune *loop*: on every ending its gains are the present ones, or new ones that proved better.
 
-    agrees : asks the person. dry_run : apply nothing.
+    agrees : asks the operator. dry_run : apply nothing.
 
     Raises
     ------

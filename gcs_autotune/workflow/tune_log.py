@@ -12,20 +12,20 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
-from gcs_autotune.workflow.itinerary import Itinerary
+from gcs_autotune.watch import Progress, Watcher
+from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TuneLog"]
 
 
-class TuneLog:
+class TuneLog(MissionLog):
     """A watcher that remembers, and passes everything on to the watcher in front of the person."""
 
     def __init__(self, settings: TuneSettings, when: str, watcher: Watcher) -> None:
+        super().__init__(watcher)
         self._settings = settings
         self._when = when
-        self._watcher = watcher
         self._t = math.nan
         self._events: list[tuple[float, str]] = []
         self._trials: list[Trial] = []
@@ -34,7 +34,6 @@ class TuneLog:
         self._craft: MavlinkCraft | None = None
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "the run did not start"
-        self.itinerary: Itinerary | None = None
         self.fit: AxisFit | None = None
         self.proposal: Proposal | None = None
         self.given_changes: tuple[Change, ...] = ()
@@ -48,16 +47,12 @@ class TuneLog:
     def update(self, progress: Progress) -> None:
         """Note the vehicle's time and pass the tick on."""
         self._t = progress.t
-        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
+        super().update(progress)
 
     def say(self, text: str) -> None:
         """Note an event and pass it on."""
         self._events.append((self._t, text))
-        self._watcher.say(text)
-
-    def note(self, fact: Fact) -> None:
-        """Pass it on."""
-        self._watcher.note(fact)
+        super().say(text)
 
     def meet(self, craft: MavlinkCraft) -> None:
         """Note which vehicle it is and how fast it talks."""
@@ -74,11 +69,9 @@ class TuneLog:
         }
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Say, before anything moves, what is going to be done."""
+        """State, before anything moves, what will be done."""
         self._announced = intentions
-        self.note(Intentions(intentions))
-        for text in intentions:
-            self.say(f"will {text}")
+        super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
         """Return MAV_PARAM_TYPE by parameter, and the vehicle's system and component id."""

@@ -1,7 +1,7 @@
-"""What a flown record shows of outputs that work the wrong way, and of sensors that contradict each other.
+"""What a record shows of reversed outputs, and of sensors that contradict each other.
 
-A craft that turns away from where it is steered, or that throttle alone spins, trips a limit sooner or later. The limit
-is right then, and raising it helps nobody: the record shows which servo function or direction is wrong.
+A craft that turns away from where it is steered, or that throttle alone turns, trips a limit sooner or later. The
+limit is right then, and a larger one does not help: the record shows which servo function or direction is wrong.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ SPUN = ("heading excursion", "turn rate")
 REACTION = (0.0, 0.4, 0.8, 1.5)
 """Chosen [s]: how late a craft may turn after it is steered."""
 LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
-"""Chosen [rad]: a turn that is no swing of the bow; and the share of it that is made without steering."""
+"""Chosen [rad]: a turn larger than an oscillation of the bow; and the share of it that is made without steering."""
 
 
 def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:
-    """Return the error that says why a heading limit tripped, where the record of the manoeuvre shows it; else None."""
+    """Return the error with the reason why a heading limit tripped, if the manoeuvre's record shows it; else None."""
     if error.guard not in SPUN or "N" not in trial or "psi" not in trial:
         return None
     limit = tripped(error)

@@ -12,8 +12,7 @@ from sitl.autopilot.autopilot import SLOW_RATE, WARNING, Autopilot
 from sitl.autopilot.parameter_dialect import GENERATIONS, ParameterDialect
 from sitl.autopilot.parameters import Definition, ParameterStore, ReadOnlyParameter
 from sitl.autopilot.pid import Pid
-from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, Rover
-from sitl.autopilot.rover_modes import GuidedTarget
+from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, GuidedTarget, Rover
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
 from sitl.autopilot.sub import Sub
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS

@@ -1,19 +1,20 @@
-"""ArduRover on a boat: pilot sticks, arming rules, failsafes, and the controllers the modes use."""
+"""ArduRover on a boat: pilot sticks, arming rules, controllers, and the modes from MANUAL to GUIDED."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import WARNING, Autopilot
+from sitl.autopilot.failsafes import RoverFailsafe
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rover_loops import RoverSpeedController, RoverSteering
-from sitl.autopilot.rover_modes import RoverFailsafe, RoverGuidedMode, make_rover_modes
 from sitl.autopilot.rover_motors import RoverMotors
 from sitl.autopilot.shaping import wrap_pi
 
-__all__ = ["Rover"]
+__all__ = ["GuidedTarget", "Rover", "RoverGuidedMode"]
 
 STEERING_CHANNEL, THROTTLE_CHANNEL = 1, 3
 _STEERING_FULL, _THROTTLE_FULL = 4500, 100
@@ -35,7 +36,8 @@ class Rover(Autopilot):
         self.mode = self.modes.get(int(parameters["INITIAL_MODE"]), self.mode)
 
     def _make_modes(self) -> Mapping[int, Mode]:
-        return make_rover_modes(self)
+        kinds = (RoverManualMode, AcroMode, SteeringMode, HoldMode, RoverGuidedMode)
+        return {kind.number: kind(self) for kind in kinds}
 
     @property
     def guided(self) -> RoverGuidedMode:
@@ -43,11 +45,6 @@ class Rover(Autopilot):
         mode = self.modes[RoverGuidedMode.number]
         assert isinstance(mode, RoverGuidedMode)
         return mode
-
-    @property
-    def mode_number(self) -> int:
-        """The number of the mode in force."""
-        return self.mode.number
 
     @property
     def failsafe(self) -> bool:
@@ -128,3 +125,127 @@ class Rover(Autopilot):
         """Return the turn rate [rad/s] that gives *lateral_acceleration* [m/s^2] at the present speed."""
         speed = self.estimate.speed
         return lateral_acceleration / math.copysign(max(abs(speed), 1.0), speed)
+
+
+_MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
+_TARGET_TIMEOUT_MS = 3000
+_SCALE_MANUAL_STEERING = 1
+
+
+class _RoverMode(Mode):
+    def __init__(self, rover: Rover) -> None:
+        self.rover = rover
+
+
+class RoverManualMode(_RoverMode):
+    """Sticks straight to the servos."""
+
+    number, name, flags = 0, "MANUAL", _MANUAL_INPUT
+
+    def run(self) -> None:
+        """Pass the sticks on."""
+        rover = self.rover
+        steering, throttle = rover.pilot_sticks()
+        expo = rover.parameters["MANUAL_STR_EXPO"]
+        if expo:
+            steering = (1.0 - expo) * steering + expo * steering**3
+        scaled = bool(int(rover.parameters["MANUAL_OPTIONS"]) & _SCALE_MANUAL_STEERING)
+        rover.motors.set_steering(steering, scaled=scaled)
+        rover.motors.set_throttle(100.0 * throttle)
+
+
+class AcroMode(_RoverMode):
+    """Steering stick is a turn rate up to ACRO_TURN_RATE, throttle stick a speed."""
+
+    number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
+
+    def run(self) -> None:
+        """Run the rate and speed loops."""
+        rover = self.rover
+        steering, throttle = rover.pilot_sticks()
+        rover.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
+        rover.drive_speed(rover.pilot_speed(throttle))
+
+
+class SteeringMode(_RoverMode):
+    """Steering stick is a lateral acceleration (up to what TURN_RADIUS and ATC_TURN_MAX_G allow)."""
+
+    number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
+
+    def run(self) -> None:
+        """Run the rate and speed loops."""
+        rover = self.rover
+        steering, throttle = rover.pilot_sticks()
+        speed = rover.estimate.speed
+        top = speed * speed / max(rover.parameters["TURN_RADIUS"], 0.1)
+        top = min(max(top, 0.1), rover.steering.lateral_acceleration_limit())
+        rover.steer_rate(rover.turn_rate_for(steering * top))
+        rover.drive_speed(rover.pilot_speed(throttle))
+
+
+class HoldMode(_RoverMode):
+    """Everything off and amidships."""
+
+    number, name, flags = 4, "HOLD", _STABILIZE
+
+    def run(self) -> None:
+        """Demand nothing."""
+        self.rover.motors.set_steering(0.0, scaled=False)
+        self.rover.motors.set_throttle(0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class GuidedTarget:
+    """A wanted speed [m/s] with a heading [rad] or, that being None, a turn rate [rad/s]; ``ms``: when it came."""
+
+    ms: int
+    speed: float
+    heading: float | None
+    rate: float = 0.0
+
+
+class RoverGuidedMode(_RoverMode):
+    """Follows targets from the ground; 3 s without one and the boat stays where it is (loiters)."""
+
+    number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
+    needs_position = True
+
+    def __init__(self, rover: Rover) -> None:
+        super().__init__(rover)
+        self.target: GuidedTarget | None = None
+        self._place = (0.0, 0.0)
+
+    def enter(self) -> None:
+        """Stay here until the first target comes."""
+        self.target = None
+        self._loiter_here()
+
+    def run(self) -> None:
+        """Follow the target, or loiter."""
+        rover, target = self.rover, self.target
+        if target is not None and rover.ms - target.ms > _TARGET_TIMEOUT_MS:
+            rover.say(WARNING, "target not received last 3secs, stopping")
+            self.target = target = None
+            self._loiter_here()
+        if target is None:
+            self._loiter()
+            return
+        if target.heading is None:
+            rover.steer_rate(target.rate)
+        else:
+            rover.steer_heading(target.heading)
+        rover.drive_speed(target.speed)
+
+    def _loiter_here(self) -> None:
+        self._place = (self.rover.estimate.x, self.rover.estimate.y)
+
+    def _loiter(self) -> None:
+        rover, estimate = self.rover, self.rover.estimate
+        north, east = self._place[0] - estimate.x, self._place[1] - estimate.y
+        beyond = math.hypot(north, east) - rover.parameters["LOIT_RADIUS"]
+        if beyond <= 0.0:
+            rover.motors.set_steering(0.0, scaled=False)
+            rover.drive_speed(0.0)
+            return
+        rover.steer_heading(math.atan2(east, north))
+        rover.drive_speed(min(beyond * rover.parameters["LOIT_SPEED_GAIN"], rover.parameters["WP_SPEED"]))

@@ -1,4 +1,4 @@
-"""ArduSub: pilot sticks, joystick gain, arming rules, failsafes, and the controllers the modes use."""
+"""ArduSub: pilot sticks, joystick gain, arming rules, controllers, and the modes from MANUAL to GUIDED."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 
 from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.failsafes import SubFailsafe
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
 from sitl.autopilot.sub_loops import SubDepthController, SubYawController
-from sitl.autopilot.sub_modes import SubFailsafe, make_sub_modes
 from sitl.autopilot.sub_motors import SubMotors
 
 __all__ = ["Sub"]
@@ -43,7 +43,8 @@ class Sub(Autopilot):
         self._target_ms = -_TARGET_LIFE_MS
 
     def _make_modes(self) -> Mapping[int, Mode]:
-        return make_sub_modes(self)
+        kinds = (SubManualMode, StabilizeMode, AltHoldMode, SubGuidedMode)
+        return {kind.number: kind(self) for kind in kinds}
 
     @property
     def failsafe(self) -> bool:
@@ -155,3 +156,64 @@ class Sub(Autopilot):
         up, down = self.parameters["PILOT_SPEED_UP"], self.parameters["PILOT_SPEED_DN"]
         fastest = up if stick > 0.0 else down or up
         return math.copysign((abs(stick) - dead) / (1.0 - dead) * fastest, stick)
+
+
+_MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
+
+
+class _SubMode(Mode):
+    def __init__(self, sub: Sub) -> None:
+        self.sub = sub
+
+    def enter(self) -> None:
+        """Hold heading and depth where they are."""
+        self.sub.reset_loops()
+
+
+class SubManualMode(_SubMode):
+    """Sticks straight to the motors."""
+
+    number, name, flags = 19, "MANUAL", _MANUAL_INPUT
+
+    def run(self) -> None:
+        """Pass the sticks on."""
+        self.sub.pass_yaw_stick()
+        self.sub.pass_throttle_stick()
+        self.sub.pass_horizontal_sticks()
+
+
+class StabilizeMode(_SubMode):
+    """Heading is held, throttle is the stick's."""
+
+    number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
+
+    def run(self) -> None:
+        """Run the yaw loop."""
+        self.sub.steer()
+        self.sub.pass_throttle_stick()
+        self.sub.pass_horizontal_sticks()
+
+
+class AltHoldMode(_SubMode):
+    """Heading and depth are held."""
+
+    number, name, flags = 2, "ALT_HOLD", _MANUAL_INPUT | _STABILIZE
+
+    def run(self) -> None:
+        """Run the yaw and depth loops."""
+        self.sub.steer()
+        self.sub.hold_depth()
+        self.sub.pass_horizontal_sticks()
+
+
+class SubGuidedMode(_SubMode):
+    """Heading and depth follow targets from the ground; no horizontal thrust (position is not simulated)."""
+
+    number, name, flags = 4, "GUIDED", _STABILIZE | _GUIDED
+    needs_position = True
+
+    def run(self) -> None:
+        """Run the yaw and depth loops; yaw and throttle sticks still count, the horizontal ones do not."""
+        self.sub.steer()
+        self.sub.hold_depth()
+        self.sub.motors.forward = self.sub.motors.lateral = 0.0

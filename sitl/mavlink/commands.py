@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from sitl.autopilot import WARNING
 from sitl.mavlink.dialect import Message, mavlink
-
-if TYPE_CHECKING:
-    from sitl.mavlink.server import Server
+from sitl.mavlink.port import Port
 
 __all__ = ["COMMANDS", "handle_command", "handle_set_mode"]
 
@@ -28,14 +25,14 @@ def _whole(value: float) -> int:
     return int(value) if math.isfinite(value) else -1
 
 
-def _set_mode(server: Server, p: Sequence[float]) -> int:
+def _set_mode(port: Port, p: Sequence[float]) -> int:
     if not _whole(p[0]) & _CUSTOM_MODE_ENABLED:
         return _UNSUPPORTED
-    return _ACCEPTED if server.vehicle.autopilot.set_mode(_whole(p[1])) else _FAILED
+    return _ACCEPTED if port.vehicle.autopilot.set_mode(_whole(p[1])) else _FAILED
 
 
-def _arm(server: Server, p: Sequence[float]) -> int:
-    autopilot = server.vehicle.autopilot
+def _arm(port: Port, p: Sequence[float]) -> int:
+    autopilot = port.vehicle.autopilot
     wanted = _whole(p[0])
     if wanted not in (0, 1):
         return _UNSUPPORTED
@@ -43,58 +40,58 @@ def _arm(server: Server, p: Sequence[float]) -> int:
     return _ACCEPTED if done else _FAILED
 
 
-def _set_message_interval(server: Server, p: Sequence[float]) -> int:
+def _set_message_interval(port: Port, p: Sequence[float]) -> int:
     message, interval = _whole(p[0]), p[1]
-    if server.streams.interval(message) is None or not math.isfinite(interval):
-        server.vehicle.autopilot.say(WARNING, f"No ap_message for mavlink id ({message})")
+    if port.streams.interval(message) is None or not math.isfinite(interval):
+        port.vehicle.autopilot.say(WARNING, f"No ap_message for mavlink id ({message})")
         return _DENIED
-    if server.streams.is_too_fast(interval):
+    if port.streams.is_too_fast(interval):
         text = "Requested rate for message too fast. Increase SCHED_LOOP_RATE"
-        server.vehicle.autopilot.say(WARNING, text[:50])
+        port.vehicle.autopilot.say(WARNING, text[:50])
         return _DENIED
-    server.streams.request(message, interval, server.now_us)
+    port.streams.request(message, interval, port.now_us)
     return _ACCEPTED
 
 
-def _get_message_interval(server: Server, p: Sequence[float]) -> int:
+def _get_message_interval(port: Port, p: Sequence[float]) -> int:
     message = _whole(p[0])
-    interval = server.streams.interval(message)
+    interval = port.streams.interval(message)
     if interval is None:
         return _FAILED
-    server.send(mavlink.MAVLink_message_interval_message(message, interval))
+    port.send(mavlink.MAVLink_message_interval_message(message, interval))
     return _ACCEPTED
 
 
-def _request_message(server: Server, p: Sequence[float]) -> int:
+def _request_message(port: Port, p: Sequence[float]) -> int:
     message = _whole(p[0])
-    if server.streams.interval(message) is None:
+    if port.streams.interval(message) is None:
         return _FAILED
-    server.send_now(message)
+    port.send_now(message)
     return _ACCEPTED
 
 
-def _request_capabilities(server: Server, p: Sequence[float]) -> int:
+def _request_capabilities(port: Port, p: Sequence[float]) -> int:
     if _whole(p[0]) != 1:
         return _DENIED
-    server.send_now(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    port.send_now(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     return _ACCEPTED
 
 
-def _reboot(server: Server, p: Sequence[float]) -> int:
-    autopilot = server.vehicle.autopilot
+def _reboot(port: Port, p: Sequence[float]) -> int:
+    autopilot = port.vehicle.autopilot
     if _whole(p[0]) != 1:
         return _UNSUPPORTED
     if autopilot.armed and _whole(p[5]) != _FORCE_REBOOT:
         return _FAILED
-    server.reboot_soon()
+    port.reboot_soon()
     return _ACCEPTED
 
 
-def _refuse(server: Server, p: Sequence[float]) -> int:
+def _refuse(port: Port, p: Sequence[float]) -> int:
     return _FAILED
 
 
-COMMANDS: Mapping[int, Callable[[Server, Sequence[float]], int]] = {
+COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
@@ -108,7 +105,7 @@ COMMANDS: Mapping[int, Callable[[Server, Sequence[float]], int]] = {
 """MAV_CMD -> what does it, given the seven parameters; returns MAV_RESULT."""
 
 
-def handle_command(server: Server, message: Message) -> None:
+def handle_command(port: Port, message: Message) -> None:
     """Carry out COMMAND_LONG or COMMAND_INT and acknowledge it to its sender."""
     if message.get_type() == "COMMAND_INT":
         place = (message.x, message.y, message.z)
@@ -116,13 +113,13 @@ def handle_command(server: Server, message: Message) -> None:
         place = (message.param5, message.param6, message.param7)
     parameters = (message.param1, message.param2, message.param3, message.param4, *place)
     act = COMMANDS.get(message.command)
-    result = _UNSUPPORTED if act is None else act(server, parameters)
+    result = _UNSUPPORTED if act is None else act(port, parameters)
     sender = (message.get_srcSystem(), message.get_srcComponent())
-    server.send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
+    port.send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
 
 
-def handle_set_mode(server: Server, message: Message) -> None:
+def handle_set_mode(port: Port, message: Message) -> None:
     """Carry out the old SET_MODE message; ArduPilot acknowledges that one too."""
-    result = _set_mode(server, (float(message.base_mode), float(message.custom_mode)))
+    result = _set_mode(port, (float(message.base_mode), float(message.custom_mode)))
     sender = (message.get_srcSystem(), message.get_srcComponent())
-    server.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))
+    port.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))

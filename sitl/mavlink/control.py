@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from sitl.autopilot import STEERING_CHANNEL, THROTTLE_CHANNEL, GuidedTarget, Rover, Sub
 from sitl.mavlink.dialect import Message, mavlink
-
-if TYPE_CHECKING:
-    from sitl.mavlink.server import Server
+from sitl.mavlink.port import Port
 
 __all__ = [
     "handle_attitude_target",
@@ -31,10 +28,10 @@ _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 
 
-def handle_override(server: Server, message: Message) -> None:
+def handle_override(port: Port, message: Message) -> None:
     """Take RC_CHANNELS_OVERRIDE from the ground station: it also counts as a sign of life."""
-    autopilot = server.vehicle.autopilot
-    if not server.is_from_gcs(message):
+    autopilot = port.vehicle.autopilot
+    if not port.is_from_gcs(message):
         return
     for channel in range(1, 19):
         pwm = getattr(message, f"chan{channel}_raw")
@@ -47,10 +44,10 @@ def handle_override(server: Server, message: Message) -> None:
         autopilot.hear_pilot()
 
 
-def handle_manual_control(server: Server, message: Message) -> None:
+def handle_manual_control(port: Port, message: Message) -> None:
     """Take joystick axes from the ground station; they become overrides."""
-    autopilot = server.vehicle.autopilot
-    if not server.is_from_gcs(message):
+    autopilot = port.vehicle.autopilot
+    if not port.is_from_gcs(message):
         return
     autopilot.hear_gcs()
     if isinstance(autopilot, Rover):
@@ -89,9 +86,9 @@ def _yaw_of(q: Sequence[float]) -> float | None:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def handle_attitude_target(server: Server, message: Message) -> None:
+def handle_attitude_target(port: Port, message: Message) -> None:
     """Take SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
-    autopilot, mask = server.vehicle.autopilot, message.type_mask
+    autopilot, mask = port.vehicle.autopilot, message.type_mask
     yaw = _yaw_of(message.q)
     if isinstance(autopilot, Sub):
         if yaw is not None and mask & _THROTTLE_IGNORED and not mask & _ATTITUDE_IGNORED:
@@ -108,9 +105,9 @@ def handle_attitude_target(server: Server, message: Message) -> None:
         autopilot.guided.target = GuidedTarget(autopilot.ms, speed, yaw)
 
 
-def handle_local_target(server: Server, message: Message) -> None:
+def handle_local_target(port: Port, message: Message) -> None:
     """Take SET_POSITION_TARGET_LOCAL_NED on Rover in GUIDED: velocity, with yaw, yaw rate or neither."""
-    rover, mask = server.vehicle.autopilot, message.type_mask
+    rover, mask = port.vehicle.autopilot, message.type_mask
     if not isinstance(rover, Rover) or rover.mode is not rover.guided:
         return
     if mask & _VX_IGNORED or mask & _ACCELERATION_IGNORED != _ACCELERATION_IGNORED:
@@ -131,9 +128,9 @@ def handle_local_target(server: Server, message: Message) -> None:
     rover.guided.target = target
 
 
-def handle_global_target(server: Server, message: Message) -> None:
+def handle_global_target(port: Port, message: Message) -> None:
     """Take SET_POSITION_TARGET_GLOBAL_INT on Sub in ALT_HOLD or GUIDED: ``alt`` [m], negative under water."""
-    sub = server.vehicle.autopilot
+    sub = port.vehicle.autopilot
     if not isinstance(sub, Sub) or sub.mode.number not in (_ALT_HOLD, _GUIDED_SUB):
         return
     if not message.type_mask & _Z_IGNORED and math.isfinite(message.alt):

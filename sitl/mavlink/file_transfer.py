@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
 from sitl.mavlink.dialect import Message, mavlink
-
-if TYPE_CHECKING:
-    from sitl.mavlink.server import Server
+from sitl.mavlink.port import Port
 
 __all__ = ["FileTransfer", "packed"]
 
@@ -21,9 +18,9 @@ _CODES = {2: (1, "<b"), 4: (2, "<h"), 6: (3, "<i"), 9: (4, "<f")}
 """MAV_PARAM_TYPE -> AP_Param's type, and how a value is packed."""
 
 
-def packed(server: Server, *, defaults: bool) -> bytes:
+def packed(port: Port, *, defaults: bool) -> bytes:
     """Return all parameters packed as ArduPilot packs them; no value crosses a piece of 239 bytes."""
-    store = server.vehicle.dialect
+    store = port.vehicle.dialect
     names = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
     out = bytearray(struct.pack("<HHH", 0x671C if defaults else 0x671B, len(names), len(names)))
     before = ""
@@ -49,8 +46,8 @@ def packed(server: Server, *, defaults: bool) -> bytes:
 class FileTransfer:
     """Answers to open, read, burst and close; one file at a time, read only."""
 
-    def __init__(self, server: Server) -> None:
-        self._server = server
+    def __init__(self, port: Port) -> None:
+        self._port = port
         self._file: bytes | None = None
 
     def handle(self, message: Message) -> None:
@@ -63,7 +60,7 @@ class FileTransfer:
         def reply(answer: int, payload: bytes, at: int = offset, last: int = 0, k: int = 1) -> None:
             head = _HEAD.pack((sequence + k) & 0xFFFF, session, answer, len(payload), opcode, last, 0, at)
             whole = (head + payload).ljust(_PAYLOAD, b"\0")
-            self._server.send(mavlink.MAVLink_file_transfer_protocol_message(0, *sender, whole))
+            self._port.send(mavlink.MAVLink_file_transfer_protocol_message(0, *sender, whole))
 
         if opcode in (_RESET, _TERMINATE):
             self._file = None
@@ -73,7 +70,7 @@ class FileTransfer:
             if path != "@PARAM/param.pck":
                 reply(_NACK, bytes([_NOT_FOUND]))
                 return
-            self._file = packed(self._server, defaults="withdefaults=1" in query.split("&"))
+            self._file = packed(self._port, defaults="withdefaults=1" in query.split("&"))
             reply(_ACK, struct.pack("<I", len(self._file)))
         elif opcode not in (_READ, _BURST):
             reply(_NACK, bytes([_UNKNOWN]))

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from sitl.autopilot import WARNING, ReadOnlyParameter
 from sitl.mavlink.dialect import Message, mavlink
-
-if TYPE_CHECKING:
-    from sitl.mavlink.server import Server
+from sitl.mavlink.port import Port
 
 __all__ = ["HASH_NAME", "ParameterProtocol"]
 
@@ -24,9 +21,9 @@ _PER_TICK = 25
 class ParameterProtocol:
     """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
 
-    def __init__(self, server: Server) -> None:
-        self._server = server
-        self._store = server.vehicle.dialect
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self._store = port.vehicle.dialect
         self._cursor: int | None = None
 
     def request_list(self, message: Message) -> None:
@@ -39,7 +36,7 @@ class ParameterProtocol:
         name = _name_of(message) if by_name else self._store.name_at(message.param_index)
         if name == HASH_NAME:
             value = self._store.hash()
-            self._server.send(_value_message(HASH_NAME, float(value), _UINT32, len(self._store), _NO_INDEX))
+            self._port.send(_value_message(HASH_NAME, float(value), _UINT32, len(self._store), _NO_INDEX))
         elif name is not None and name in self._store:
             self._send(name, self._store.index_of(name))
         else:
@@ -54,7 +51,7 @@ class ParameterProtocol:
         try:
             taken = self._store.write(name, message.param_value)
         except ReadOnlyParameter:
-            self._server.vehicle.autopilot.say(WARNING, f"Param write denied ({name})")
+            self._port.vehicle.autopilot.say(WARNING, f"Param write denied ({name})")
             self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
             taken = True
         if taken:
@@ -76,11 +73,11 @@ class ParameterProtocol:
     def _object(self, message: Message, name: str, index: int, error: int) -> None:
         if self._store.answers_errors:
             sender = message.get_srcSystem(), message.get_srcComponent()
-            self._server.send(mavlink.MAVLink_param_error_message(*sender, name.encode("ascii"), index, error))
+            self._port.send(mavlink.MAVLink_param_error_message(*sender, name.encode("ascii"), index, error))
 
     def _send(self, name: str, index: int) -> None:
         store = self._store
-        self._server.send(_value_message(name, store[name], store.kind_of(name), len(store), index))
+        self._port.send(_value_message(name, store[name], store.kind_of(name), len(store), index))
 
 
 def _value_message(name: str, value: float, kind: int, count: int, index: int) -> Message:

@@ -15,24 +15,22 @@ from sitl.mavlink.control import (
     handle_manual_control,
     handle_override,
 )
-from sitl.mavlink.dialect import Message, mavlink, pack, parse
+from sitl.mavlink.dialect import Message, mavlink, parse
 from sitl.mavlink.file_transfer import FileTransfer
 from sitl.mavlink.parameter_protocol import ParameterProtocol
+from sitl.mavlink.port import COMPONENT, Port
 from sitl.mavlink.signing import handle_setup_signing
-from sitl.mavlink.streams import STREAM_GROUPS, Reporter, Streams
-from sitl.mavlink.telemetry import MESSAGES, available_messages
+from sitl.mavlink.streams import STREAM_GROUPS, Streams
+from sitl.mavlink.telemetry import available_messages
 from sitl.vehicle import Vehicle
 
 __all__ = ["HANDLERS", "Server"]
 
-FencePoint = tuple[int, float, float, float]
-
-_COMPONENT = 1
 _TEXT_LENGTH = 50
 _ROUNDING = 1e-6
 
 
-class Server:
+class Server(Port):
     """Joins a vehicle to a link, sans I/O: :meth:`receive` takes bytes, :meth:`advance_to` gives them.
 
     What is received is handled at the next loop tick (later by the link's delay); what is sent at a tick leaves
@@ -40,31 +38,17 @@ class Server:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
+        super().__init__(vehicle)
         self.now = 0.0
         self._up_ticks = round(vehicle.data.up_delay * vehicle.rate)
         self._down_ticks = round(vehicle.data.down_delay * vehicle.rate)
         self._uplink: deque[tuple[int, bytes, bool]] = deque()
-        self._is_elsewhere = False
         self._downlink: deque[tuple[int, bytes]] = deque()
-        self._out = bytearray()
-        self.codec: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=_COMPONENT)
-        self.codec.robust_parsing = True
         self._elsewhere: Any = mavlink.MAVLink(None)
         self._elsewhere.robust_parsing = True
-        self._reboots = False
-        self._reporter = Reporter(vehicle)
         self.parameters = ParameterProtocol(self)
         self.files = FileTransfer(self)
-        self.fence: list[FencePoint] = []
-        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
-        self.streams = Streams(available_messages(vehicle), vehicle.rate)
         self._announce()
-
-    @property
-    def now_us(self) -> int:
-        """The vehicle's time of boot stamps [us]."""
-        return self.vehicle.boot_us
 
     def receive(self, data: bytes) -> None:
         """Take bytes that arrive now."""
@@ -96,29 +80,6 @@ class Server:
             while self._downlink and self._downlink[0][0] <= self.vehicle.tick:
                 arrived += self._downlink.popleft()[1]
         return bytes(arrived)
-
-    def send(self, message: Message) -> None:
-        """Put a message on the wire; what answers another port's station goes out there."""
-        if self._is_elsewhere and message.get_type() != "PARAM_VALUE":
-            return
-        self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
-        self._out += pack(message, self.codec)
-        self.codec.seq = (self.codec.seq + 1) % 256
-
-    def send_now(self, message_id: int) -> None:
-        """Send a message of :data:`~sitl.mavlink.telemetry.MESSAGES` once."""
-        for message in MESSAGES[message_id][0](self.vehicle):
-            if self._reporter:
-                self._reporter.alter(message)
-            self.send(message)
-
-    def reboot_soon(self) -> None:
-        """Restart the autopilot at the end of this tick, so that the acknowledgement still goes out."""
-        self._reboots = True
-
-    def is_from_gcs(self, message: Message) -> bool:
-        """Return whether *message* comes from the ground station that may drive (MAV_GCS_SYSID)."""
-        return bool(message.get_srcSystem() == int(self.vehicle.parameters["MAV_GCS_SYSID"]))
 
     def _announce(self) -> None:
         autopilot = self.vehicle.autopilot
@@ -165,7 +126,7 @@ class Server:
     def _is_addressed(self, message: Message) -> bool:
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0)
-        return system in (0, int(self.vehicle.parameters["MAV_SYSID"])) and component in (0, _COMPONENT)
+        return system in (0, int(self.vehicle.parameters["MAV_SYSID"])) and component in (0, COMPONENT)
 
 
 def _is_order(message: Message) -> bool:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sitl.autopilot import WARNING
 from sitl.mavlink.dialect import Message, mavlink
-
-if TYPE_CHECKING:
-    from sitl.mavlink.server import Server
+from sitl.mavlink.port import Port
 
 __all__ = ["demand_signatures", "handle_setup_signing", "read_key"]
 
@@ -53,10 +51,10 @@ def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
     signing.allow_unsigned_callback = lambda _, number: number in _UNSIGNED
 
 
-def handle_setup_signing(server: Server, message: Message) -> None:
+def handle_setup_signing(port: Port, message: Message) -> None:
     """Take a new key, or none."""
-    if server.vehicle.autopilot.armed:
-        server.vehicle.autopilot.say(WARNING, "ERROR: Won't setup signing when armed")
+    if port.vehicle.autopilot.armed:
+        port.vehicle.autopilot.say(WARNING, "ERROR: Won't setup signing when armed")
         return
     key = bytes(message.secret_key)
-    demand_signatures(server.codec, key if any(key) else b"", message.initial_timestamp)
+    demand_signatures(port.codec, key if any(key) else b"", message.initial_timestamp)

@@ -103,7 +103,7 @@ class Stopper(SilentWatcher):
 def tune_until(firmware: ArduPilot, axis: str, stage: str, directory: Path, **changes: Any) -> Stopper:
     """Tune *axis* and stop as soon as *stage* is announced; raises what the tune raises."""
     stopper = Stopper(stage)
-    settings = TuneSettings(axis, Connection(firmware.uri, system_id=1), directory, step_duration=5.0, **changes)
+    settings = TuneSettings(Connection(firmware.uri, system_id=1), directory, axis=axis, step_duration=5.0, **changes)
     tune(settings, stopper, stopper, "2026-11-21T12:00:00")
     return stopper
 

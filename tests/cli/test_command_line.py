@@ -322,7 +322,7 @@ def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "identify", write(tmp_path / "mine.csv", relay_rows()))
     assert code == 0
-    assert "Page: identify-mine.html" in out
+    assert "Report: identify-mine.html" in out
     assert "<!DOCTYPE html>" in (tmp_path / "identify-mine.html").read_text()
 
 

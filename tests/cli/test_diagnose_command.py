@@ -149,7 +149,7 @@ def test_without_out_the_folder_is_named_for_the_first_run(capsys, tmp_path, mon
     code, out, _ = run(capsys, "diagnose", runs[0], runs[1], *FAST)
     assert code == 0
     assert "dead zone on yaw moment (N)" in " ".join(out.split())
-    assert "Page: diagnose-hidden-1" in out
+    assert "Report: diagnose-hidden-1" in out
     assert (tmp_path / "diagnose-hidden-1" / "report.html").exists()
 
 

@@ -19,8 +19,8 @@ from rich.console import Console
 from gcs_autotune.cli import COMMANDS, main
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import overhear
-from gcs_autotune.report import StageBar, TerminalWatcher
-from gcs_autotune.report.toolkit.terminal import paragraph, title
+from gcs_autotune.report import Document, StageBar, TerminalWatcher, print_document
+from gcs_autotune.report.toolkit.document import Verdict
 from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import examine
 
@@ -267,8 +267,8 @@ def test_a_reader_who_has_had_enough_ends_it_without_a_word():
 def test_no_colour_is_sent_where_the_environment_wants_none(monkeypatch):
     def shown() -> str:
         console = Console(file=io.StringIO(), force_terminal=True, color_system="truecolor")
-        console.print(title("proved better", "bold green"))
-        console.print(paragraph("words", "red"))
+        for tone in ("good", "bad"):
+            print_document(console, Document("", (), Verdict("proved better", tone)))
         return console.file.getvalue()
 
     monkeypatch.delenv("NO_COLOR", raising=False)

@@ -111,7 +111,7 @@ class Broken(Connection):
 
 @pytest.mark.parametrize("fly", ["tune", "experiment"])
 def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_either(fly, tmp_path):
-    settings = TuneSettings("heading", Broken("sitl:x"), tmp_path / "runs" / "one")
+    settings = TuneSettings(Broken("sitl:x"), tmp_path / "runs" / "one", axis="heading")
     with pytest.raises(CannotOpenLink):
         if fly == "tune":
             tune(settings, Unattended(), SilentWatcher(), "")
@@ -123,7 +123,9 @@ def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_eithe
 def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_opened(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="not a directory"):
-        tune(TuneSettings("heading", Broken("sitl:x"), tmp_path / "file" / "run"), Unattended(), SilentWatcher(), "")
+        tune(
+            TuneSettings(Broken("sitl:x"), tmp_path / "file" / "run", axis="heading"), Unattended(), SilentWatcher(), ""
+        )
 
 
 def options_of(*path: str) -> set[str]:

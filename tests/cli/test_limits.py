@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,8 +88,7 @@ def bare(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gcs_autotune.link.open_link", opened)
     monkeypatch.setattr("gcs_autotune.workflow.settings.open_link", opened)
-    for name in ("tune", "experiment"):
-        monkeypatch.setattr(importlib.import_module(f"gcs_autotune.workflow.{name}"), "jit_warmup", opened)
+    monkeypatch.setattr("gcs_autotune.workflow.mission.jit_warmup", opened)
     return tmp_path
 
 
@@ -230,7 +228,7 @@ def test_the_help_shows_every_range(capsys):
 )
 def test_settings_made_in_a_program_obey_the_same_table(field, value, tmp_path):
     with pytest.raises(UsageError, match=field.replace("_", "-")):
-        TuneSettings("heading", Connection("sitl:charlie"), tmp_path, **{field: value})
+        TuneSettings(Connection("sitl:charlie"), tmp_path, axis="heading", **{field: value})
 
 
 @pytest.mark.parametrize("field", ["baud", "system_id", "source_system", "seed"])

@@ -56,9 +56,9 @@ def test_identifying_twice_leaves_two_pages(
     once = ["identify", str(run), "--no-check", "--structure", "linear"]
     assert main(once) == main(once) == 0
     assert {p.name for p in tmp_path.glob("*.html")} == {"identify-Z_10_05.html", "identify-Z_10_05-2.html"}
-    assert "Page: identify-Z_10_05-2.html\n" in capsys.readouterr().out
+    assert "Report: identify-Z_10_05-2.html\n" in capsys.readouterr().out
     assert main([*once, "--page", "identify-Z_10_05.html"]) == 0
-    assert "Page: identify-Z_10_05.html (replaced an earlier file)" in capsys.readouterr().out
+    assert "Report: identify-Z_10_05.html (replaced an earlier file)" in capsys.readouterr().out
 
 
 def test_two_runs_begun_in_the_same_second_have_a_directory_each(

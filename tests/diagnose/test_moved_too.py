@@ -10,7 +10,7 @@ from runs_in_the_tank import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
-from gcs_autotune.report.diagnosis.wording import verdict_headline
+from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import StudySettings, study
 from sitl.effects.table import make_effect
@@ -68,7 +68,7 @@ def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
     run = flown(COUPLED)
     told = diagnose(run, effects=["input-bias"])
     assert MOVED_TOO in {d.slug for d in told.doubts}
-    assert verdict_headline(told).sentences[-1].startswith("Only yaw was looked at; ")
+    assert verdict_of(told).sentences[-1].startswith("Only yaw was looked at; ")
     asked = diagnose(run, dof="yaw", effects=["input-bias"])
     assert MOVED_TOO not in {d.slug for d in asked.doubts}
     whole = diagnose(run, dof="horizontal", effects=["input-bias"])

@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.numbers import if_told
 from gcs_autotune.diagnose.plain_numbers import command_sizes, plain_numbers
 from gcs_autotune.diagnose.simulation import stand_in
 from gcs_autotune.identify import plain_form, prepare_as_recorded
-from gcs_autotune.report import diagnosis_summary
+from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.diagnosis.wording import found_words, given_words, standing
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel
@@ -130,7 +130,7 @@ def test_a_number_that_its_error_swallows_says_so_and_is_never_a_headline():
     assert given_words(vague) == "not stated"
     assert found_words(vague) == "not identifiable from these runs"
     numbers = replace(told.numbers, rows=(vague, *told.numbers.rows[1:]))
-    said = render_text(diagnosis_summary(replace(told, numbers=numbers)))
+    said = render_text(diagnosis_document(replace(told, numbers=numbers)))
     assert "nan" not in said
 
 

@@ -46,8 +46,8 @@ from gcs_autotune.identify import (
     prepare_as_recorded,
     prepare_form,
 )
-from gcs_autotune.report.diagnosis.cause_wording import evidence_remarks
-from gcs_autotune.report.diagnosis.wording import verdict_headline
+from gcs_autotune.report.diagnosis.cause_wording import evidence_notes
+from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert 0.05 < found.missing.size < 0.3
     assert "process-noise" in {d.slug for d in found.doubts}
     assert found.causes[0].is_structural
-    told = dict(evidence_remarks(found, found.causes[0]))["Evidence"]
+    told = {n.label: n.text for n in evidence_notes(found, found.causes[0])}["Evidence"]
     assert told.startswith("Very strong: +")
     assert len(found.ranking[0].unseen) == 3
 
@@ -425,7 +425,7 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     assert look_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())
-    assert verdict_headline(found).text.startswith("An effect is missing, but no cause is reported: no model")
+    assert verdict_of(found).text.startswith("An effect is missing, but no cause is reported: no model")
 
 
 @pytest.mark.parametrize(("factor", "another"), [(1.0, False), (20.0, False), (1000.0, True), (0.001, True)])

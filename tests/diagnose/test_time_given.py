@@ -20,7 +20,7 @@ from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
 from gcs_autotune.identify.kalman.filter_bank import FilterBank
 from gcs_autotune.kept_results import KeptResults, keeping
 from gcs_autotune.models import CoupledModel, Form
-from gcs_autotune.report.diagnosis.wording import verdict_headline
+from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Trial
 
 SOME = ("quadratic-drag", "dead-zone", "input-bias")
@@ -194,7 +194,7 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
 
 def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> None:
     _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
-    headline = verdict_headline(found)
+    headline = verdict_of(found)
     assert headline.text == "Unfinished: the search reached its time limit and was stopped. Use --resume to continue."
     assert found.left.findings == ("not looked at: the search was stopped",)
     (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")

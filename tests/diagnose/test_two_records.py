@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.two_records import compared
-from gcs_autotune.report import diagnosis_summary
+from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
 
@@ -176,7 +176,7 @@ def test_a_wrong_clock_stands_first_in_the_answer_though_both_records_wander():
     assert told.verdict not in ("unexplained", "no-effect")
     assert told.wrong_numbers[0].name == "clock scale"
     assert "time-scale" not in [c.effect.slug for c in told.causes]
-    said = " ".join(render_text(diagnosis_summary(told)).split())
+    said = " ".join(render_text(diagnosis_document(told)).split())
     assert "wrong number in the simulation: clock scale (its seconds per second of these runs) is 1.0" in said
     assert "runs away" not in said
     as_it_stands, set_right = (float(e) for e in re.findall(r"[ ,] r by ([0-9.]+) rad/s", said))

@@ -22,7 +22,7 @@ from gcs_autotune.identify.model_file import ModelFile, as_extended, load_model
 from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
-from gcs_autotune.report import diagnosis_summary
+from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.diagnosis.wording import scale_words
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.workflow.diagnosis import write_diagnosis
@@ -48,7 +48,7 @@ def of_simulator(monkeypatch, inertia, drag, **others):
 
 
 def words(told):
-    return " ".join(render_text(diagnosis_summary(told)).split())
+    return " ".join(render_text(diagnosis_document(told)).split())
 
 
 def test_an_inertia_raised_by_half_is_the_finding_and_no_other_number_is_blamed():

@@ -72,6 +72,7 @@ def test_it_is_drawn_over_all_of_the_other_command_that_was_given() -> None:
     drawn = ENTRY.curve(LEAKS, data_summary(X=(0.5, 2.0)))
     assert drawn is not None
     assert (drawn.x[0], drawn.x[-1], drawn.y[-1]) == (0.0, 2.0, -1.0)
+    assert drawn.x_label == "X commanded [1]", "a share, as the input that drives"
 
 
 def test_a_throttle_that_is_put_on_once_is_no_place_for_it() -> None:

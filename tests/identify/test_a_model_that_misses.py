@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import fit
 from gcs_autotune.trial import Channel, Trial
 
@@ -52,3 +54,32 @@ def test_runs_that_a_model_without_sway_cannot_reconcile_are_no_other_craft():
     assert "run-apart" not in told
     assert "no sign of another craft" in told["runs-disagree"]
     assert "sway moved too" in told["runs-disagree"]
+
+
+def pushed_about(seed, drift):
+    """A craft (T 10 s) under changing moments, and a force that drifts, both per inertia."""
+    rng, dt, n = np.random.default_rng(seed), 0.1, 2400
+    command = np.repeat(rng.choice([-1.0, 0.0, 1.0], n // 40), 40)
+    psi, r, push = np.zeros(n), 0.0, 0.0
+    for k in range(1, n):
+        push += -dt * push / 60.0 + drift * np.sqrt(2.0 * dt / 60.0) * rng.standard_normal()
+        r += dt * (0.01 * command[k - 1] - 0.1 * r + push)
+        psi[k] = psi[k - 1] + dt * r
+    t = dt * np.arange(n)
+    psi += 2e-4 * rng.standard_normal(n)
+    return Trial("ferry", {"psi": Channel("psi", "rad", t, psi), "N": Channel("N", "N m", t, command)})
+
+
+def test_where_a_drifting_force_hides_the_input_over_whole_runs_pieces_are_fitted():
+    """A ferry's manoeuvre was refused, although its moment went with its turning acceleration by 0.89."""
+    found = fit([pushed_about(1, 0.008)], dof="yaw")
+    assert found.doubts[0].slug == "only-in-pieces"
+    assert "runs-disagree" not in {d.slug for d in found.doubts}
+    assert found.model.alpha == pytest.approx(100.0, rel=0.25)
+
+
+def test_pieces_of_an_input_that_moved_nothing_are_refused_too():
+    run = pushed_about(1, 0.008)
+    other = Channel("N", "N m", run["N"].t, np.roll(run["N"].values[::-1], 700))
+    with pytest.raises(NotInformative, match="no better than a straight line"):
+        fit([Trial("ferry", {**run.channels, "N": other})], dof="yaw")

@@ -17,8 +17,8 @@ from gcs_autotune.link import Journal, MemoryLink, Parameters, ParameterTransact
 from gcs_autotune.link.parameters.exchange import same_float32
 from gcs_autotune.link.vehicle.handshake import _read_config
 from gcs_autotune.link.vehicle.vehicle_config import why_deaf
-from gcs_autotune.workflow.preflight import remarks_on, see_throttle_is_free
-from gcs_autotune.workflow.tune import learn_parameters
+from gcs_autotune.workflow.autopilot_loop import learn_parameters
+from gcs_autotune.workflow.preflight import check_throttle_is_free, remarks_on
 
 BAD = [math.nan, -math.inf, -1.0, 0.0, 0.5, 256.0, 70000.0, 2.0**63]
 GENERAL = {"MAV_GCS_SYSID_HI": 0.0, "MAV_OPTIONS": 0.0, "ARMING_CHECK": 1.0, "RC1_OPTION": 0.0, "INS_GYRO_FILTER": 4.0}
@@ -61,7 +61,7 @@ class Aboard:
         for axis in self.firmware.axes.values():
             told, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
             told.names.to_canonical(own)
-        see_throttle_is_free(craft, "surge", 0.5)
+        check_throttle_is_free(craft, "surge", 0.5)
         remarks_on(craft)
 
     def refusal(self, name: str, value: float) -> str:

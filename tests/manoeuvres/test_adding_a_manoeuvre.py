@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, PaperCraft, Sequencer, preview
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, NominalPlant, Sequencer, preview
 from gcs_autotune.manoeuvres.manoeuvre import Commands
 from gcs_autotune.models import SingleDof
 from gcs_autotune.watch import SilentWatcher
@@ -58,7 +58,7 @@ def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
     assert main(["fly", "wiggle", "--duration", "8", "--connect", "sitl:videoray", "--out", str(out), "--yes"]) == 0
     assert "Report:" in capsys.readouterr().out
     assert (out / "trials" / "02-wiggle.csv").exists()
-    paper = PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test")
+    paper = NominalPlant(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test")
     assert preview(Wiggle(8.0), paper, Envelope()).seconds == pytest.approx(8.1, abs=0.1)
 
 

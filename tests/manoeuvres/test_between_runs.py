@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate
-from gcs_autotune.manoeuvres import CalmCheck, ComeBack, ComeToRest, Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres import CalmCheck, ComeBack, ComeToRest, Envelope, NominalPlant, preview
 from gcs_autotune.manoeuvres.between_runs import CALM, DAMPING, GAIN, LEAST_WAY, LOOK, MOST, REST, SPARE, STILL, WAIT
 from gcs_autotune.models import SingleDof
 
@@ -23,7 +23,7 @@ FREE = Envelope(heading_excursion=math.inf)
 def test_from_any_bearing_quick_and_slow_boats_come_back_without_weaving(
     gain: float, lag: float, bearing: float
 ) -> None:
-    boat = PaperCraft(SingleDof("yaw", "1", lag / gain, 1.0 / gain), 1.0, "a test")
+    boat = NominalPlant(SingleDof("yaw", "1", lag / gain, 1.0 / gain), 1.0, "a test")
     seen = preview(ComeBack(50.0 * math.cos(bearing), 50.0 * math.sin(bearing), 0.5), boat, FREE)
     assert seen.outcome is not None
     assert seen.outcome.reason.startswith("back, 5 m from the start")
@@ -36,7 +36,7 @@ def test_a_boat_without_a_position_and_one_that_makes_no_way_say_so() -> None:
     next(lost.commands(at_rest(x=math.nan)))
     assert lost.outcome is not None
     assert "reports no position" in lost.outcome.reason
-    still = preview(ComeBack(30.0, 0.0, 0.5), PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test"), FREE)
+    still = preview(ComeBack(30.0, 0.0, 0.5), NominalPlant(SingleDof("yaw", "1", 1.0, 1.0), 0.0, "a test"), FREE)
     assert still.outcome is not None
     assert still.outcome.ending == "stopped"
     assert "still 30 m from the start after 160 s" in still.outcome.reason

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
-from gcs_autotune.manoeuvres import Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres import Envelope, NominalPlant, preview
 from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import SPEED_TIME, _pushed, _steered
 from gcs_autotune.models import SingleDof
@@ -24,7 +24,7 @@ def held(seconds: float = 20.0, **forces: float) -> OpenLoopProgramme:
 
 
 def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_metres_and_none_takes_it_off() -> None:
-    craft = PaperCraft(YAW, 1.5, "a test")
+    craft = NominalPlant(YAW, 1.5, "a test")
     seen = preview(held(X=0.4), craft, FREE)
     u, t = seen.trial["u"].values, seen.trial["u"].t
     assert u == pytest.approx(1.5 * -np.expm1(-t / SPEED_TIME), abs=0.02)
@@ -37,7 +37,7 @@ def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_met
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
-    seen = preview(held(N=0.3 * sign), PaperCraft(YAW, 0.0, "a test"), FREE)
+    seen = preview(held(N=0.3 * sign), NominalPlant(YAW, 0.0, "a test"), FREE)
     r, t = seen.trial["r"].values, seen.trial["r"].t
     late = np.maximum(t - 0.5, 0.0)
     assert r == pytest.approx(sign * 0.3 * -np.expm1(-late / 1.25), abs=0.003)
@@ -48,7 +48,7 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
 
 
 def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
-    craft = PaperCraft(YAW, 0.0, "a test")
+    craft = NominalPlant(YAW, 0.0, "a test")
     slow = replace(FREE, turn_rate=math.radians(15.0))
     assert "'turn rate' tripped" in preview(held(N=0.3), craft, slow).refusal
     assert not preview(held(N=0.2), craft, slow).refusal
@@ -60,14 +60,14 @@ def test_it_slides_along_a_force_that_it_is_known_to_answer_to_and_along_no_othe
     force: str, signal: str, sign: float
 ) -> None:
     along = SingleDof({"Y": "sway", "Z": "heave"}[force], "1", 2.0, 1.0, 0.5, delta=0.1)
-    answers = PaperCraft(YAW, 1.0, "a test", others={force: along})
+    answers = NominalPlant(YAW, 1.0, "a test", others={force: along})
     seen = preview(held(**{force: 0.4 * sign}), answers, FREE, floats=False)
     x = seen.trial[signal].values
     steady = along.steady_velocity(0.4 * sign)
     assert np.diff(x)[-1] / 0.1 == pytest.approx(steady, rel=0.01)
     assert seen.deep == pytest.approx(np.ptp(x) if force == "Z" else 0.0)
     assert seen.room == pytest.approx(np.ptp(x) if force == "Y" else 0.0)
-    still = preview(held(**{force: 0.4 * sign}), PaperCraft(YAW, 1.0, "a test"), FREE, floats=False)
+    still = preview(held(**{force: 0.4 * sign}), NominalPlant(YAW, 1.0, "a test"), FREE, floats=False)
     assert np.ptp(still.trial[signal].values) == 0.0
 
 
@@ -75,7 +75,7 @@ def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
     def turn_then_go(t: float) -> dict[str, float]:
         return {"N": 0.5 if t < 4.0 else 0.0, "X": 1.0}
 
-    seen = preview(OpenLoopProgramme("bend", turn_then_go, 30.0), PaperCraft(YAW, 1.0, "a test"), FREE)
+    seen = preview(OpenLoopProgramme("bend", turn_then_go, 30.0), NominalPlant(YAW, 1.0, "a test"), FREE)
     psi = seen.trial["psi"].values[-1]
     x, y = (np.diff(seen.trial[n].values)[-1] / 0.1 for n in ("x", "y"))
     assert (x, y) == (pytest.approx(math.cos(psi), abs=0.01), pytest.approx(math.sin(psi), abs=0.01))
@@ -83,13 +83,13 @@ def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
 
 
 def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> None:
-    seen = preview(held(X=1.0), PaperCraft(YAW, 1.0, "a test"), Envelope(distance=5.0))
+    seen = preview(held(X=1.0), NominalPlant(YAW, 1.0, "a test"), Envelope(distance=5.0))
     assert seen.outcome is None
     assert "distance from start" in seen.refusal
     assert "actuators" not in seen.refusal
     assert seen.trouble == seen.refusal
     assert seen.room == pytest.approx(5.0, abs=0.2)
-    good = preview(held(X=1.0), PaperCraft(YAW, 1.0, "a test"), Envelope(distance=50.0))
+    good = preview(held(X=1.0), NominalPlant(YAW, 1.0, "a test"), Envelope(distance=50.0))
     assert good.trouble == ""
     assert good.outcome is not None
     assert good.seconds == pytest.approx(20.0, abs=0.2)
@@ -98,7 +98,7 @@ def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(known: bool) -> None:
     ahead = SingleDof("surge", "1", 3.0, 0.2, 0.1)
-    craft = PaperCraft(YAW, 1.0, "a test", others={"X": ahead} if known else {})
+    craft = NominalPlant(YAW, 1.0, "a test", others={"X": ahead} if known else {})
     for psi, side in ((0.3, -1.0), (0.5, 0.0), (0.7, 1.0)):
         command = _steered(HeadingTarget(0.5, 1.5), craft, 1.0 - psi, 0.0, 0.0)
         assert command.X == pytest.approx((0.2 + 0.1 * 1.5) * 1.5 if known else 1.0)
@@ -110,7 +110,7 @@ def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(kno
 
 def test_the_gain_of_its_own_speed_loop_brings_a_craft_to_the_speed_asked_for_sooner() -> None:
     surge = {"X": SingleDof("surge", "1", 1.0, 0.2, 0.1)}
-    plain = PaperCraft(YAW, 1.5, "a test", others=surge)
+    plain = NominalPlant(YAW, 1.5, "a test", others=surge)
     first = [
         int(np.argmax(preview(Ahead(1.0, 30.0), craft, FREE).trial["u"].values > 0.95))
         for craft in (plain, replace(plain, speed_gain=0.5))
@@ -127,7 +127,7 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
 
 
 def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
-    up = PaperCraft(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
+    up = NominalPlant(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
     seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
     assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or push less"
     assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""

@@ -33,7 +33,7 @@ WIDE = Envelope(heading_excursion=math.radians(170.0))
 
 def fly(craft, settings, envelope=WIDE, rule=None):
     kept = []
-    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings, rule=rule))
+    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings, criterion=rule))
     return flown, kept[0]
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.relay import Relay, RelaySettings, WallRelay
+from gcs_autotune.manoeuvres import RelaySettings
+from gcs_autotune.manoeuvres.relay import Relay, WallRelay
 from gcs_autotune.trial import Mark
 
 from .pond import answered, at_rest
@@ -202,7 +203,7 @@ class Rule:
 
 def test_a_stop_rule_is_asked_at_every_tick_while_the_oscillation_is_proper_and_begins_with_each_size() -> None:
     def by(rule: Rule, script: Script) -> tuple[Relay, list[tuple[Observation, Actuate]]]:
-        relay = Relay(RelaySettings("psi", "N", noise_std=0.0, least_hysteresis=H), rule=rule)
+        relay = Relay(RelaySettings("psi", "N", noise_std=0.0, least_hysteresis=H), criterion=rule)
         return relay, answered(relay, lambda t, command: at_rest(t=t, psi=script(t, relay)))
 
     rule = Rule(4.0)

@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres import (
     Envelope,
     Manoeuvre,
     ManoeuvreKind,
-    PaperCraft,
+    NominalPlant,
     Sequencer,
     SignCheck,
     SignCheckSettings,
@@ -157,7 +157,7 @@ def test_every_row_is_walked_and_carries_its_name() -> None:
 
 @pytest.mark.parametrize("name", [n for n, kind in MANOEUVRES.items() if kind.for_force and not kind.axis])
 def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
-    paper = PaperCraft(
+    paper = NominalPlant(
         SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test", others={f: SingleDof("surge", "1", 1.0, 1.0) for f in "XYZ"}
     )
     for force in "NXYZ" if name != "hand-release" else "":
@@ -187,7 +187,7 @@ def test_a_relay_on_the_set_point_of_each_loop_is_previewed_to_its_end(force: st
     assert kind.make is not None
     sizes = options(kind, 0.0)
     manoeuvre = kind.make({**sizes, "speed": 1.0})
-    seen = preview(manoeuvre, PaperCraft(SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test"), FREE, floats=False, way=1.0)
+    seen = preview(manoeuvre, NominalPlant(SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test"), FREE, floats=False, way=1.0)
     assert (seen.trouble, manoeuvre.outcome and manoeuvre.outcome.ending) == ("", "completed")
     assert np.ptp(seen.trial[signal].values) > 2.0 * sizes["hysteresis"]
 

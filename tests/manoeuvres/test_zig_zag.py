@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.manoeuvres import (
     Envelope,
-    PaperCraft,
+    NominalPlant,
     Sequencer,
     Steering,
     ZigZag,
@@ -23,7 +23,7 @@ from gcs_autotune.watch import SilentWatcher
 from .pond import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
-PAPER = PaperCraft(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")
+PAPER = NominalPlant(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")
 """The pond's own yaw: gain 1, drag 0.8."""
 
 
@@ -66,7 +66,7 @@ def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None
 def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_turns_says_so() -> None:
     ahead = preview(zigzag(throttle=0.5), PAPER, Envelope(distance=5.0))
     assert "distance from start" in ahead.trouble
-    slow = PaperCraft(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
+    slow = NominalPlant(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
     assert "20 deg required" in preview(zigzag(), slow, FREE).trouble
 
 

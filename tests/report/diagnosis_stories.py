@@ -11,6 +11,7 @@ from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Portrait, Ra
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify.result import Doubt, Trace
 from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.report import diagnosis_document, to_html
 
 DT, INERTIA, DRAG, WIDTH, NOISE = 0.1, 2.0, 1.0, 0.3, 0.004
 RUNS = ("morning <1>", "noon", "evening")
@@ -237,3 +238,8 @@ def bare():
 
 
 STORIES = {"dead-zone": dead_zone, "deviation": deviation, "unexplained": unexplained, "nothing": nothing, "bare": bare}
+
+
+def page_of(told, *about, **more):
+    """Return the page of a diagnosis."""
+    return to_html(diagnosis_document(told, *about, **more))

@@ -19,7 +19,7 @@ from gcs_autotune.identify.result import (
     Trace,
 )
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report import TuneStory
+from gcs_autotune.report import TuneStory, to_html, tune_document
 from gcs_autotune.trial import Channel, Mark, Trial
 
 MODEL = SingleDof("yaw", "1", alpha=0.1795, beta=0.052, beta_quadratic=0.4076, delta=0.01, delay=0.2)
@@ -291,3 +291,8 @@ def dry_run() -> TuneStory:
 
 
 STORIES = {f.__name__: f for f in (kept, restored, aborted, never_started, dry_run)}
+
+
+def page_of(story) -> str:
+    """Return the page of a tune."""
+    return to_html(tune_document(story))

@@ -100,7 +100,7 @@ def test_an_input_is_held_until_its_next_stamp_and_in_percent_of_full():
     assert line.get_drawstyle() == "steps-post"
     assert list(line.get_xdata()) == pytest.approx([0.0, 0.5, 1.5, 2.0])
     assert list(line.get_ydata()) == pytest.approx([0.0, 30.0, -30.0, -30.0])
-    assert axes.get_ylabel() == "N [% of full output]"
+    assert axes.get_ylabel() == "N [% of full]"
 
 
 def test_the_input_of_a_rudder_boat_is_its_rudder_and_of_another_run_nothing():

@@ -10,16 +10,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosis_stories import STORIES, WHEN, cause, dead_zone, deviation, portraits, unexplained
+from diagnosis_stories import STORIES, WHEN, cause, dead_zone, deviation, page_of, portraits, unexplained
 from page_reader import Page
 from rich.console import Console
 
 from gcs_autotune.diagnose import MissingCurve, MissingForce, Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.report import StageBar, diagnosis_summary, effects_list, effects_to_dict, render_diagnosis
+from gcs_autotune.report import StageBar, diagnosis_document, effects_document, to_json
 from gcs_autotune.report.diagnosis.cause_wording import cause_title
 from gcs_autotune.report.diagnosis.figures import bin_means, telling_view, views_of
-from gcs_autotune.report.diagnosis.wording import named, place_words, value_words, verdict_headline
+from gcs_autotune.report.diagnosis.wording import named, place_words, value_words, verdict_of
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import format_parameter
 from gcs_autotune.trial import Channel, Trial
@@ -34,7 +34,7 @@ def story(name):
 
 @cache
 def html_of(name):
-    return render_diagnosis(story(name), TITLE, WHEN, "out dir")
+    return page_of(story(name), TITLE, WHEN, "out dir")
 
 
 def text_of(name):
@@ -46,7 +46,7 @@ def terminal_of(name):
 
 
 def shown(told):
-    return " ".join(render_text(diagnosis_summary(told)).split())
+    return " ".join(render_text(diagnosis_document(told)).split())
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_every_verdict_makes_a_well_formed_page_that_fetches_nothing(name):
 
 @pytest.mark.slow
 def test_the_same_diagnosis_gives_the_same_bytes():
-    assert render_diagnosis(deviation(), TITLE, WHEN, "out dir") == html_of("deviation")
+    assert page_of(deviation(), TITLE, WHEN, "out dir") == html_of("deviation")
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_names_from_the_user_are_escaped():
 
 def test_the_verdict_is_one_sentence_with_both_errors_on_unseen_data():
     gain = story("dead-zone").gain
-    said = verdict_headline(story("dead-zone")).text
+    said = verdict_of(story("dead-zone")).text
     assert "dead zone on yaw moment (N), width 0.302 ± 0.006 N m" in said
     assert f"from {math.degrees(gain.before):.3g}°/s to {math.degrees(gain.after):.3g}°/s" in said
     assert "held-out" in said
@@ -135,7 +135,7 @@ def test_unknown_numbers_are_not_made_up():
 
 def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
     told = replace(dead_zone(), gain=None, gains=(), before=(), after=(), ranking=())
-    for text in (Page(render_diagnosis(told, TITLE, WHEN)).text, shown(told)):
+    for text in (Page(page_of(told, TITLE, WHEN)).text, shown(told)):
         assert "Found: dead zone on yaw moment (N)" in text
         assert "falls from" not in text
 
@@ -203,11 +203,11 @@ def test_a_heading_that_is_not_told_is_not_given_and_a_depth_is_never_wrapped() 
 
 
 def test_the_list_of_effects_has_every_entry_under_its_family():
-    text = " ".join(render_text(effects_list(EFFECTS)).split())
+    text = " ".join(render_text(effects_document(EFFECTS)).split())
     for slug, effect in EFFECTS.items():
         assert slug in text
         assert all(f"{q.name} [" in text for q in effect.parameters)
-    listed = json.loads(json.dumps(effects_to_dict(EFFECTS)))["effects"]
+    listed = json.loads(json.dumps(to_json(effects_document(EFFECTS))))["effects"]
     assert [e["slug"] for e in listed] == list(EFFECTS)
     assert all(e["separated_by"] and e["family"] for e in listed)
     bounds = {(e["slug"], q["name"]): q["bounds"] for e in listed for q in e["parameters"]}
@@ -247,7 +247,7 @@ def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
         against = {n: (x, rng.normal(0.0, 1.0, len(x)), u) for n, (x, _, u) in portrait.against.items()}
         flat.append(replace(portrait, against=against, cross={}, spectrum=None))
     assert "This indicates" in html_of("dead-zone")
-    assert "This indicates" not in render_diagnosis(replace(told, before=tuple(flat)), "t", WHEN)
+    assert "This indicates" not in page_of(replace(told, before=tuple(flat)), "t", WHEN)
 
 
 @pytest.mark.slow
@@ -258,7 +258,7 @@ def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside()
     t = np.linspace(trace.t[0], trace.t[-1], 50)
     places = {n: Channel(n, "m", t, 40.0 * f(t / 9.0)) for n, f in (("x", np.sin), ("y", np.cos))}
     run = Trial(trace.run, {channel: Channel(channel, "N m", t, np.sign(np.sin(t))), **places})
-    bare, full = html_of("dead-zone"), render_diagnosis(told, "t", WHEN, runs=(run,))
+    bare, full = html_of("dead-zone"), page_of(told, "t", WHEN, runs=(run,))
     label = f">{channel} [N m]<"
     assert label in full
     assert label not in bare
@@ -270,12 +270,12 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
     fault = dead_zone()
     drag = cause("quadratic-drag", "yaw", 0.4, coefficient=(0.8, "N m s^2/rad^2", 0.05))
     both = replace(fault, causes=(drag, *fault.causes))
-    headline = verdict_headline(both).text
+    headline = verdict_of(both).text
     assert "Found: dead zone on yaw moment (N); the plain model lacks quadratic drag in yaw." in headline
     assert cause_title(both, drag) == "The plain model lacks quadratic drag in yaw"
     assert cause_title(replace(both, verdict="partly-explained"), drag).startswith("Hypothesis: the plain model lacks")
     assert cause_title(both, fault.causes[0]) == "Dead zone on yaw moment (N)"
-    alone = verdict_headline(replace(both, causes=(drag,))).text
+    alone = verdict_of(replace(both, causes=(drag,))).text
     assert alone.startswith("Found: the plain model lacks quadratic drag in yaw, coefficient 0.80 \N{PLUS-MINUS SIGN}")
 
 
@@ -300,7 +300,7 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
     over_time = MissingCurve("time", "s", 10.0 * x + 10.0, 0.01 * x, np.full(3, 0.05), -0.1)
     over_way = MissingCurve("u", "m/s", x, 0.0 * x, np.full(3, 0.05), -0.2)
     missing = MissingForce("yaw", "N m", 0.3, 4.0, 0.2, {c.over: c for c in (over_rate, over_time, over_way)})
-    page = Page(render_diagnosis(replace(unexplained(), missing=missing), TITLE, WHEN)).text
+    page = Page(page_of(replace(unexplained(), missing=missing), TITLE, WHEN)).text
     assert "over yaw rate: the curve of the other runs predicts 40 % of it." in page
     assert "over time into the run: the curve of the other runs predicts none of it." in page
     assert "surge velocity: the curve of the other runs" not in page
@@ -309,6 +309,6 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
 def test_a_cause_with_which_the_simulation_errs_no_less_is_not_praised_for_its_error():
     told = dead_zone()
     worse = replace(told.gain, ratio=1.6, after=1.6 * told.gain.before, metric="error 5 s ahead")
-    text = verdict_headline(replace(told, verdict="partly-explained", gain=worse, gains=(worse,))).text
+    text = verdict_of(replace(told, verdict="partly-explained", gain=worse, gains=(worse,))).text
     assert "does not improve prediction of the yaw rate 5 s ahead on held-out data." in text
     assert "falls from" not in text

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 
 import pytest
 import report_stories as stories
-from rich.console import Console
 
 from gcs_autotune.design.result import Change
-from gcs_autotune.report.toolkit.terminal import grid, render_text
-from gcs_autotune.report.tune.page import render_report
-from gcs_autotune.report.tune.tables import gains_table, show_tune
-from gcs_autotune.report.tune.wording import headline
+from gcs_autotune.report import Document, tune_document
+from gcs_autotune.report.toolkit.document import Section
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.tune.tables import gains_table
+from gcs_autotune.report.tune.wording import verdict_of
 
 CHOSEN = "chosen for the smallest predicted tracking error of the step"
 
@@ -23,18 +22,16 @@ def change(name: str, reason: str) -> Change:
 
 
 def test_the_verdict_is_the_last_thing_on_the_terminal():
-    stream = io.StringIO()
-    show_tune(Console(file=stream, width=80, color_system=None), stories.kept())
-    text = stream.getvalue()
+    text = render_text(tune_document(stories.kept()))
     verdict = text.index("The new heading gains proved better and are on the vehicle.")
-    for earlier in ("Report: ", "To undo:", "lower is better", "ATC_", "doubt"):
+    for earlier in ("How to undo", "lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
     assert text.count("proved better") == 1
 
 
 def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
     told = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
-    said = " ".join(headline(told).sentences)
+    said = " ".join(verdict_of(told).sentences)
     assert "Step response with them (measured): overshoot " in said
     assert "predicted" not in said
 
@@ -55,7 +52,7 @@ def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():
         "steering per accumulated turn-rate error",
         "wanted turn rate per heading error",
     ]
-    shown = render_text(grid(table))
+    shown = render_text(Document("", (Section("gains", "Gains", (table,)),)))
     assert " ".join(shown.split()).count("smallest predicted tracking error") == 1
     assert max(map(len, shown.splitlines())) <= 80
 
@@ -78,5 +75,5 @@ def test_a_single_gain_keeps_its_whole_reason():
 def test_the_page_says_it_too():
     story = stories.kept()
     same = tuple(replace(c, reason=f"what it does: {CHOSEN}") for c in story.proposal.changes)
-    page = render_report(replace(story, proposal=replace(story.proposal, changes=same)))
+    page = stories.page_of(replace(story, proposal=replace(story.proposal, changes=same)))
     assert page.count(f"All are {CHOSEN}.") == 1

@@ -7,14 +7,14 @@ from dataclasses import replace
 from string import Formatter
 
 import pytest
-from diagnosis_stories import STORIES, WHEN, cause, dead_zone, unexplained
+from diagnosis_stories import STORIES, WHEN, cause, dead_zone, page_of, unexplained
 from page_reader import Page
 
 from gcs_autotune.diagnose import ErrorReduction, Hint, Number, Numbers, Value
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.report import diagnosis_summary, render_diagnosis
-from gcs_autotune.report.diagnosis.cause_wording import cause_title, evidence_remarks
-from gcs_autotune.report.diagnosis.lead import FILLED, hint_stories, lead_sentence, plain_sentence
+from gcs_autotune.report import diagnosis_document, hint_notes
+from gcs_autotune.report.diagnosis.cause_wording import cause_title, evidence_notes
+from gcs_autotune.report.diagnosis.lead import FILLED, lead_sentence, plain_sentence
 from gcs_autotune.report.toolkit.terminal import render_text
 
 HINT = Hint(
@@ -47,7 +47,7 @@ def with_gain(gain):
 
 
 def shown(told) -> str:
-    return " ".join(render_text(diagnosis_summary(told)).split())
+    return " ".join(render_text(diagnosis_document(told)).split())
 
 
 @pytest.mark.parametrize("slug", EFFECTS)
@@ -73,7 +73,7 @@ def test_a_difference_nobody_notices_is_called_slight() -> None:
     assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14: a slight difference.")
     assert told.causes[0].is_slight and told.to_dict()["found"][0]["slight"]
     assert "light: " in cause_title(told, told.causes[0])
-    assert any("hardly changes the prediction" in said for _, said in evidence_remarks(told, told.causes[0]))
+    assert any("hardly changes the prediction" in note.text for note in evidence_notes(told, told.causes[0]))
 
 
 @pytest.mark.parametrize(("high", "felt"), [(0.94, True), (0.96, False)])
@@ -101,25 +101,24 @@ def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
     lead = lead_sentence(told)
     assert len(lead) > 20
     assert shown(told).split("Columns that contradict")[-1].find(" ".join(lead.split())) < 400
-    page = Page(render_diagnosis(told, "boat", WHEN)).text
+    page = Page(page_of(told, "boat", WHEN)).text
     assert lead[:40] in page
     assert page.index(lead[:40]) < page.index("Basis of this result")
 
 
 def test_the_first_picture_stands_before_the_verdict() -> None:
-    page = render_diagnosis(dead_zone(), "boat", WHEN)
+    page = page_of(dead_zone(), "boat", WHEN)
     assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')
 
 
 def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_and_in_json() -> None:
     told = replace(unexplained(), hints=(HINT,))
-    (story,) = hint_stories(told)
-    words = dict(story.remarks)
+    words = {note.label: note.text for note in hint_notes(told, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
     assert "by 6, and by +5.7 on data left out (each of 3 runs left out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
     assert "1 of 25 such searches" in words["Evidence"] and "10 would be enough" in words["Evidence"]
     assert words["What settles it"].startswith("13 min 20 s of the same manoeuvres instead of 8 min 00 s")
-    page = Page(render_diagnosis(told, "boat", WHEN)).text
+    page = Page(page_of(told, "boat", WHEN)).text
     for said in words.values():
         assert said in shown(told)
         assert said[:60] in page.replace("\u00a0", " ")

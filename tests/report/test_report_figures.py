@@ -10,8 +10,10 @@ import report_stories as stories
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gcs_autotune.report import tune_document
+from gcs_autotune.report.toolkit.document import Figure
 from gcs_autotune.report.toolkit.figures import Curve, thin
-from gcs_autotune.report.tune.figures import draw_pictures, relay_series, step_series
+from gcs_autotune.report.tune.figures import relay_series, step_series
 from gcs_autotune.report.tune.story import WATCHED
 
 
@@ -60,29 +62,29 @@ def test_the_shaded_part_holds_the_last_five_periods():
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
 
 
-@pytest.mark.slow
-def test_pictures_come_in_the_order_of_the_report():
-    kinds = [picture.kind for picture in draw_pictures(stories.kept())]
-    assert kinds == ["step", "relay", "relay", "cycle", "fit", "fit", "intervals"]
+def figures_of(story) -> list[Figure]:
+    return [part for s in tune_document(story).sections for part in s.parts if isinstance(part, Figure)]
 
 
-@pytest.mark.slow
+def test_figures_come_in_the_order_of_the_report():
+    kinds = [figure.name.split("-")[0] for figure in figures_of(stories.kept())]
+    assert kinds == ["step", "intervals", "relay", "relay", "cycle", "fit", "fit", "track"]
+
+
 def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
-    (first, *_) = draw_pictures(stories.dry_run())
+    (first, *_) = figures_of(stories.dry_run())
     assert "Predicted" in first.caption and "not measured" in first.caption
 
 
-@pytest.mark.slow
 def test_what_ended_an_oscillation_is_told_below_its_picture():
     relay = stories.replace(stories.relay_trial(), reason="the gains are known")
-    pictures = draw_pictures(stories.replace(stories.aborted(), relays=(relay,)))
-    assert any("End: the gains are known." in picture.caption for picture in pictures)
+    figures = figures_of(stories.replace(stories.aborted(), relays=(relay,)))
+    assert any("End: the gains are known." in figure.caption for figure in figures)
 
 
 @pytest.mark.slow
 def test_a_record_of_an_hour_stays_small():
     relay = stories.relay_trial(duration=1800.0)
     story = stories.replace(stories.aborted(), relays=(relay,) * 8)
-    pictures = draw_pictures(story)
-    assert sum(picture.kind == "relay" for picture in pictures) == 6
-    assert sum(len(picture.svg) for picture in pictures) < 1_500_000
+    assert sum(figure.name.startswith("relay") for figure in figures_of(story)) == 6
+    assert len(stories.page_of(story)) < 1_500_000

@@ -12,7 +12,6 @@ import report_stories as stories
 from page_reader import Page
 
 from gcs_autotune.report.toolkit import canvas
-from gcs_autotune.report.tune.page import render_report
 from gcs_autotune.trial import Channel, Mark, Trial
 
 HOSTILE = "<script>alert('$x^2$')</script>\"&"
@@ -20,7 +19,7 @@ HOSTILE = "<script>alert('$x^2$')</script>\"&"
 
 @pytest.fixture(scope="module")
 def pages():
-    return {name: render_report(make()) for name, make in stories.STORIES.items()}
+    return {name: stories.page_of(make()) for name, make in stories.STORIES.items()}
 
 
 @pytest.mark.slow
@@ -46,7 +45,7 @@ def test_every_page_is_small(name, pages):
 
 
 def test_the_same_story_gives_the_same_bytes(pages):
-    assert render_report(stories.kept()) == pages["kept"]
+    assert stories.page_of(stories.kept()) == pages["kept"]
 
 
 def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(pages):
@@ -146,33 +145,33 @@ def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
 
 def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
     story = replace(stories.kept(), ending="aborted", reason="link lost", kept=None, parameters_after={})
-    text = Page(render_report(story)).text
+    text = Page(stories.page_of(story)).text
     assert "were not read back at the end" in text
     assert "No parameter was written" not in text
 
 
 def test_gains_that_proved_better_before_a_late_abort_are_reported_as_changed():
     story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
-    text = Page(render_report(story)).text
+    text = Page(stories.page_of(story)).text
     assert "The heading tune was aborted." in text
     assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
 
 
 def test_parameters_that_should_be_back_and_are_not_are_named():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
-    assert "NOT RESTORED: ATC_ANG_YAW_P" in Page(render_report(story)).text
+    assert "NOT RESTORED: ATC_ANG_YAW_P" in Page(stories.page_of(story)).text
 
 
 def test_what_the_vehicle_changed_by_itself_is_told_and_not_blamed_on_the_tune():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
-    text = Page(render_report(story)).text
+    text = Page(stories.page_of(story)).text
     assert "NOT RESTORED" not in text
     assert "The vehicle itself changed ATC_SLEW_YAW, which this tool never writes." in text
 
 
 def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():
     story = replace(stories.kept(), proposal=stories.proposal(worst_stable=False))
-    assert 'class="verdict bad"' in render_report(story)
+    assert 'class="verdict bad"' in stories.page_of(story)
 
 
 def test_hostile_names_are_shown_and_not_obeyed():
@@ -196,7 +195,7 @@ def test_hostile_names_are_shown_and_not_obeyed():
         parameters_before={HOSTILE: 1.0},
         parameters_after={HOSTILE: 2.0},
     )
-    text = render_report(hostile)
+    text = stories.page_of(hostile)
     page = Page(text)
     assert "script" not in page.tags
     assert page.open == []
@@ -224,7 +223,7 @@ def _trial(psi: np.ndarray, **more: object) -> Trial:
 )
 def test_a_broken_record_does_not_break_the_report(trial):
     story = replace(stories.aborted(), step_before=trial, step_after=trial, relays=(trial, trial), metrics_before=None)
-    assert Page(render_report(story)).open == []
+    assert Page(stories.page_of(story)).open == []
 
 
 def test_a_tune_in_depth_is_drawn_in_metres():
@@ -235,4 +234,4 @@ def test_a_tune_in_depth_is_drawn_in_metres():
         "Z": replace(trial["N"], name="Z"),
     }
     story = replace(stories.aborted(), axis="depth", step_before=replace(trial, channels=channels))
-    assert "depth, from the start [m]" in Page(render_report(story)).text
+    assert "depth, from the start [m]" in Page(stories.page_of(story)).text

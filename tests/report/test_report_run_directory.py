@@ -13,16 +13,15 @@ import report_stories as stories
 from rich.console import Console
 
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report import write_story
-from gcs_autotune.report.tune import page as tune_page
+from gcs_autotune.report import print_document, tune_document, write_story
+from gcs_autotune.report.toolkit import page
 from gcs_autotune.report.tune import run_directory as room
-from gcs_autotune.report.tune.tables import show_tune
 
 
 @pytest.fixture(autouse=True)
 def without_pictures(monkeypatch):
     """The files are looked at, and what JSON is in them; pictures are in ``test_report_page`` and others."""
-    monkeypatch.setattr(tune_page, "draw_pictures", lambda *story: [])
+    monkeypatch.setattr(page, "drawn", lambda figure: iter(()))
 
 
 def _read(path):
@@ -94,10 +93,10 @@ def test_the_page_lists_what_is_in_the_directory_when_the_story_does_not(tmp_pat
 
 
 def test_the_numbers_are_on_disk_even_when_the_page_cannot_be_drawn(tmp_path, monkeypatch):
-    def fail(story: object) -> str:
+    def fail(document: object) -> str:
         raise RuntimeError("no ink")
 
-    monkeypatch.setattr(room, "render_report", fail)
+    monkeypatch.setattr(room, "to_html", fail)
     with pytest.raises(RuntimeError, match="no ink"):
         write_story(stories.kept(), tmp_path)
     assert _read(tmp_path / "summary.json")["ending"] == "kept"
@@ -117,10 +116,9 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one_whole(tmp_path, monke
     assert (tmp_path / "summary.json").read_bytes() == old
 
 
-def test_the_undo_command_and_the_report_path_stand_whole_on_one_line_for_copying():
+def test_the_undo_command_stands_whole_on_one_line_for_copying():
     out = io.StringIO()
     console = Console(file=out, width=40, force_terminal=False, color_system=None, legacy_windows=False)
-    show_tune(console, stories.kept())
+    print_document(console, tune_document(stories.kept()))
     lines = out.getvalue().splitlines()
     assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in lines
-    assert "Report: runs/2026-11-20T20-12-00-heading/report.html" in lines

@@ -12,8 +12,6 @@ import report_stories
 
 from gcs_autotune.api import example_run, fit, save_model
 from gcs_autotune.cli import main
-from gcs_autotune.report import render_diagnosis
-from gcs_autotune.report.tune.page import render_report
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -35,9 +33,9 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("reports")
     read, written = {"ATC_STR_RAT_FF": 0.03005, "MOT_VEC_ANGLEMAX": 30.0}, {"ATC_STR_RAT_FF": 0.86242}
     told = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
-    (folder / "tune.html").write_text(render_report(told))
+    (folder / "tune.html").write_text(report_stories.page_of(told))
     told = diagnosis_stories.dead_zone()
-    (folder / "diagnosis.html").write_text(render_diagnosis(told, "Lake", diagnosis_stories.WHEN, "out"))
+    (folder / "diagnosis.html").write_text(diagnosis_stories.page_of(told, "Lake", diagnosis_stories.WHEN, "out"))
     run = example_run()
     save_model(fit(run, "linear", dof="yaw"), folder / "model.json")
     run.to_pandas().to_csv(folder / "run.csv")

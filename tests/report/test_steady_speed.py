@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.report.toolkit.axis_fit import fit_summary
+from gcs_autotune.report import fit_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
 
@@ -25,7 +25,7 @@ def told(half: float) -> tuple[float, float]:
         u[i + 1] = steady + (u[i] - steady) * np.exp(-0.1 * BETA / ALPHA)
     noise = np.random.default_rng(1).normal(0.0, 0.005, len(t))
     run = Trial("run", {"X": Channel("X", "1", t, X), "u": Channel("u", "m/s", t, u + noise)})
-    text = " ".join(render_text(fit_summary(fit_axis(run, dof="surge"))).split())
+    text = " ".join(render_text(fit_document(fit_axis(run, dof="surge"))).split())
     found = re.search(r"sustains ([\d.]+) ± ([\d.]+) m/s", text)
     assert found is not None
     return float(found[1]), float(found[2])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify import fit, validate
-from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
+from gcs_autotune.report import MethodOutcome, RunRow, Study, study_document, to_html
 from gcs_autotune.report.plots import plot
 from gcs_autotune.report.study.tables import meaning_of
 from gcs_autotune.report.toolkit.terminal import render_text
@@ -41,8 +41,8 @@ def study() -> Study:
 
 
 def test_the_page_fetches_nothing_and_is_the_same_twice(study: Study) -> None:
-    page = render_study(study)
-    assert page == render_study(study)
+    page = to_html(study_document(study))
+    assert page == to_html(study_document(study))
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", page)
     assert "<script" not in page
 
@@ -60,13 +60,13 @@ def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
                 while open_tags.pop() != tag:
                     pass
 
-    Reader().feed(render_study(study))
+    Reader().feed(to_html(study_document(study)))
     assert open_tags == []
-    assert "run &lt;1&gt;" in render_study(study)
+    assert "run &lt;1&gt;" in to_html(study_document(study))
 
 
 def test_page_and_terminal_tell_value_check_and_refusal(study: Study) -> None:
-    for text in (render_study(study), render_text(study_summary(study))):
+    for text in (to_html(study_document(study)), render_text(study_document(study))):
         assert "alpha_r" in text
         assert "no relay here" in text
         assert "held-out" in text
@@ -90,8 +90,8 @@ def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study
     run = trial()
     t = run["r"].t
     gone = {"x": Channel("x", "m", t, 0.5 * t), "y": Channel("y", "m", t, 0.1 * t)}
-    bare = render_study(study)
-    page = render_study(replace(study, trials=(replace(run, channels={**run.channels, **gone}),)))
+    bare = to_html(study_document(study))
+    page = to_html(study_document(replace(study, trials=(replace(run, channels={**run.channels, **gone}),))))
     assert page.count("N [N m]") == 2
     assert "east [m]; circle: start, square: end" in page
     assert "N [N m]" not in bare

@@ -20,10 +20,10 @@ from gcs_autotune.identify import AxisFit, fit, validate
 from gcs_autotune.identify.doubts import delay_fitted
 from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.identify.whiteness import remainder_of
-from gcs_autotune.report import MethodOutcome, RunRow, Study, render_study, study_summary
-from gcs_autotune.report.diagnosis.wording import verdict_headline as diagnosis_headline
+from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, study_document, to_html
+from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
 from gcs_autotune.report.plots import draw_trace
-from gcs_autotune.report.study.study import verdict_headline
+from gcs_autotune.report.study.study import verdict_of
 from gcs_autotune.report.toolkit.axis_fit import (
     candidate_table,
     cycle_table,
@@ -33,7 +33,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     model_words,
     remainder_sentence,
 )
-from gcs_autotune.report.toolkit.terminal import doubts_shown, render_text
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor, sentence
 from gcs_autotune.report.tune.tables import margins_table
 from gcs_autotune.report.tune.wording import safety
@@ -106,15 +106,16 @@ def study(found: AxisFit, unseen: float) -> Study:
 @pytest.mark.parametrize("unseen", [81.0, -15.0])
 def test_terminal_and_page_give_one_verdict_and_the_terminal_gives_it_last(found: AxisFit, unseen: float) -> None:
     told = study(found, unseen)
-    verdict = verdict_headline(told).text
-    terminal = render_text(study_summary(told), width=200)
-    assert terminal.rstrip().splitlines()[-1] == verdict
-    assert verdict in render_study(told).replace("\u00a0", " ")
+    verdict = verdict_of(told.fit, told.answer.unseen)
+    terminal = render_text(study_document(told), width=400).rstrip().splitlines()
+    assert terminal[-1 - len(verdict.sentences) :] == [verdict.text, *verdict.sentences]
+    assert verdict.text in to_html(study_document(told)).replace("\u00a0", " ")
 
 
 def test_a_prediction_worse_than_none_explains_nothing(found: AxisFit) -> None:
-    verdict = verdict_headline(study(found, -15.0))
-    assert verdict.text.startswith("The model explains nothing of held-out motion")
+    told = study(found, -15.0)
+    verdict = verdict_of(told.fit, told.answer.unseen)
+    assert verdict.text.startswith("Simulated from the inputs alone, the model explains nothing of held-out motion")
     assert "-15" not in verdict.text
     assert verdict.tone == "bad"
 
@@ -266,7 +267,7 @@ def test_depth_is_drawn_downwards() -> None:
 @pytest.mark.parametrize(("p", "word"), [(0.4, "within measurement noise"), (1e-6, "unexplained")])
 def test_a_diagnosis_calls_a_correlated_remainder_unexplained(p: float, word: str) -> None:
     told = replace(diagnosed.dead_zone(), left=Signature((), p))
-    said = " ".join((diagnosis_headline(told).text, *diagnosis_headline(told).sentences))
+    said = " ".join((diagnosis_verdict_of(told).text, *diagnosis_verdict_of(told).sentences))
     assert word in said
     assert ("measurement noise" in said) == (p > 0.01)
 
@@ -300,8 +301,8 @@ def test_a_limit_cycle_whose_extremes_scatter_is_not_called_valid(scatter: float
 
 
 def test_doubts_about_figures_do_not_contradict_a_fit_without_doubts() -> None:
-    (heading, *_) = doubts_shown(["the approach was not steady"], about="figures")
-    assert render_text(heading).strip() == "Doubts about the figures"
+    said = render_text(Document("", (), doubts=("The approach was not steady.",), doubted="figures"))
+    assert said.strip().splitlines()[0] == "Doubts about the figures"
 
 
 def test_a_signal_at_the_beginning_of_a_sentence_keeps_its_name() -> None:

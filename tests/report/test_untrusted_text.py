@@ -8,17 +8,16 @@ from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from report_stories import kept
+from report_stories import kept, page_of
 from rich.console import Console
 
 from gcs_autotune.cli import main
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.mavlink import TextLog
 from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
+from gcs_autotune.report.toolkit.document import Document, Note, Section, Table, Verdict
 from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import bullet, grid, paragraph, render_text, title
-from gcs_autotune.report.tune.page import render_report
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.untrusted_text import quoted, visible
 from gcs_autotune.watch import Progress
 
@@ -68,15 +67,17 @@ def test_what_a_tune_says_and_shows_live_is_tame(terminal):
 @pytest.mark.parametrize(
     "thing",
     [
-        title(FORGED),
-        paragraph(FORGED),
-        bullet(FORGED),
-        grid(Table((FORGED, "b"), "lr", ((FORGED, FORGED),))),
+        Note(FORGED),
+        Note(FORGED, kind="bullet"),
+        Note(FORGED, kind="command"),
+        Table((FORGED, "b"), "lr", ((FORGED, FORGED),)),
     ],
-    ids=["title", "paragraph", "bullet", "table"],
+    ids=["text", "bullet", "command", "table"],
 )
 def test_what_is_printed_at_the_end_is_tame(thing):
-    shown = render_text(thing, width=300)
+    verdict = Verdict(FORGED, "good", (FORGED,))
+    section = Section("one", FORGED, (thing,))
+    shown = render_text(Document(FORGED, (section,), verdict, lead=FORGED, doubts=(FORGED,)), width=300)
     assert is_tame(shown)
     assert not any(line.strip().startswith("kept") for line in shown.splitlines())
     assert r"\x1b" in shown
@@ -95,7 +96,7 @@ def test_the_page_has_forged_words_as_text():
     story = kept()
     hostile = FORGED + "<script>alert(1)</script>"
     fit = replace(story.fit, used=(hostile,))
-    page = render_report(
+    page = page_of(
         replace(story, reason=hostile, fit=fit, vehicle={"name": hostile}, events=((1.0, hostile),), doubts=(hostile,))
     )
     assert is_tame(page)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.limits import limit_of
-from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, PaperCraft, preview
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, NominalPlant, preview
 from gcs_autotune.models import SingleDof
 from gcs_autotune.seatrials import MANOEUVRES as FIGURES
 from gcs_autotune.seatrials import Particulars, Sheet, ship_figures
@@ -19,7 +19,7 @@ DEG = math.pi / 180.0
 ALPHA, BETA, BIAS = 1.5, 2.0, 0.01
 """The craft: turns at 0.5 rad/s at full steering with a lag of 0.75 s, and a little to starboard by itself."""
 DRAG, MASS = 1.0, 4.0
-CRAFT = PaperCraft(
+CRAFT = NominalPlant(
     SingleDof("yaw", "1", ALPHA, BETA, delta=BIAS),
     1.0,
     "a test",

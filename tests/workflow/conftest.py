@@ -7,8 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from gcs_autotune.report.flight import page as flight_page
-from gcs_autotune.report.tune import page as tune_page
+from gcs_autotune.report.toolkit import page
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -16,16 +15,14 @@ def with_brief_designs(briefly: None) -> None:
     """The command at its full length is flown in ``tests/cli/test_command_line.py``."""
 
 
-DRAWN = ((tune_page, "draw_pictures"), (flight_page, "_signals"), (flight_page, "_fits"), (flight_page, "_tracks"))
-DRAW = tuple(getattr(page, name) for page, name in DRAWN)
+DRAWN = page.drawn
 
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> Iterator[None]:
     """Leave the pictures out of reports, a quarter of many a job, but where a file looks at them and says so."""
     with pytest.MonkeyPatch.context() as patch:
-        for page, name in DRAWN:
-            patch.setattr(page, name, lambda *story, **how: [])
+        patch.setattr(page, "drawn", lambda figure: iter(()))
         yield
 
 
@@ -33,8 +30,7 @@ def without_pictures() -> Iterator[None]:
 def with_pictures() -> Iterator[None]:
     """Draw them meanwhile: one page of the file is looked at."""
     with pytest.MonkeyPatch.context() as patch:
-        for (page, name), draw in zip(DRAWN, DRAW, strict=True):
-            patch.setattr(page, name, draw)
+        patch.setattr(page, "drawn", DRAWN)
         yield
 
 

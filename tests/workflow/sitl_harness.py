@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
+from gcs_autotune.workflow import CommonSettings, Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 
 WHEN = "2026-11-20T12:00:00"
@@ -108,7 +108,10 @@ class SitlHarness:
 
     def settings(self, axis: str = "heading", *, simulated: bool = True, **changes: Any) -> TuneSettings:
         connection = Moored(peer=self.peer, simulated=simulated)
-        return TuneSettings(axis, connection, self.directory, **changes)
+        return TuneSettings(connection, self.directory, axis=axis, **changes)
+
+    def common(self, *, simulated: bool = True, **changes: Any) -> CommonSettings:
+        return CommonSettings(Moored(peer=self.peer, simulated=simulated), self.directory, **changes)
 
     def tune(self, operator: Any = None, axis: str = "heading", **changes: Any) -> Any:
         return tune(self.settings(axis, **changes), operator or Unattended(), Ear(self.said), WHEN)

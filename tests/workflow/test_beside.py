@@ -16,7 +16,7 @@ from gcs_autotune.workflow.settings import Connection, TuneSettings
 
 DEG = math.pi / 180.0
 BOAT = Known(SingleDof("yaw", "1", 0.858, 1.494), Actuator(), 0.1 * DEG)
-SETTINGS = TuneSettings("heading", Connection("memory"), Path("run"), step=10.0 * DEG, step_duration=30.0)
+SETTINGS = TuneSettings(Connection("memory"), Path("run"), axis="heading", step=10.0 * DEG, step_duration=30.0)
 
 
 @pytest.mark.parametrize("speed", [1.5, 0.0])

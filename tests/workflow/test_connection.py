@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from gcs_autotune.errors import LinkLost, NotAsFound
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import connection
+from gcs_autotune.workflow import CommonSettings, Connection, connection
 from sitl import open_vehicle
 
 
@@ -37,7 +38,8 @@ def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def come() -> Any:
     nothing: Any = None
-    return connection.connect_craft(nothing, nothing, SilentWatcher(), nothing, None, "heading")
+    common = CommonSettings(Connection("memory"), Path("run"))
+    return connection.connect_craft(common, nothing, SilentWatcher(), nothing, "heading")
 
 
 @pytest.mark.usefixtures("silent_craft")
@@ -63,6 +65,6 @@ def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
 def test_a_craft_that_steers_by_thrust_is_not_promised_to_be_twitched_without(vehicle: str, twitched: str) -> None:
     with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
         craft = open_craft(session)
-        said = connection.arming(craft, craft.observe())
+        said = connection.arming(craft)
     assert said.startswith("arm the vehicle, and disarm it at the end; move ")
     assert twitched in said

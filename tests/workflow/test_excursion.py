@@ -9,26 +9,28 @@ from pathlib import Path
 import pytest
 
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.manoeuvres import Envelope, OpenLoopProgramme, PaperCraft, PaperState, Preview, preview
+from gcs_autotune.manoeuvres import Envelope, NominalPlant, OpenLoopProgramme, PlantState, Preview, preview
 from gcs_autotune.models import SingleDof
-from gcs_autotune.workflow import Connection, FlySettings, TuneSettings
+from gcs_autotune.workflow import CommonSettings, Connection, FlySettings
 from gcs_autotune.workflow.announcement import exactly, whole_of
 from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
     Ahead,
     Excursion,
-    PaperVisit,
+    VisitPreview,
     least_distance,
     overhead,
     worst_of,
 )
-from gcs_autotune.workflow.paper_craft import Kin, assumed_craft, kin_of, paper_craft
+from gcs_autotune.workflow.nominal_plant import AssumedCraft, assumed_crafts, assumed_plant, nominal_plant
 
-BOAT = PaperCraft(SingleDof("yaw", "1", 5.0, 3.0), 1.0, "a test", others={"X": SingleDof("surge", "1", 6.0, 0.0, 1.0)})
+BOAT = NominalPlant(
+    SingleDof("yaw", "1", 5.0, 3.0), 1.0, "a test", others={"X": SingleDof("surge", "1", 6.0, 0.0, 1.0)}
+)
 
 
-def visit(craft: PaperCraft = BOAT, envelope: Envelope = NO_LIMITS) -> PaperVisit:
-    return PaperVisit(craft, envelope, PaperState(), under_way=True)
+def visit(craft: NominalPlant = BOAT, envelope: Envelope = NO_LIMITS) -> VisitPreview:
+    return VisitPreview(craft, envelope, PlantState(), under_way=True)
 
 
 def test_each_stage_begins_as_the_last_one_ended_and_the_coasting_counts():
@@ -57,19 +59,21 @@ def test_a_preview_goes_on_from_the_state_another_left():
 def test_a_boat_that_would_leave_its_space_turns_around_as_on_the_water_and_comes_back():
     flown = visit(envelope=replace(NO_LIMITS, distance=60.0, cruise=1.0))
     flown.fly(Ahead(1.0, 40.0), "first")
-    flown.come_about(0.5, 30.0)
+    flown.turn_around(0.5, 30.0)
     flown.fly(Ahead(1.0, 30.0), "second")
     whole = flown.excursion()
     assert [name for name, _ in whole.stages] == ["first", "turning around", "second"]
     assert whole.distance < 60.0
     stays = visit(envelope=replace(NO_LIMITS, distance=300.0, cruise=1.0))
     stays.fly(Ahead(1.0, 40.0), "first")
-    stays.come_about(0.5, 30.0)
+    stays.turn_around(0.5, 30.0)
     assert len(stays.excursion().stages) == 1
 
 
 def test_of_several_craft_the_worst_counts_and_what_every_one_needs_is_known():
-    craft = [assumed_craft(FIRMWARE["ardurover"], {}, 0.5, 1.2, kin) for kin in kin_of(under_way=True, skid=False)]
+    craft = [
+        assumed_plant(FIRMWARE["ardurover"], {}, 0.5, 1.2, like) for like in assumed_crafts(under_way=True, skid=False)
+    ]
     radii = [1.2 / one.yaw.steady_velocity(1.0) for one in craft]
     assert max(radii) == pytest.approx(6.7) and min(radii) == pytest.approx(3.0)
     worst = worst_of([Excursion(50.0, 20.0, turn_rate=0.2), Excursion(40.0, 35.0, turn_rate=0.5)])
@@ -116,22 +120,22 @@ def test_a_distance_is_announced_in_whole_metres_while_it_is_short():
     assert [Excursion(60.0, d, submerged=True).needs for d in (3.0, 20.5)] == [4.0, 23.0]
 
 
-def pull_out(kin: Kin) -> Preview:
-    settings = FlySettings("pull-out", TuneSettings("heading", Connection("memory"), Path("unused")))
-    paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, kin)
+def pull_out(like: AssumedCraft) -> Preview:
+    settings = FlySettings("pull-out", CommonSettings(Connection("memory"), Path("unused")))
+    paper = nominal_plant(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, like)
     return preview(settings.make(0.0, keep_still=True), paper, NO_LIMITS, floats=False)
 
 
 def test_an_rov_takes_long_to_stop_turning_for_its_drag_goes_by_the_square():
-    usual, slow, quick = (pull_out(kin).seconds for kin in kin_of(under_way=False, skid=False)[:3])
+    usual, slow, quick = (pull_out(like).seconds for like in assumed_crafts(under_way=False, skid=False)[:3])
     assert quick < usual < slow
     assert slow > 1.3 * quick  # with drag by the speed alone 1.06
 
 
 def test_an_rov_that_is_fast_and_heavy_coasts_furthest():
     far = []
-    for kin in kin_of(under_way=False, skid=False)[:4]:
-        craft = assumed_craft(FIRMWARE["ardusub"], {}, 0.0, 0.0, kin)
+    for like in assumed_crafts(under_way=False, skid=False)[:4]:
+        craft = assumed_plant(FIRMWARE["ardusub"], {}, 0.0, 0.0, like)
         ahead = OpenLoopProgramme("ahead", lambda t: {"X": 1.0 if t < 8.0 else 0.0}, 30.0, force="X")
         far.append(preview(ahead, craft, NO_LIMITS, floats=False).away)
     assert far.index(max(far)) == 3

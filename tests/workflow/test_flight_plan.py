@@ -28,7 +28,7 @@ def without_pictures() -> None:
 def plan(harness: SitlHarness, text: str) -> FlightPlan:
     path = harness.directory.parent / "plan.toml"
     path.write_text(text)
-    return load_flight_plan(path, harness.settings(), None, None)
+    return load_flight_plan(path, harness.common(), None, None)
 
 
 def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_that_stays(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: s
 
 def fly(harness: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
     watcher = operator or Ear(harness.said)
-    return fly_plan(read, replace(harness.settings(), **changes), operator or Unattended(), watcher, WHEN)
+    return fly_plan(read, replace(harness.common(), **changes), operator or Unattended(), watcher, WHEN)
 
 
 THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'
@@ -126,7 +126,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     said: list[str] = []
     again = harness.directory.parent / "again"
     common = replace(
-        harness.settings(), connection=Moored(peer=Later(harness.server)), directory=again, resume=harness.directory
+        harness.common(), connection=Moored(peer=Later(harness.server)), directory=again, resume=harness.directory
     )
     result = fly_plan(
         load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
@@ -162,7 +162,7 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
     assert any(said.startswith(checks) for said in harness.said)
     said: list[str] = []
     common = replace(
-        harness.settings(),
+        harness.common(),
         connection=Moored(peer=Later(harness.server), simulated=False),
         directory=tmp_path / "again",
         resume=harness.directory,

@@ -47,7 +47,7 @@ def flown(harness: SitlHarness, options: dict[str, float] = PAIR, name: str = "z
     common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
     watcher, operator = more.pop("watcher", None), more.pop("operator", None)
     only_preview = more.pop("only_preview", False)
-    settings = FlySettings(name, harness.settings(**common), options, **more)
+    settings = FlySettings(name, harness.common(**common), options, **more)
     ear = watcher or Ear(harness.said)
     return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
 
@@ -211,11 +211,11 @@ def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) ->
         flown(harness, simulated=False, operator=Answers(False))
     assert not harness.vehicle.autopilot.armed
     with pytest.raises(UsageError, match="tune AXIS"):
-        FlySettings("step", harness.settings())
+        FlySettings("step", harness.common())
     with pytest.raises(UsageError, match="has no option --duration"):
-        FlySettings("zig-zag", harness.settings(), {"duration": 5.0})
+        FlySettings("zig-zag", harness.common(), {"duration": 5.0})
     with pytest.raises(UsageError, match="--full-rudder"):
-        FlySettings("zig-zag", harness.settings(), {"rudder": 0.3})
+        FlySettings("zig-zag", harness.common(), {"rudder": 0.3})
     (tmp_path / "twin").mkdir()
     with pytest.raises(UsageError, match="has no rudder"):
         flown(SitlHarness(tmp_path / "twin", "blueboat"), PAIR)

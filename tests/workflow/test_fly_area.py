@@ -26,7 +26,7 @@ def square(half: float, north: float = 0.0) -> tuple[tuple[float, float], ...]:
 
 
 def fly(harness: SitlHarness, corners: tuple[tuple[float, float], ...] | None, name: str = "zig-zag") -> Any:
-    common = harness.settings()
+    common = harness.common()
     area = None if corners is None else Area((Zone(corners),), "the pond")
     settings = FlySettings("steps", common, STEPS, force="X") if name == "steps" else FlySettings(name, common)
     plan = replace(FlightPlan.of(settings), area=area)

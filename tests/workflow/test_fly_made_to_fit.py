@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope
 from gcs_autotune.workflow import FlySettings
-from gcs_autotune.workflow.paper_craft import Kin, paper_craft
+from gcs_autotune.workflow.nominal_plant import AssumedCraft, nominal_plant
 
 from .sitl_harness import SLOW_LOOP, SitlHarness
 from .test_fly import flown
@@ -63,7 +63,7 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
 
 
 def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
-    common = SitlHarness(tmp_path).settings()
+    common = SitlHarness(tmp_path).common()
     usual = FlySettings("doublets", common, {"steering": 0.5}, force="Z")
     sizes = [one.options for one in usual.smaller()]
     assert {o["steering"] for o in sizes} == {0.5}
@@ -84,8 +84,8 @@ def test_an_rov_is_previewed_as_it_is_flown_ahead_and_astern(tmp_path: Path) -> 
 
 
 def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known_and_soon(tmp_path: Path) -> None:
-    settings = FlySettings("zig-zag", SitlHarness(tmp_path).settings())
-    paper = paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0)
+    settings = FlySettings("zig-zag", SitlHarness(tmp_path).common())
+    paper = nominal_plant(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0)
     falcon, bluerov2 = 1.28, 3.91  # Miskovic2010, table 7.1; Benzon2022, table A1
     assert falcon < paper.yaw.steady_velocity(1.0) < bluerov2
     assert 0.1 < paper.yaw.alpha / (paper.yaw.beta + 2.0 * paper.yaw.beta_quadratic * 1.9) < 0.6
@@ -93,13 +93,13 @@ def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known
 
 
 def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself(tmp_path: Path) -> None:
-    settings = FlySettings("doublets", SitlHarness(tmp_path).settings(), force="Z")
-    kin = (Kin(sinks=sinks) for sinks in (True, False))
-    heavy, light = (paper_craft(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, one).others["Z"] for one in kin)
+    settings = FlySettings("doublets", SitlHarness(tmp_path).common(), force="Z")
+    like = (AssumedCraft(sinks=sinks) for sinks in (True, False))
+    heavy, light = (nominal_plant(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, one).others["Z"] for one in like)
     assert heavy.delta == -light.delta > 0.0
     assert heavy.steady_velocity(1.0 - heavy.delta) == pytest.approx(1.5)
     assert heavy.steady_velocity(0.0) > 0.05
-    ahead = FlySettings("steps", SitlHarness(tmp_path).settings(), force="X")
-    boat = paper_craft(ahead, FIRMWARE["ardurover"], {}, 0.4, 1.5)
+    ahead = FlySettings("steps", SitlHarness(tmp_path).common(), force="X")
+    boat = nominal_plant(ahead, FIRMWARE["ardurover"], {}, 0.4, 1.5)
     assert boat.source == "its cruise of 1.5 m/s at 40% throttle"
     assert boat.others["X"].steady_velocity(0.4) == pytest.approx(1.5)

@@ -96,7 +96,7 @@ def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> Non
     assert result.fit.dof == "surge"
     assert 0.5 < result.preview.room < 2.0  # there and back
     with pytest.raises(UsageError, match="drives N and does not accept --force X"):
-        FlySettings("zig-zag", harness.settings(), force="X")
+        FlySettings("zig-zag", harness.common(), force="X")
 
 
 @pytest.mark.slow

@@ -57,13 +57,20 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         relays.append(relay)
         return SimpleNamespace(trial=flown(relay.name))
 
-    def relay_for(*args: Any, **options: Any) -> Any:
-        return SimpleNamespace(name=args[4], **options)
+    class Relays:
+        keep_still = True
+
+        @classmethod
+        def of(cls, *_: object) -> Relays:
+            return cls()
+
+        def relay(self, name: str, output: float | None, **options: Any) -> Any:
+            return SimpleNamespace(name=name, **options)
 
     def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
         return Identified(SimpleNamespace(fit_percent=100.0 - context.left), trials)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(identification, "relay_for", relay_for)
+    monkeypatch.setattr(identification, "Relays", Relays)
     monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
@@ -73,7 +80,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     context.axis = SimpleNamespace(dof="yaw")
     context.await_worker = None
     context.throttle = 0.0
-    context.come_about = lambda before, ahead: False
+    context.turn_around = lambda before, ahead: False
     context.earlier = SimpleNamespace(has=lambda name: name in context.resumed)
     context.resumed = ()
     context.run_in_background = lambda work, *args: True
@@ -81,7 +88,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def names(context: Any) -> list[tuple[str, bool]]:
-    return [(relay.name, getattr(relay, "rule", None) is not None) for relay in context.relays]
+    return [(relay.name, getattr(relay, "criterion", None) is not None) for relay in context.relays]
 
 
 def test_where_one_oscillation_tells_the_gains_no_other_is_flown_and_the_step_is_in_the_fit(context: Any) -> None:
@@ -148,7 +155,7 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     turned: list[str] = []
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
-    assert runner.come_about(0.5, ahead, last=last) is turns
+    assert runner.turn_around(0.5, ahead, last=last) is turns
     assert turned == ["turning about"] * turns
 
 
@@ -171,7 +178,7 @@ def test_a_boat_turns_about_to_the_side_where_it_began(
     turned: list[Any] = []
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.asked))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
-    assert runner.come_about(0.5)
+    assert runner.turn_around(0.5)
     assert turned[0]["output"] == 0.5 * side
 
 
@@ -193,8 +200,8 @@ def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_fl
         throttle=0.4,
         earlier=SimpleNamespace(has=lambda name: False),
         fly=fly,
-        come_about=lambda *where: None,
-        come_back_meanwhile=lambda before, work: work(),
+        turn_around=lambda *where: None,
+        compute_while_turning=lambda before, work: work(),
         run_in_background=lambda work, *args: work(*args),
     )
     with pytest.MonkeyPatch.context() as patch:

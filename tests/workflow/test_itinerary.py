@@ -22,12 +22,12 @@ TURN = RUDDER.turn
 
 
 def settings(axis: str = "heading", **given: object) -> TuneSettings:
-    return TuneSettings(axis, Connection("sitl:charlie"), Path("runs/none"), **given)
+    return TuneSettings(Connection("sitl:charlie"), Path("runs/none"), axis=axis, **given)
 
 
 def heading(**given: object) -> Itinerary:
     given = {"stop_rule": "settled", **given}
-    legs = legs_of_tune(settings(**given), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False)
+    legs = legs_of_tune(settings(**given), "yaw", RUDDER, moving=False, given=False, dives=False)
     return Itinerary(legs, TURN)
 
 
@@ -54,9 +54,7 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
 def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_time():
     """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
     usual, patient = (
-        Itinerary(
-            legs_of_tune(settings("depth", **how), "heave", p, under_way=False, moving=False, given=False, dives=True)
-        )
+        Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of(under_way=False, skid=False, restless=True)))
     )
     assert how_long(usual, patient.seconds).startswith("take about 110 s of the vehicle's time, up to 7 min if ")
@@ -64,15 +62,13 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
 
 
 def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
-    legs = legs_of_tune(
-        settings("depth", dry_run=True), "heave", ROV, under_way=False, moving=False, given=True, dives=True
-    )
+    legs = legs_of_tune(settings("depth", dry_run=True), "heave", ROV, moving=False, given=True, dives=True)
     assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
     assert all(leg.before == 0.0 for leg in legs)
 
 
 def test_a_velocity_is_stepped_after_its_experiments():
-    legs = legs_of_tune(settings("speed"), "surge", THRUSTERS, under_way=True, moving=True, given=False, dives=False)
+    legs = legs_of_tune(settings("speed"), "surge", THRUSTERS, moving=True, given=False, dives=False)
     assert [leg.stage for leg in legs] == [
         "sign check",
         "first throttle steps",
@@ -83,7 +79,7 @@ def test_a_velocity_is_stepped_after_its_experiments():
 
 def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_are_known_take_less():
     boat, rov = (
-        Itinerary(legs_of_tune(settings(), "yaw", pace, under_way=boat, moving=False, given=False, dives=False), TURN)
+        Itinerary(legs_of_tune(settings(), "yaw", pace, moving=False, given=False, dives=False), TURN)
         for boat, pace in ((True, RUDDER), (False, ROV))
     )
     assert [leg.stage for leg in boat.legs if "oscillation" in leg.stage] == ["first self-oscillation"]
@@ -97,15 +93,13 @@ def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_a
 
 
 def test_a_turn_rate_step_is_flown_beside_each_heading_step():
-    legs = legs_of_tune(settings(), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False, beside=True)
+    legs = legs_of_tune(settings(), "yaw", RUDDER, moving=False, given=False, dives=False, beside=True)
     assert [leg.stage for leg in legs][-3:] == [
         "turn rate with present gains",
         "step with new gains",
         "turn rate with new gains",
     ]
-    dry = legs_of_tune(
-        settings(dry_run=True), "yaw", RUDDER, under_way=True, moving=False, given=False, dives=False, beside=True
-    )
+    dry = legs_of_tune(settings(dry_run=True), "yaw", RUDDER, moving=False, given=False, dives=False, beside=True)
     assert not [leg for leg in dry if leg.stage.startswith("turn rate")]
 
 
@@ -155,7 +149,7 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
 
 
 def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
-    itinerary = Itinerary(legs_of_experiment("yaw", ROV, under_way=False, dives=False))
+    itinerary = Itinerary(legs_of_experiment("yaw", ROV, dives=False))
     at(itinerary, 0.0, "sign check")
     at(itinerary, 20.0, "first self-oscillation")
     at(itinerary, 120.0, "second self-oscillation")

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.errors import GuardTripped, OperatorStopped, PreconditionFailed
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.workflow import FlySettings, Unattended, experiment, fly
-from gcs_autotune.workflow.flight_plan import FlightLeg
+from gcs_autotune.workflow.flight_plan import FlightRun
 
 from .sitl_harness import WHEN, Ear, SitlHarness
 
@@ -84,7 +84,7 @@ def with_a_card(tmp_path: Path, **card: Any) -> tuple[SitlHarness, CardAboard]:
 
 def circle(harness: SitlHarness, operator: Any = None, **changes: Any) -> Any:
     """Fly a short turn, the quickest thing there is."""
-    common = harness.settings(fetch_log=True, **changes)
+    common = harness.common(fetch_log=True, **changes)
     settings = FlySettings("steps", common, {"duration": 10.0})
     return fly(settings, operator or Unattended(), Ear(harness.said), WHEN)
 
@@ -147,7 +147,7 @@ def test_a_stop_while_it_is_fetched_ends_the_fetching_and_nothing_else(tmp_path:
 
 def test_the_log_of_a_run_that_a_limit_ended_is_fetched_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     harness, _ = with_a_card(tmp_path)
-    monkeypatch.setattr(FlightLeg, "why_not", "")  # nobody foresaw that it would take so long
+    monkeypatch.setattr(FlightRun, "why_not", "")  # nobody foresaw that it would take so long
     with pytest.raises(GuardTripped):
         circle(harness, envelope=Envelope(time=8.0))
     assert (harness.directory / f"onboard-{NEW}.bin").read_bytes() == FLOWN

@@ -64,7 +64,7 @@ def test_the_second_step_is_held_no_shorter_than_the_first_where_holds_may_end_e
 def test_a_turn_rate_step_at_rest_is_large_and_stays_well_within_the_heading_guard(slowness: float) -> None:
     """A BlueROV2 and craft that answer more slowly; the bow is farthest off at the end of the hold."""
     known = Known(SingleDof("yaw", "1", 0.026 * slowness, 0.0, 0.065), Actuator(), 0.004)
-    settings = TuneSettings("yaw", Connection("sitl:bluerov2"), Path("run"))
+    settings = TuneSettings(Connection("sitl:bluerov2"), Path("run"), axis="yaw")
     s = proof_of_turn_rate(settings, 0.0, known).settings
     assert s.base == -0.5 * s.size and s.hold == s.settle
     assert s.size == pytest.approx(math.radians(60.0)) or slowness > 1.0

@@ -13,13 +13,14 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.identify import Doubt, Reading
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.report import recheck_summary
+from gcs_autotune.report import recheck_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.seatrials import Figure, Sheet
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, recheck
 from gcs_autotune.workflow.recheck import LastTune, LoopNumbers, Recheck, last_tune, verdict_of
 
+from .conftest import with_pictures
 from .sitl_harness import WHEN, Ear, SitlHarness
 
 
@@ -67,7 +68,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
 
 
 def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
-    shown = render_text(recheck_summary(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
+    shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
     assert "halved and flown again" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
     assert "a_1" not in shown and "b_1" not in shown
@@ -101,13 +102,14 @@ def test_the_last_tune_is_the_newest_that_kept_gains_on_this_vehicle_and_broken_
 
 
 def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None = None, **common: Any) -> Any:
-    settings = FlySettings("set-point-relay", harness.settings(**common), options or {}, force="N")
+    settings = FlySettings("set-point-relay", harness.common(**common), options or {}, force="N")
     return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
 
 
 def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    found = checked(harness, tmp_path)
+    with with_pictures():
+        found = checked(harness, tmp_path)
     assert (found.kind, found.tone) == ("oscillates", "bad")
     assert math.degrees(found.now.oscillation) > 20.0
     page = (harness.directory / "report.html").read_text(encoding="utf-8")

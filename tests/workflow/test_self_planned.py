@@ -18,15 +18,15 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Preview
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
 from gcs_autotune.workflow.excursion import Excursion
-from gcs_autotune.workflow.flight_plan import FlightLeg
-from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, offers_for, see_it_can_be_told
+from gcs_autotune.workflow.flight_plan import FlightRun
+from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, check_identifiable, offers_for
 
 from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
 
 
 def trial(harness: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
-    settings = harness.settings(**common)
+    settings = harness.common(**common)
     asked = precision_of(until, "", 60.0 * minutes)
     first = first_run(asked, settings)
     plan = FlightPlan(first.kind.name, FlightPlan.of(first).runs, until=asked)
@@ -76,7 +76,7 @@ def test_a_wish_that_no_form_can_grant_is_refused_in_a_sentence(
 
 
 def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat = FIRMWARE["ardurover"]
     offers = offers_for(asked, first_run(asked, settings), boat, 0.5)
@@ -94,21 +94,21 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
 
 
 def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_end_it(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, settings)
     seen = SimpleNamespace(seconds=30.0, trouble="")
-    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
+    leg = FlightRun(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
     said: list[str] = []
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, said.append)
     lost = Outlook(cast(Fit, None), {"beta_r": math.inf}, math.nan, None)
     run = cast(Trial, SimpleNamespace(duration=30.0))
 
-    def leg_of(planned: PlannedRun) -> FlightLeg:
-        return replace(leg, run=planned)
+    def run_of(planned: PlannedRun) -> FlightRun:
+        return replace(leg, planned=planned)
 
-    chosen = [planner.next_leg([run] * k, lambda *work: lost, leg_of) for k in (1, 2, 3)]
-    names = [None if c is None else c.run.settings.kind.name for c in chosen]
+    chosen = [planner.next_run([run] * k, lambda *work: lost, run_of) for k in (1, 2, 3)]
+    names = [None if c is None else c.settings.kind.name for c in chosen]
     assert None not in names[:2] and names[2] is None
     assert len({"doublets", *names[:2]}) == 3
     assert "is unstable" in said[1]
@@ -212,7 +212,7 @@ def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
 
 
 def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path: Path) -> None:
-    settings = SitlHarness(tmp_path, QUICK).settings()
+    settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat, first = FIRMWARE["ardurover"], first_run(asked, settings)
     told = offers_for(asked, first, boat, 0.5, {"heading": math.radians(15.0), "steering": 0.4})
@@ -225,13 +225,13 @@ def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path:
 
 def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tmp_path: Path) -> None:
     asked = precision_of("N_r 5%", "", 600.0)
-    first = first_run(asked, SitlHarness(tmp_path, QUICK).settings())
+    first = first_run(asked, SitlHarness(tmp_path, QUICK).common())
     seen = cast(Preview, SimpleNamespace(seconds=30.0))
-    leg = FlightLeg(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
+    leg = FlightRun(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)
     run = cast(Trial, SimpleNamespace(duration=30.0))
     known = Outlook(cast(Fit, None), {"beta_r": 0.04}, math.nan, ())
-    assert planner.next_leg([run, run], lambda *work: known, lambda planned: leg) is None
+    assert planner.next_run([run, run], lambda *work: known, lambda planned: leg) is None
     (step,) = planner.steps
     assert (step.run, step.why, step.seconds) == ("2 earlier runs", "flown before", 0.0)
     assert step.ended == "the required precision is reached"
@@ -266,6 +266,6 @@ def test_a_wish_that_this_craft_or_this_manoeuvre_cannot_tell_is_refused_before_
 ) -> None:
     force = "K" if manoeuvre == "doublets" else ""
     with pytest.raises(UsageError, match=words):
-        see_it_can_be_told(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
     for asked in ("N_r 5%", "N_r 5%, Y_v 10%"):
-        see_it_can_be_told(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify import METHODS
-from gcs_autotune.report import study_to_dict
+from gcs_autotune.report import study_document, to_json
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import StudySettings, study
 
@@ -66,7 +66,7 @@ def test_all_methods_are_compared_and_one_that_refuses_says_why() -> None:
     assert len(names) == len(METHODS)
     refused = {o.method: o.refusal for o in found.outcomes if o.fit is None}
     assert "relay" in refused["iso"]
-    data = study_to_dict(found)
+    data = to_json(study_document(found))
     assert data["methods"]["iso"] == {"refused": refused["iso"]}
     assert data["methods"]["output-error"]["parameters"]["alpha_r"]["value"] == pytest.approx(ALPHA, rel=0.02)
 

@@ -14,7 +14,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Flown, Sequencer, ThrustCheck
 from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow.preflight import see_throttle_is_free, sign_check_for
+from gcs_autotune.workflow.preflight import check_throttle_is_free, sign_check_for
 from sitl import open_vehicle
 from sitl.effects import parse_effect
 
@@ -39,7 +39,7 @@ def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple
     craft.session.pause(45.0)  # its position filter is ready then
     craft.set_mode("MANUAL")
     craft.arm()
-    check = sign_check_for("surge", craft.firmware, craft.servos, WORKING, needs_speed=False)
+    check = sign_check_for("surge", craft, WORKING, needs_speed=False)
     assert isinstance(check, ThrustCheck)
     flying_since.append(server.now)
     return check, Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(check)
@@ -120,15 +120,15 @@ def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_thro
 
 def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none() -> None:
     craft = open_craft(Session(MemoryLink(open_vehicle("charlie", parameters={"MOT_THR_MAX": 80.0}))))
-    see_throttle_is_free(craft, "surge", WORKING)
-    see_throttle_is_free(craft, "yaw", 1.0)
+    check_throttle_is_free(craft, "surge", WORKING)
+    check_throttle_is_free(craft, "yaw", 1.0)
     with pytest.raises(PreconditionFailed, match="MOT_THR_MAX is 80 %"):
-        see_throttle_is_free(craft, "surge", WORKING + 0.01)
+        check_throttle_is_free(craft, "surge", WORKING + 0.01)
 
 
 @pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])
 def test_steering_is_checked_at_rest_where_a_craft_needs_no_way_for_it(firmware: str, throttle: float) -> None:
     """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
-    nothing = SimpleNamespace(driving=lambda force: [])
-    check = sign_check_for("yaw", FIRMWARE[firmware], nothing, 0.25, needs_speed=False)  # type: ignore[arg-type]
+    craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], servos=SimpleNamespace(driving=lambda force: []))
+    check = sign_check_for("yaw", craft, 0.25, needs_speed=False)
     assert check.asked["throttle"] == throttle

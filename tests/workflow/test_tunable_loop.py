@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -15,11 +18,18 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Mark, Trial
+from gcs_autotune.workflow import Unattended
 from gcs_autotune.workflow import autopilot_loop as autopilot_loop_module
 from gcs_autotune.workflow.autopilot_loop import _AutopilotLoop, _offer_of
 from gcs_autotune.workflow.beside import Compared
+from gcs_autotune.workflow.itinerary import Itinerary, Leg
+from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
+from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop, tune_loop
+from gcs_autotune.workflow.tune_log import TuneLog
+
+from .sitl_harness import QUICK, WHEN, Ear, SitlHarness
 
 
 def step(itae: float) -> StepMetrics:
@@ -97,7 +107,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         axis=FIRMWARE["ardusub"].axes["depth"],
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
         runner=SimpleNamespace(come_to_rest=lambda stage, axis: done.append(f"rest in {stage}")),
-        come_about=lambda name, ahead, last: done.append(f"back for {name}"),
+        turn_around=lambda name, ahead, last: done.append(f"back for {name}"),
         fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
     )
     monkeypatch.setattr(autopilot_loop_module, "ParameterTransaction", Loan)
@@ -327,6 +337,47 @@ def test_gains_of_a_controller_of_our_own_are_tuned_like_an_autopilots(
     tune_loop(loop, context.log, context.agrees, cast(Journal, None), dry_run=dry)
     assert loop.gain == left
     assert done[-1] == ending
+
+
+@pytest.mark.parametrize(("best", "ending", "left"), [(3.0, "kept", 2.5), (-3.0, "restored", 1.0)])
+def test_a_mission_tunes_a_controller_of_our_own_and_touches_no_parameter(
+    tmp_path: Path, best: float, ending: str, left: float
+) -> None:
+    harness, loop = SitlHarness(tmp_path, QUICK), Thermostat(1.0, 2.5, best)
+    settings, record = harness.settings(), RunDirectory(harness.directory)
+    log = TuneLog(settings, WHEN, Ear(harness.said))
+    before, after = dict(loop.read()), {}
+
+    def declare(visit: Visit[TuneLog]) -> Mission:
+        return Mission(
+            itinerary=Itinerary([Leg("heat", 10.0)]),
+            modes=("MANUAL",),
+            movements="nothing",
+            needs=(),
+            fly=lambda journal: tune_loop(loop, log, visit.agrees, journal),
+            writes="set the gain of the thermostat",
+            finish=lambda: after.update(loop.read()),
+        )
+
+    run_mission(visiting(settings, Unattended(), log, record, "heading"), declare, log)
+    assert (log.story().ending, before, after) == (ending, {"gain": 1.0}, {"gain": left})
+    assert "will set the gain of the thermostat" in harness.said
+    journal = [json.loads(line)["event"] for line in (harness.directory / "journal.jsonl").read_text().splitlines()]
+    assert "writing" not in journal
+    harness.assert_untouched()
+
+
+def test_no_module_of_the_missions_but_the_loop_of_the_autopilot_writes_parameters() -> None:
+    """Restoring a run that was cut off is for what its journal lists, whoever wrote it."""
+    folder = Path(autopilot_loop_module.__file__).parent
+    writers = set()
+    for path in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            called = isinstance(node, ast.Attribute) and node.attr in ("set", "write", "write_all", "set_many")
+            own = called and ast.unparse(node.value).endswith("parameters")
+            if own or (isinstance(node, ast.Name) and node.id == "ParameterTransaction"):
+                writers.add(path.stem)
+    assert writers == {"autopilot_loop", "restore"}
 
 
 def test_gains_of_a_controller_of_our_own_go_back_when_its_proof_fails(context: Any) -> None:

@@ -16,7 +16,7 @@ from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError, WrongVe
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.mavlink import VehicleIdentity
 from gcs_autotune.trial import Channel, Trial, save_trial
-from gcs_autotune.workflow import Connection, TuneSettings
+from gcs_autotune.workflow import CommonSettings, Connection, TuneSettings
 from gcs_autotune.workflow.resuming import USED_AGAIN, Earlier, note_setting_out, way_on
 
 BOARD = VehicleIdentity(system=1, component=1, autopilot=3, vehicle_type=11, version="4.6.3", uid="ab12")
@@ -40,7 +40,7 @@ def craft(vehicle: VehicleIdentity = BOARD) -> MavlinkCraft:
 
 
 def settings(folder: Path, **changes: Any) -> TuneSettings:
-    asked = TuneSettings("heading", Connection("sitl:charlie"), folder / "again", step=0.5, resume=folder / "run")
+    asked = TuneSettings(Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run")
     return replace(asked, **changes)
 
 
@@ -72,7 +72,7 @@ def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path)
 def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path, resume=None))
     assert earlier.names == []
-    earlier.see_that_it_is_the_same(craft(), {})
+    earlier.verify_same_vehicle(craft(), {})
 
 
 def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
@@ -81,6 +81,17 @@ def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: P
     with pytest.raises(UsageError, match="axis heading there, yaw here"):
         Earlier(settings(tmp_path, axis="yaw", step=None))
     assert Earlier(settings(tmp_path, step=0.25), alike=False).names == ["step-before", "relay-1"]
+
+
+def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path, tmp_path: Path) -> None:
+    """Earlier versions recorded a flight as a tune of the heading."""
+    note = run / "setting_out.json"
+    told = json.loads(note.read_text())
+    note.write_text(json.dumps({**told, "settings": {**told["settings"], "step": None, "throttle": 0.4}}))
+    flight = CommonSettings(Connection("sitl:charlie"), tmp_path / "again", throttle=0.4, resume=run)
+    assert Earlier(flight, ("relay-1",)).names == ["relay-1"]
+    with pytest.raises(UsageError, match=r"throttle 0\.4 there, 0\.5 here"):
+        Earlier(replace(flight, throttle=0.5), ("relay-1",))
 
 
 def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
@@ -110,7 +121,7 @@ def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) 
 
 
 def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_path: Path) -> None:
-    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), dict(OWN))
+    Earlier(settings(tmp_path)).verify_same_vehicle(craft(), dict(OWN))
 
 
 @pytest.mark.parametrize(
@@ -125,17 +136,17 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
     run: Path, tmp_path: Path, here: VehicleIdentity, words: str
 ) -> None:
     with pytest.raises(WrongVehicle, match=words):
-        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(here), OWN)
+        Earlier(settings(tmp_path)).verify_same_vehicle(craft(here), OWN)
 
 
 @pytest.mark.parametrize("own", [{**OWN, "CRUISE_SPEED": 2.0}, {"ATC_STR_RAT_P": 0.2}, {**OWN, "ATC_STR_RAT_D": 0.0}])
 def test_a_parameter_that_differs_or_is_gone_or_new_is_told(run: Path, tmp_path: Path, own: dict[str, float]) -> None:
     with pytest.raises(PreconditionFailed, match="other parameters"):
-        Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), own)
+        Earlier(settings(tmp_path)).verify_same_vehicle(craft(), own)
 
 
 def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
-    Earlier(settings(tmp_path)).see_that_it_is_the_same(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
+    Earlier(settings(tmp_path)).verify_same_vehicle(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
 
 
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:

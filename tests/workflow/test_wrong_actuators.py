@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_autotune.errors import PreconditionFailed
-from gcs_autotune.workflow.preflight import see_depth_is_told
+from gcs_autotune.workflow.preflight import check_depth_is_reported
 from sitl.effects import parse_effect
 
 from .sitl_harness import SitlHarness
@@ -66,17 +66,17 @@ def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
 
     session = SimpleNamespace(request_message=send, wait_for=lambda condition, patience: condition())
     craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
-    see_depth_is_told(craft, "yaw")
+    check_depth_is_reported(craft, "yaw")
     assert not asked, "a heading needs no depth"
     with pytest.raises(PreconditionFailed, match=r"reports -580 hPa .* altitude of 0\. Nothing was armed"):
-        see_depth_is_told(craft, "heave")
+        check_depth_is_reported(craft, "heave")
     assert len(asked) == 1
 
 
 def test_a_vehicle_that_tells_no_pressure_at_all_is_believed():
     asked = []
     session = SimpleNamespace(request_message=asked.append, wait_for=lambda condition, patience: condition())
-    see_depth_is_told(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
+    check_depth_is_reported(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
     assert len(asked) == 1
 
 

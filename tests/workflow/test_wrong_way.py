@@ -131,10 +131,22 @@ def test_no_gains_are_offered_for_what_works_the_wrong_way(
 @pytest.mark.slow
 def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
-    settings = FlySettings("set-point-relay", harness.settings(), {})
+    settings = FlySettings("set-point-relay", harness.common(), {})
     with pytest.raises(PreconditionFailed, match=r"the opposite direction\. .*_FUNCTION") as caught:
         fly(settings, Unattended(), Ear(harness.said), WHEN)
     assert "another limit" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_flight_ahead_checks_what_it_steers_by(tmp_path: Any) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
+    settings = FlySettings("steps", harness.common(), {}, force="X")
+    with pytest.raises(PreconditionFailed, match=r"the wrong way\. Left and right are swapped"):
+        fly(settings, Unattended(), Ear(harness.said), WHEN)
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    kept = [file.stem for file in (harness.directory / "trials").glob("*.csv")]
+    assert kept and all("sign-check" in name for name in kept), "no step was flown"
 
 
 @pytest.mark.slow

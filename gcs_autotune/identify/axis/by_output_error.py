@@ -27,7 +27,7 @@ from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status, Trace
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.segment import Segment, within_horizon
 from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution, fit_percents, solve, traces_of
 from gcs_autotune.identify.solution_doubts import solution_doubts
@@ -45,15 +45,49 @@ HALF = 0.5
 GOOD_START = 0.05
 """Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
 
+SHORTER = (4.0, 8.0, 16.0, 32.0)
+"""Chosen: parts that the longest run is cut into where the input does not explain whole runs."""
+
 
 def fit_by_output_error(case: Case) -> AxisFit:
     """AxisFit *case* by output error; see the package's :func:`identify`.
 
+    Over whole runs a slowly varying force adds up until no model follows. Where the input does not explain these, the
+    fit is made to pieces, each with initial states of its own, the longest that it explains, and a doubt says so.
+
     Raises
     ------
     NotInformative
-        When the input does not explain the motion better than a straight line.
+        When the input does not explain the motion better than a straight line, in pieces either.
     """
+    try:
+        return _fitted(case)
+    except _NotExplained as refused:
+        longest = max(float(r.stamps[-1]) - r.start for r in case.records)
+        for parts in SHORTER:
+            pieces = within_horizon(case.records, longest / parts)
+            try:
+                found = _fitted(replace(case, records=pieces))
+            except NotInformative:
+                continue
+            return replace(found, doubts=(_only_in_pieces(longest / parts), *found.doubts))
+        raise refused
+
+
+class _NotExplained(NotInformative):
+    """The input does not explain the motion."""
+
+
+def _only_in_pieces(seconds: float) -> Doubt:
+    return Doubt(
+        "only-in-pieces",
+        f"over whole runs the input does not explain the motion; over pieces of {seconds:.2g} s it does: a force that "
+        "varies slowly, or a bias that changes, moves the craft as well",
+        "calmer water, or larger and quicker commands; `diagnose` looks for the cause",
+    )
+
+
+def _fitted(case: Case) -> AxisFit:
     bounds = bounds_of(case.records)
     estimates = [iso.estimate(c, case.delay or 0.0) for c in case.cycles]
     decision = two_experiment_decision(estimates)
@@ -119,7 +153,7 @@ def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) ->
         floor = max(float(r.judged @ r.judged), 1e-300)
         gain += len(t) / chosen.correlation * math.log(max(float(line @ line), 1e-300) / floor)
     if gain < 3.0 * math.log(max(n, 2.0)) + 6.0:
-        raise NotInformative(
+        raise _NotExplained(
             f"run '{records[0].run}': the input {records[0].input_names[0]} explains the motion no better than a "
             "straight line; larger inputs are needed, or input and output do not belong together"
         )
@@ -343,8 +377,8 @@ def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution
 
 def _runs_disagree(chosen: Selection, bounds: Bounds) -> Doubt | None:
     """Fit every stretch by itself and compare its inertia with the common one."""
-    if len(chosen.records) < 2:
-        return None
+    if len({record.name for record in chosen.records}) < max(len(chosen.records), 2):
+        return None  # one run, or pieces of runs
     common, odd = chosen.solution, []
     for i, record in enumerate(chosen.records):
         alone = _solved(chosen, bounds, [i])

@@ -109,7 +109,10 @@ class Program(NamedTuple):
 
 @_inner
 def _cross(momentum: Array, nu: Array, out: Array) -> None:
-    """Add ``[nu_2 x a; nu_1 x a + nu_2 x b]`` to *out* (6,)."""
+    """Add ``[nu_2 x a; nu_1 x a + nu_2 x b]`` to *out* (6,), bilinear in momentum and velocity (Fossen2011, (3.46)).
+
+    In this form C(nu) is never built, and its derivative by nu is two more calls: the product rule of a bilinear form.
+    """
     a0, a1, a2, b0, b1, b2 = momentum[0], momentum[1], momentum[2], momentum[3], momentum[4], momentum[5]
     u, v, w, p, q, r = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
     out[0] += q * a2 - r * a1
@@ -136,6 +139,7 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
     phi, tht, psi = full[9], full[10], full[11]
     cs, sn = (1.0, 0.0) if P.spatial == 0 and active[0] > 1 else (np.cos(psi), np.sin(psi))  # only a track needs them
     if P.spatial == 0:
+        # Without roll and pitch J(eta) is a turn by psi in the plane; depth and heading are plain integrals.
         cu, cv, cr, cpsi = place[0], place[1], place[5], place[11]
         for i in range(k):
             d = active[i]
@@ -166,6 +170,8 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
                 if deriv:
                     A[i, place[d]] = 1.0
         return
+    # All six: J = diag(R, T), R by z-y-x Euler angles (Fossen2011, (2.18)), T from body rates to those of the angles
+    # (2.26). T is singular at a pitch of 90 degrees; the motion is given up there, as when it runs away.
     cp, sp, ct, st = np.cos(phi), np.sin(phi), np.cos(tht), np.sin(tht)
     R, T, out, by = W.R, W.T, W.out, W.by
     R[0, 0], R[0, 1], R[0, 2] = cs * ct, -sn * cp + cs * st * sp, sn * sp + cs * cp * st
@@ -185,7 +191,8 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
         f[i] = out[active[i]]
     if not deriv:
         return
-    # by: derivatives by phi, theta, psi; what is not filled here stays zero, as in T
+    # by: derivatives of J(eta) nu by phi, theta, psi; what is not filled here stays zero, as in T. Turning by psi turns
+    # the velocity over ground (without the current) a quarter further, which is its third column.
     by[0, 0] = (sn * sp + cs * st * cp) * v + (sn * cp - cs * sp * st) * w
     by[1, 0] = (-cs * sp + cp * st * sn) * v + (-cs * cp - st * sn * sp) * w
     by[2, 0] = ct * cp * v - ct * sp * w
@@ -215,28 +222,28 @@ def _factor(
     code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float, bottom: float
 ) -> tuple[float, float, int]:
     """Return value, derivative and state column (-1: none) of one factor; *first* lagged input's column, or -1."""
-    if code < 6:
+    if code < NU_SIZE:
         return full[code], 1.0, place[code]
-    if code < 12:
-        x = full[code - 6]
-        return abs(x), (1.0 if x >= 0.0 else -1.0), place[code - 6]
-    if code < 18:
-        return full[code - 6], 1.0, place[code - 6]
-    if code == 18:
+    if code < ETA:  # |u| as in u|u|; its kink does not matter, for another factor is zero there
+        x = full[code - NU_SIZE]
+        return abs(x), (1.0 if x >= 0.0 else -1.0), place[code - NU_SIZE]
+    if code < SIN_PHI:  # positions stand in `full` behind the six velocities
+        return full[code - ETA + 6], 1.0, place[code - ETA + 6]
+    if code == SIN_PHI:
         return np.sin(full[9]), np.cos(full[9]), place[9]
-    if code == 19:
+    if code == SIN_THETA:
         return np.sin(full[10]), np.cos(full[10]), place[10]
-    if code == 20:
+    if code == SIN_PSI:
         return np.sin(full[11]), np.cos(full[11]), place[11]
-    if code == 21:
+    if code == COS_PSI:
         return np.cos(full[11]), -np.sin(full[11]), place[11]
-    if code == 22:
+    if code == NEAR:
         near = np.exp(min((full[8] - bottom) / reach, STEEPEST))
         return near, near / reach, place[8]
-    i = code - 60 if code >= 60 else code - 30
-    x = u[i] if first < 0 else lagged[i]
+    i = code - INPUT_SIZE if code >= INPUT_SIZE else code - INPUT
+    x = u[i] if first < 0 else lagged[i]  # with a lag the force follows the actuator's state, not the command
     column = first + i if first >= 0 else -1
-    if code >= 60:
+    if code >= INPUT_SIZE:
         return abs(x), (1.0 if x >= 0.0 else -1.0), column
     return x, 1.0, column
 
@@ -326,7 +333,7 @@ def evaluate(
     full, force, by_x, by_p = W.full, W.force, W.by_x, W.by_p
     for j in range(12):
         full[j] = x[place[j]] if place[j] >= 0 else 0.0
-    if P.depth >= 0 and place[8] < 0:
+    if P.depth >= 0 and place[8] < 0:  # depth measured, not simulated: it enters as an input
         full[8] = u[P.depth]
     force[:] = 0.0
     if deriv:
@@ -339,6 +346,7 @@ def evaluate(
         for i in range(k):
             if active[i] > 1:
                 continue
+            # A current carries the craft over ground; forces see the velocity through water, so only eta_dot has it.
             for par in (P.current_x, P.drift_x) if active[i] == 0 else (P.current_y, P.drift_y):
                 if par >= 0 and free[par] >= 0:
                     B[i, free[par]] = 1.0
@@ -350,12 +358,14 @@ def evaluate(
         for j in range(k):
             rate += M_inverse[i, j] * force[active[j]]
         f[k + i] = rate
-    if P.lag >= 0:
+    if P.lag >= 0:  # first order: T u_a_dot + u_a = u, each input with a state of its own behind eta and nu
         T = theta[P.lag]
         for i in range(P.m):
             f[2 * k + i] = (u[i] - x[2 * k + i]) / T
     if not deriv:
         return
+    # nu_dot = M^-1 (F - C nu). Of d/d m: M d(nu_dot) = -dM nu_dot - dC nu, so an entry of M takes its share of the
+    # acceleration (known by now) and of the momentum's cross products off the force, before M^-1 is applied below.
     for e in range(len(inertia_coefs)):
         row, col, par = inertia[e, 0], inertia[e, 1], inertia[e, 2]
         if par < 0 or free[par] < 0:
@@ -406,6 +416,7 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
                 values[s], slopes[s], columns[s] = _factor(factors[t, s], full, place, u, lagged, first, reach, bottom)
                 count = s + 1
         product = coefs[t] * values[0] * values[1] * values[2]
+        # theta_p theta_s: a form may tie two derivatives, such as a rudder's arm times its lift.
         first_weight = theta[par] if par >= 0 else 1.0
         second_weight = theta[scale] if scale >= 0 else 1.0
         weight = first_weight * second_weight
@@ -417,16 +428,16 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
         if scale >= 0 and free[scale] >= 0:
             by_p[row, free[scale]] += first_weight * product
         for s in range(count):
-            rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]
+            rest = values[1] * values[2] if s == 0 else values[0] * values[3 - s]  # the product rule, of three factors
             slope = weight * coefs[t] * slopes[s] * rest
             if columns[s] >= 0:
                 by_x[row, columns[s]] += slope
-            if factors[t, s] == NEAR:
+            if factors[t, s] == NEAR:  # exp((z - bottom) / reach): both numbers of it may be fitted
                 if P.bottom >= 0 and free[P.bottom] >= 0:
                     by_p[row, free[P.bottom]] -= slope
                 if P.reach >= 0 and free[P.reach] >= 0:
                     by_p[row, free[P.reach]] -= slope * (full[8] - bottom) / reach
-    if P.payload >= 0:  # the same forces on u times the inertia
+    if P.payload >= 0:  # the same forces on u times the inertia, as shares of it: M stays constant and inverted once
         share = 1.0 / u[P.payload]
         force *= share
         if deriv:
@@ -466,7 +477,11 @@ def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
 
 @_pasted
 def _rate(A: Array) -> float:
-    """Return a measure of the fastest rate [1/s] that does not depend on the units of the states."""
+    """Return a measure of the fastest rate [1/s] that does not depend on the units of the states.
+
+    ``|a_ij a_ji|`` stays the same when states are scaled, and for a coupled pair is the square of its own rate. No
+    eigenvalues: they are not needed to better than a factor, and would take longer than the step they are for.
+    """
     largest = 0.0
     for i in range(A.shape[0]):
         total = 0.0
@@ -498,6 +513,9 @@ def _advance(
     """
     n, q = S.shape
     A, B, kx, ks, y, Y = W.A, W.B, W.kx, W.ks, W.y, W.Y
+    # Steps are as short as the rate asks that the caller expects, not as the one met: the same number whatever the
+    # parameters, for a step count that jumps between two evaluations is a jump in the likelihood. The rate met is
+    # returned, and the caller does it all again where it was faster.
     steps = int(np.ceil(span * max_rate / REACH))
     if steps < 1:
         steps = 1
@@ -516,7 +534,7 @@ def _advance(
                 kx[stage, i] = f[i]
             if begin:
                 fastest = _rate(A)
-            if deriv:
+            if deriv:  # S_dot = A S + B through the same four stages
                 for i in range(n):
                     for j in range(q):
                         Y[i, j] = S[i, j] + (c * h * ks[stage - 1, i, j] if stage > 0 else 0.0)
@@ -525,7 +543,7 @@ def _advance(
                         ks[stage, i, j] = B[i, j]
                     for o in range(n):
                         a = A[i, o]
-                        if a != 0.0:
+                        if a != 0.0:  # few are not, and each costs q products
                             for j in range(q):
                                 ks[stage, i, j] += a * Y[o, j]
         for i in range(n):
@@ -579,7 +597,9 @@ def _carry(
             t = until
         if jump:
             if deriv and column >= 0:
-                # What the rate jumps by. A span of none gives it: `evaluate` inlined here would be compiled again.
+                # A longer delay keeps the input before in force longer, in the place of the one after: the state's
+                # sensitivity jumps by the difference of their rates. A span of none gives a rate: `evaluate` inlined
+                # here would be compiled again.
                 for k in range(2):
                     rates = W.before if k == 0 else W.f
                     _advance(P, theta, M, M_inverse, x, S, inputs[row + k], free, 0.0, plain, max_rate, rates, W)

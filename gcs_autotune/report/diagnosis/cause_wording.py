@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Ranked
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.report.diagnosis.wording import base_words, effect_words, gain_sentence, named, place_words
+from gcs_autotune.report.toolkit.document import Note
 from gcs_autotune.report.toolkit.wording import format_share, listed, sentence
 
-__all__ = ["cannot_tell", "cause_remarks", "cause_title", "evidence_remarks"]
+__all__ = ["cannot_tell", "cause_notes", "cause_title", "evidence_notes"]
 
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
@@ -25,25 +26,23 @@ STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "posit
 """Penalised gain in log-likelihood -> strength of evidence (Kass1995, section 3.2: half of their table)."""
 
 
-def evidence_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
-    """Return (label, sentence): how much a cause explains, its evidence, the best alternative."""
-    said = []
+def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
+    """Yield how much a cause explains, its evidence, and the best alternative."""
     if cause.gain is not None and cause.is_slight:
         text = "Its effect is slight: what it adds to the model hardly changes the prediction. "
-        said.append(("What a user notices", text + gain_sentence(cause.gain)))
+        yield Note(text + gain_sentence(cause.gain), "What a user notices")
     if math.isfinite(cause.share):
         share = format_share(cause.share)
         if diagnosis.missing is None:
             text = f"It removes {share} of the squared error in excess of noise."
-            said.append(("Explained on held-out data", text))
+            yield Note(text, "Explained on held-out data")
         else:
-            said.append(("Explained", f"It explains {share} of the power of the slowly varying force."))
+            yield Note(f"It explains {share} of the power of the slowly varying force.", "Explained")
     own = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
     if own and math.isfinite(own[-1].evidence):
         others = [r for r in diagnosis.ranking if r.step == own[-1].step and r.cause != cause.effect.slug]
         rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
-        said.append(("Evidence", f"{_strength(own[-1])} {_rival_words(rival, cause)}"))
-    return tuple(said)
+        yield Note(f"{_strength(own[-1])} {_rival_words(rival, cause)}", "Evidence")
 
 
 def _strength(ranked: Ranked) -> str:
@@ -64,17 +63,18 @@ def _rival_words(rival: Ranked | None, cause: Cause) -> str:
     return f"Best alternative: {effect_words(rival.cause)}{where}, {0.5 * rival.evidence:+.1f}."
 
 
-def cause_remarks(diagnosis: Diagnosis, cause: Cause) -> tuple[tuple[str, str], ...]:
-    """Return (label, sentence): meaning of the effect, evidence, effects it is easily mistaken for."""
-    said = [("Meaning", sentence(cause.meaning)), *evidence_remarks(diagnosis, cause)]
+def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
+    """Yield the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
+    yield Note(sentence(cause.meaning), "Meaning")
+    yield from evidence_notes(diagnosis, cause)
     entry = EFFECTS.get(cause.effect.slug)
-    if entry is not None:
-        said.append(("Where it shows", sentence(entry.shown_by)))
-        if entry.mistaken_for:
-            others = ", ".join(effect_words(s) for s in entry.mistaken_for)
-            said.append(("Easily mistaken for", sentence(others)))
-            said.append(("How to distinguish them", sentence(entry.separated_by)))
-    return tuple(said)
+    if entry is None:
+        return
+    yield Note(sentence(entry.shown_by), "Where it shows", detail=True)
+    if entry.mistaken_for:
+        others = ", ".join(effect_words(slug) for slug in entry.mistaken_for)
+        yield Note(sentence(others), "Easily mistaken for", detail=True)
+        yield Note(sentence(entry.separated_by), "How to distinguish them", detail=True)
 
 
 def cannot_tell(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Hint, Lack
 from gcs_autotune.effects import EFFECTS, columns_of
 from gcs_autotune.report.diagnosis.wording import base_error, effect_words, signal_words, value_words
+from gcs_autotune.report.toolkit.document import Note
 from gcs_autotune.report.toolkit.wording import format_number, format_seconds, listed, sentence
 from gcs_autotune.sname import DOFS
 
-__all__ = ["FILLED", "HintStory", "hint_stories", "lead_sentence", "plain_sentence"]
+__all__ = ["FILLED", "hint_notes", "hint_title", "lead_sentence", "plain_sentence"]
 
 FILLED = frozenset({"craft", "simulation", "motion", "command", "signal"})
 """Words in braces that the sentence of an effect may have."""
@@ -154,23 +154,20 @@ LACKS: Mapping[Lack, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class HintStory:
-    """A hint in words: a heading and (label, sentences)."""
-
-    title: str
-    remarks: tuple[tuple[str, str], ...]
+def hint_title(hint: Hint) -> str:
+    """Return the effect and its place."""
+    return _begun(f"{effect_words(hint.cause)} ({hint.place})")
 
 
-def hint_stories(diagnosis: Diagnosis) -> Iterator[HintStory]:
-    """Yield the hints, the likeliest first: what each means, its evidence, and what settles it."""
-    for hint in diagnosis.hints:
-        numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
-        told = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
-        yield HintStory(
-            _begun(f"{effect_words(hint.cause)} ({hint.place})"),
-            (("What it would mean", told), ("Evidence", _evidence(hint)), ("What settles it", _settles(hint))),
-        )
+def hint_notes(diagnosis: Diagnosis, hint: Hint) -> tuple[Note, ...]:
+    """Return what a hint would mean, its evidence, and what settles it."""
+    numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
+    means = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
+    return (
+        Note(means, "What it would mean"),
+        Note(_evidence(hint), "Evidence"),
+        Note(_settles(hint), "What settles it"),
+    )
 
 
 def _evidence(hint: Hint) -> str:

@@ -1,4 +1,4 @@
-"""The tables of a diagnosis, what ``diagnose`` prints, and the effects as a list."""
+"""The tables of a diagnosis, and the list of effects."""
 
 from __future__ import annotations
 
@@ -6,39 +6,21 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rich.console import Group, RenderableType
-
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
-from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_title, evidence_remarks
-from gcs_autotune.report.diagnosis.lead import hint_stories, lead_sentence
 from gcs_autotune.report.diagnosis.wording import (
     effect_words,
     found_words,
     given_words,
     interval_words,
-    numbers_title,
     place_words,
-    rests_on,
     signal_words,
     standing,
     value_words,
-    verdict_headline,
 )
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import (
-    STYLES,
-    bullet,
-    contradictions_shown,
-    doubts_shown,
-    grid,
-    paragraph,
-    title,
-)
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Section, Table
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    contradictions_in,
-    doubt_sentence,
     format_error,
     format_number,
     format_share,
@@ -48,8 +30,7 @@ from gcs_autotune.report.toolkit.wording import (
 
 __all__ = [
     "cause_table",
-    "diagnosis_summary",
-    "effects_list",
+    "effects_document",
     "effects_to_dict",
     "format_p",
     "gains_table",
@@ -99,12 +80,12 @@ def numbers_table(numbers: Numbers) -> Table:
     return Table(head, "llrrl" if explained else "lrrl", rows)
 
 
-def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
-    """Return the candidates, best first; *brief* for 80 columns."""
+def ranking_table(ranking: Iterable[Ranked]) -> Table:
+    """Return the candidates, best first; all but the best :data:`MOST_RANKED` are folded."""
     rows = tuple(
         (
             r.cause,
-            r.place if brief else place_words(r.place),
+            place_words(r.place),
             format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
             format_p(r.p_value),
             format_number(r.evidence, 3),
@@ -112,7 +93,8 @@ def ranking_table(ranking: Iterable[Ranked], *, brief: bool = False) -> Table:
         )
         for r in ranking
     )
-    return Table(("effect", "where", "gain", "p", "evidence", "parameters"), "llrrrl", rows)
+    heads = ("effect", "where", "gain", "p", "evidence", "parameters")
+    return Table(heads, "llrrrl", rows, shown=MOST_RANKED if len(rows) > MOST_RANKED else None)
 
 
 def format_p(p: float) -> str:
@@ -131,7 +113,7 @@ def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]
 
 
 MOST_RANKED = 5
-"""Candidates shown per step; page and JSON have all. Chosen."""
+"""Candidates shown per step; the page folds the others, JSON has all. Chosen."""
 
 FAMILIES: Mapping[Family, str] = {
     "data errors": "Data errors (in the file, not the craft)",
@@ -143,49 +125,9 @@ FAMILIES: Mapping[Family, str] = {
 """Family -> heading, in the order of the search."""
 
 
-def diagnosis_summary(diagnosis: Diagnosis) -> Group:
-    """Return the lead sentence, then verdict, causes, gains, hints, ranking, residual, doubts."""
-    headline = verdict_headline(diagnosis)
-    parts = contradictions_shown(contradictions_in(diagnosis.doubts))
-    parts.append(title(lead_sentence(diagnosis), STYLES[headline.tone]))
-    parts.append(title(headline.text))
-    parts.extend(paragraph(s) for s in headline.sentences)
-    if diagnosis.numbers is not None and diagnosis.numbers.rows:
-        parts.append(title(numbers_title(diagnosis.numbers)))
-        parts.append(grid(numbers_table(diagnosis.numbers)))
-        if diagnosis.numbers.gains:
-            parts.append(title("Corrected numbers, on held-out data"))
-            parts.append(grid(gains_table(diagnosis.numbers.gains)))
-    for cause in diagnosis.causes:
-        parts.append(title(cause_title(diagnosis, cause)))
-        parts.append(paragraph(sentence(cause.meaning)))
-        parts.extend(paragraph(said) for _, said in evidence_remarks(diagnosis, cause))
-        if cause.parameters:
-            parts.append(grid(cause_table(cause)))
-    if diagnosis.causes and diagnosis.gains:
-        parts += [title("On held-out data"), grid(gains_table(diagnosis.gains))]
-    for story in hint_stories(diagnosis):
-        parts.append(title(f"Hint: {story.title}"))
-        parts.extend(paragraph(f"{label}: {said}") for label, said in story.remarks)
-    for heading, ranked in steps_of(diagnosis):
-        parts += [title(heading), grid(ranking_table(ranked[:MOST_RANKED], brief=True))]
-    if diagnosis.indistinguishable:
-        parts.append(title("What these runs do not distinguish"))
-        parts.extend(bullet(s) for s in cannot_tell(diagnosis))
-    parts.append(title("What remains"))
-    parts.extend(bullet(s) for s in diagnosis.left.findings or ("Nothing distinguishable from noise.",))
-    if diagnosis.next_manoeuvre:
-        parts += [title("What to fly next"), paragraph(sentence(diagnosis.next_manoeuvre))]
-    if diagnosis.doubts:
-        parts.extend(doubts_shown(doubt_sentence(d) for d in diagnosis.doubts))
-    parts.append(title("Basis of this result"))
-    parts.extend(paragraph(s) for s in rests_on(diagnosis))
-    return Group(*parts)
-
-
-def effects_list(effects: Mapping[str, Effect]) -> Group:
+def effects_document(effects: Mapping[str, Effect]) -> Document:
     """Return every effect by family: slug, meaning, parameters with units, similar effects, how to distinguish them."""
-    parts: list[RenderableType] = []
+    sections: list[Section] = []
     for family, heading in FAMILIES.items():
         rows: list[tuple[str, str]] = []
         for effect in (e for e in effects.values() if e.family == family):
@@ -199,8 +141,11 @@ def effects_list(effects: Mapping[str, Effect]) -> Group:
                 others = ", ".join(effect_words(s) for s in effect.mistaken_for)
                 rows.append(("", f"mistaken for {others}; distinguished by {effect.separated_by}"))
         if rows:
-            parts += [title(heading), grid(Table(("effect", "what; parameters"), "ll", tuple(rows)))]
-    return Group(*parts, paragraph(f"Bounds are for a reference craft: {CRAFT}. A fit derives them from its runs."))
+            table = Table(("effect", "what; parameters"), "ll", tuple(rows))
+            sections.append(Section(family.replace(" ", "-"), heading, (table,), facts=IN_RESULT))
+    about = Note(f"The bounds are for a reference craft: {CRAFT}. A fit derives them from its runs.")
+    sections.append(Section("bounds", "Bounds", (about,), facts=IN_RESULT))
+    return Document("Effects", tuple(sections), facts=effects_to_dict(effects))
 
 
 def _between(bounds: tuple[float, float]) -> str:

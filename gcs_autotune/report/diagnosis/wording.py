@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -20,13 +20,11 @@ from gcs_autotune.diagnose import (
     Signature,
     Value,
 )
-from gcs_autotune.identify import MOVED_TOO
+from gcs_autotune.identify import CONTRADICTION, MOVED_TOO
+from gcs_autotune.report.toolkit.document import Note, Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
     NOT_TOLD,
     UNKNOWN,
-    Headline,
-    Tone,
-    contradictions_in,
     format_error,
     format_number,
     format_parameter,
@@ -60,7 +58,7 @@ __all__ = [
     "signal_words",
     "standing",
     "value_words",
-    "verdict_headline",
+    "verdict_of",
 ]
 
 
@@ -131,30 +129,27 @@ _TONES: Mapping[str, Tone] = {
 """Verdict -> tone; good means reliable, whether pleasant or not."""
 
 
-def verdict_headline(diagnosis: Diagnosis) -> Headline:
-    """Return the verdict: headline, tone, and the sentences after it.
-
-    Contradictory columns come first: they may be the reason for every cause below.
-    """
-    headline, first = _headline(diagnosis), contradictions_in(diagnosis.doubts)
-    unseen = [sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO]
-    sentences = (*first, *headline.sentences, *unseen)
-    return replace(headline, tone="bad" if first else headline.tone, sentences=sentences)
+def verdict_of(diagnosis: Diagnosis) -> Verdict:
+    """Return the verdict: one sentence, its tone, and the sentences after it."""
+    verdict = _verdict(diagnosis)
+    unseen = (sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO)
+    is_doubtful = any(d.slug == CONTRADICTION for d in diagnosis.doubts)
+    return replace(verdict, tone="bad" if is_doubtful else verdict.tone, sentences=(*verdict.sentences, *unseen))
 
 
-def _headline(diagnosis: Diagnosis) -> Headline:
+def _verdict(diagnosis: Diagnosis) -> Verdict:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
         follows = ["This holds for the motion of these runs; other motion may show more."]
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
             follows.insert(0, f"These runs agree with every number of the {diagnosis.numbers.of}.")
-        return Headline(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
+        return Verdict(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
     if diagnosis.verdict == "unfinished":
-        return Headline(
+        return Verdict(
             _unfinished(diagnosis), tone, ("No cause is reported: the rest of the search may reject any of them.",)
         )
     if diagnosis.verdict == "unexplained":
-        return Headline(_unexplained(diagnosis), tone, _findings(diagnosis.left))
+        return Verdict(_unexplained(diagnosis), tone, _findings(diagnosis.left))
     sentences = _beside_numbers(diagnosis)
     if diagnosis.verdict == "partly-explained":
         sentences.append(_hypotheses(diagnosis))
@@ -165,7 +160,7 @@ def _headline(diagnosis: Diagnosis) -> Headline:
         sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
     if diagnosis.indistinguishable:
         sentences.append("Other causes remain possible: see below what these runs do not distinguish.")
-    return Headline(
+    return Verdict(
         _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
         tone,
         tuple(sentences),
@@ -465,12 +460,13 @@ _AXES: Mapping[str, str] = {"yaw": "heading", "heave": "depth"}
 """Degree of freedom -> axis of ``tune``."""
 
 
-def commands(diagnosis: Diagnosis, model_file: str) -> tuple[tuple[str, str], ...]:
-    """Return (what for, command) for the extended model in *model_file*."""
+def commands(diagnosis: Diagnosis, model_file: str) -> Iterator[Note]:
+    """Yield the commands that use the extended model in *model_file*."""
     file = shlex.quote(str(PurePath(model_file)))
     axis = next((_AXES[d] for d in diagnosis.extended_model.base.form.dofs if d in _AXES), "heading")
-    return (
-        ("Simulate a vehicle with this model", f"gcs-autotune sitl VEHICLE --model {file}"),
-        ("Refine the model with another run", f"gcs-autotune identify RUN --start {file}"),
-        ("Design gains with the model", f"gcs-autotune tune {axis} --model {file}"),
-    )
+    for what, command in (
+        ("Simulate a vehicle with this model:", f"gcs-autotune sitl VEHICLE --model {file}"),
+        ("Refine the model with another run:", f"gcs-autotune identify RUN --start {file}"),
+        ("Design gains with the model:", f"gcs-autotune tune {axis} --model {file}"),
+    ):
+        yield Note(command, what, kind="command")

@@ -1,25 +1,23 @@
-"""The verdict of a recheck of an old tune: its page and its terminal output."""
+"""The report of a recheck of an old tune."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Group
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.identify import Doubt
-from gcs_autotune.report.toolkit.canvas import AFTER, WANTED, legend, new_axes, pens, to_svg
+from gcs_autotune.report.toolkit.canvas import AFTER, WANTED, legend, new_axes
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Section, Table, Tone, Verdict
 from gcs_autotune.report.toolkit.figures import finite, thin
-from gcs_autotune.report.toolkit.page import Picture, Table, render_page
-from gcs_autotune.report.toolkit.terminal import STYLES, bullet, grid, paragraph, title
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    Headline,
-    Tone,
-    doubt_sentence,
+    doubt_sentences,
     format_moment,
     format_number,
     format_value,
@@ -28,7 +26,10 @@ from gcs_autotune.report.toolkit.wording import (
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
-__all__ = ["LoopCheck", "LoopNumbers", "recheck_summary", "render_recheck"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+__all__ = ["LoopCheck", "LoopNumbers", "recheck_document"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,40 +87,31 @@ class LoopCheck:
         }
 
 
-def render_recheck(check: LoopCheck, heading: str, when: str, run: Trial) -> str:
-    """Return the page: the verdict, the metrics now and after the last tune, and the plot of *run*."""
-    numbers, of = _numbers(check), "Now" if check.then is None else "Now and after the last tune"
-    return render_page(
-        "flight/page.html",
-        {
-            "title": heading,
-            "when": format_moment(when),
-            "headline": Headline(check.text, check.tone, check.notes),
-            "tiles": (),
-            "doubts": _doubts(check),
-            "runs": None,
-            "story": None,
-            "pictured": "Command and response",
-            "sheets": [(of, numbers, "")] if numbers.rows else [],
-            "models": [],
-            "pictures": _picture(check.axis, run),
-        },
+def recheck_document(check: LoopCheck, heading: str = "", when: str = "", run: Trial | None = None) -> Document:
+    """Return the report of a recheck: the verdict, the metrics now and after the last tune, and the plot of *run*."""
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(check.text, check.tone, check.notes),
+        doubts=(*doubt_sentences(check.doubts), *check.remarks) or None,
+        doubted="loop",
+        sections=tuple(section for make in SECTIONS for section in make(check, run)),
+        facts=check.to_dict(),
     )
 
 
-def recheck_summary(check: LoopCheck) -> Group:
-    """Return the terminal output: verdict, metrics, doubts."""
-    numbers = _numbers(check)
-    parts = [title(check.text, STYLES[check.tone]), *(bullet(note) for note in check.notes)]
-    parts += [grid(numbers)] if numbers.rows else []
-    doubts = _doubts(check)
-    if doubts:
-        parts += [title("Doubts", "bold yellow"), *(bullet(text) for text in doubts)]
-    return Group(*parts, paragraph(""))
+def _metrics(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
+    heading = "Now" if check.then is None else "Now and after the last tune"
+    yield Section("figures", heading, (_numbers(check),), facts=IN_RESULT)
 
 
-def _doubts(check: LoopCheck) -> tuple[str, ...]:
-    return (*(doubt_sentence(d) for d in check.doubts), *check.remarks)
+def _record(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
+    figures = () if run is None else tuple(_response(check.axis, run))
+    yield Section("record", "Command and response", figures, facts=IN_RESULT)
+
+
+SECTIONS = (_metrics, _record)
+"""The sections in their order; a new one is a function here."""
 
 
 def _numbers(check: LoopCheck) -> Table:
@@ -147,26 +139,29 @@ def _row(name: str, unit: str, factor: float, now: float, then: float, std: floa
     return (name, *values, unit)
 
 
-def _picture(axis: str, run: Trial) -> Sequence[Picture]:
-    """Plot command and response, relative to the course."""
+def _response(axis: str, run: Trial) -> Iterator[Figure]:
+    """Yield the plot of command and response, relative to the course."""
     signal = axis_kind(axis).stepped
-    commanded = [(m.t, m.detail[f"{signal}_ref"]) for m in run.marks if f"{signal}_ref" in m.detail]
-    if signal not in run or not commanded:
-        return ()
+    commanded = [(m.t, float(m.detail[f"{signal}_ref"])) for m in run.marks if f"{signal}_ref" in m.detail]
+    if signal in run and commanded:
+        caption = f"Commanded and flown {axis}. A well damped loop follows quickly, without oscillation."
+        yield Figure("recheck", caption, partial(_draw_response, axis, run, commanded))
+
+
+def _draw_response(axis: str, run: Trial, commanded: Sequence[tuple[float, float]]) -> Drawing:
+    signal = axis_kind(axis).stepped
     unit, factor = to_people(run[signal].unit)
     t, wanted = (np.array(column, dtype=np.float64) for column in zip(*commanded, strict=True))
     middle = 0.5 * float(wanted.max() + wanted.min()) if signal != "z" else 0.0
-    caption = f"Commanded and flown {axis}. A well damped loop follows quickly, without oscillation."
-    with pens("recheck"):
-        figure, (axes,) = new_axes((2.8,))
-        seen = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
-        axes.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
-        steps = np.append(t, run.end) - run.start
-        axes.step(steps, factor * (np.append(wanted, wanted[-1]) - middle), where="post", color=WANTED, lw=1.0)
-        axes.lines[-1].set_label("commanded")
-        if signal == "z":
-            axes.invert_yaxis()
-        axes.set_ylabel(f"{axis} [{unit}]" if signal != "psi" else f"{axis} relative to course [{unit}]")
-        axes.set_xlabel("time [s]")
-        legend(axes, 2)
-        return (Picture("recheck", caption, to_svg(figure, "recheck", caption)),)
+    figure, (axes,) = new_axes((2.8,))
+    seen = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
+    axes.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+    steps = np.append(t, run.end) - run.start
+    axes.step(steps, factor * (np.append(wanted, wanted[-1]) - middle), where="post", color=WANTED, lw=1.0)
+    axes.lines[-1].set_label("commanded")
+    if signal == "z":
+        axes.invert_yaxis()
+    axes.set_ylabel(f"{axis} [{unit}]" if signal != "psi" else f"{axis} relative to course [{unit}]")
+    axes.set_xlabel("time [s]")
+    legend(axes, 2)
+    return figure

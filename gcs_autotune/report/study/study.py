@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 from gcs_autotune.experiments import DofComparison
 from gcs_autotune.identify import CONTRADICTION, AxisFit, Fit, Validation
 from gcs_autotune.models import FORMS
-from gcs_autotune.report.toolkit.axis_fit import explains, model_sentences, model_words
+from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words
+from gcs_autotune.report.toolkit.document import Verdict
 from gcs_autotune.report.toolkit.wording import (
-    Headline,
-    Tone,
-    contradictions_in,
     format_error,
     format_number,
     format_percent,
@@ -22,17 +20,18 @@ from gcs_autotune.report.toolkit.wording import (
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = [
     "MethodOutcome",
     "RunRow",
     "Study",
     "answer_sentences",
     "comparison_sentences",
-    "fits_sentence",
     "structure_title",
-    "study_to_dict",
     "unseen_remarks",
-    "verdict_headline",
+    "verdict_of",
 ]
 
 
@@ -68,8 +67,8 @@ class Study:
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
     ``trials``: the runs, for the figures of inputs and track.
     ``comparisons``: comparison with the model ``compared_with``, axis by axis.
-    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption,
-    matplotlib figure).
+    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption, function that
+    draws it).
     """
 
     title: str
@@ -85,7 +84,7 @@ class Study:
     comparisons: tuple[DofComparison, ...] = ()
     proposals: tuple[tuple[str, ...], ...] = ()
     proposal_verdict: str = ""
-    figures: tuple[tuple[str, Any], ...] = ()
+    figures: tuple[tuple[str, Callable[[], Figure]], ...] = ()
     trials: tuple[Trial, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
 
@@ -100,28 +99,6 @@ class Study:
         fit = self.answer.fit
         assert fit is not None
         return fit
-
-
-def study_to_dict(study: Study) -> dict[str, Any]:
-    """Return the JSON form: the selected fit, and under ``methods`` the results of the others."""
-    answer = study.answer
-    data = study.fit.to_dict()
-    if answer.unseen is not None:
-        data["validation"] = {"how": study.how_unseen, **answer.unseen.to_dict()}
-    if study.choice:
-        data["structure_choice"] = {"verdict": study.choice_verdict, "rows": [list(row) for row in study.choice]}
-    if study.cannot_tell:
-        data["cannot_tell"] = list(study.cannot_tell)
-    if study.intervals:
-        data["intervals"] = list(study.intervals)
-    if study.comparisons:
-        rows = [c.to_dict() for c in study.comparisons]
-        data["comparison"] = {"with": study.compared_with, "dofs": rows}
-    if study.proposals:
-        data["plan_next"] = {"verdict": study.proposal_verdict, "rows": [list(row) for row in study.proposals]}
-    if len(study.outcomes) > 1:
-        data["methods"] = {o.method: _outcome(o) for o in study.outcomes}
-    return data
 
 
 def comparison_sentences(study: Study) -> tuple[str, ...]:
@@ -145,15 +122,6 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
     return f"{said}.", f"{soon}."
 
 
-def _outcome(outcome: MethodOutcome) -> dict[str, Any]:
-    if outcome.fit is None:
-        return {"refused": outcome.refusal}
-    data = outcome.fit.to_dict()
-    kept = {k: data[k] for k in ("structure", "parameters", "fit_percent", "doubts", "model")}
-    unseen = None if outcome.unseen is None else outcome.unseen.fit_percent
-    return {**kept, "seconds": outcome.seconds, "unseen_fit_percent": unseen}
-
-
 def structure_title(fit: Fit) -> str:
     """Return the heading of the model's table."""
     if isinstance(fit, AxisFit):
@@ -162,26 +130,23 @@ def structure_title(fit: Fit) -> str:
     return f"Model '{fit.structure}'" + (f": {known.title}" if known is not None else "")
 
 
-def answer_sentences(study: Study) -> tuple[str, ...]:
-    """Return the meaning, quality and origin of the fit."""
-    fit = study.fit
-    said = list(model_sentences(fit)) if isinstance(fit, AxisFit) else [fits_sentence(fit)]
-    said.append(f"Method: {fit.method}, from {', '.join(fit.used)}.")
-    return tuple(said)
+def answer_sentences(fit: Fit) -> tuple[str, ...]:
+    """Return the meaning of a fit, its residual and its origin."""
+    about = model_sentences(fit) if isinstance(fit, AxisFit) else _residual_sentences(fit)
+    return (*about, f"Method: {fit.method}, from {', '.join(fit.used)}.")
 
 
-def fits_sentence(fit: Fit) -> str:
-    """Return how well a coupled model fits, and its residual."""
-    said = f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} the motion used for the fit."
+def _residual_sentences(fit: Fit) -> tuple[str, ...]:
+    """Return the residual of a coupled model, signal by signal."""
     left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
     if not left:
-        return said
+        return ()
     rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
     coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
     if not coloured:
-        return f"{said} Residual (rms): {rows}; white, like measurement noise."
+        return (f"Residual (rms): {rows}; white, like measurement noise.",)
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
-    return f"{said} Residual (rms): {rows}; of that correlated and unexplained: {rest}."
+    return (f"Residual (rms): {rows}; of that correlated and unexplained: {rest}.",)
 
 
 def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
@@ -192,20 +157,14 @@ def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
     )
 
 
-def verdict_headline(study: Study) -> Headline:
-    """Return the headline, its tone, and the sentences after it."""
-    fit, unseen = study.fit, study.answer.unseen
+def verdict_of(fit: Fit, unseen: Validation | None = None) -> Verdict:
+    """Return how well a fit explains the motion, of held-out data if it predicted any, and what it is."""
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
-    where = "the motion used for the fit" if unseen is None else "held-out motion"
-    said = f"The model {explains(percent)} {where}"
+    said = explained_sentence(fit.fit_percent)
     if unseen is not None:
-        said += f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
-    said += "."
-    grave = [
-        d for d in fit.doubts if d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION)
-    ]
+        own = f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
+        said = explained_sentence(percent, "held-out motion", own)
+    grave = any(d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION) for d in fit.doubts)
     if percent < 40.0 or grave:
-        first = contradictions_in(fit.doubts)
-        return Headline(said + " Read the doubts before you use it.", "bad", (*first, *answer_sentences(study)))
-    tone: Tone = "good" if percent >= 70.0 and not fit.doubts else "neutral"
-    return Headline(said, tone, answer_sentences(study))
+        return Verdict(f"{said} Read the doubts before you use it.", "bad", answer_sentences(fit))
+    return Verdict(said, "good" if percent >= 70.0 and not fit.doubts else "neutral", answer_sentences(fit))

@@ -1,37 +1,15 @@
-"""The tables of an identification, and the output of ``identify``."""
+"""The tables of an identification."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
-from rich.console import Group, RenderableType
-
-from gcs_autotune.identify import AxisFit, Fit, Method, Parameter, Validation
-from gcs_autotune.report.study.study import (
-    MethodOutcome,
-    Study,
-    answer_sentences,
-    comparison_sentences,
-    fits_sentence,
-    structure_title,
-    unseen_remarks,
-    verdict_headline,
-)
-from gcs_autotune.report.toolkit.axis_fit import (
-    candidate_table,
-    decision_sentence,
-    fit_summary,
-    meanings,
-    model_table,
-    short_name,
-)
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import STYLES, contradictions_shown, doubts_shown, grid, paragraph, title
+from gcs_autotune.identify import AxisFit, Fit, Parameter, Validation
+from gcs_autotune.report.study.study import MethodOutcome, Study
+from gcs_autotune.report.toolkit.axis_fit import meanings, model_table, short_name
+from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    contradictions_in,
-    doubt_sentence,
     format_error,
     format_number,
     format_parameter,
@@ -44,13 +22,10 @@ from gcs_autotune.sname import signal_meaning
 __all__ = [
     "choice_table",
     "estimate_tables",
-    "method_list",
     "method_table",
-    "model_summary",
     "parameter_table",
     "proposal_table",
     "run_table",
-    "study_summary",
     "unseen_table",
 ]
 
@@ -95,8 +70,8 @@ _NAMED = {
 }
 
 
-def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
-    """Return every parameter rounded to its standard error, with the Cramér-Rao bound; *brief* for 80 columns."""
+def parameter_table(fit: Fit) -> Table:
+    """Return every parameter rounded to its standard error, with the Cramér-Rao bound."""
     if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     axis = meanings(fit) if isinstance(fit, AxisFit) else None
@@ -112,14 +87,8 @@ def parameter_table(fit: Fit, *, brief: bool = False) -> Table:
         )
         for p in fit.parameters.values()
     )
-    table = Table(("parameter", "value ± std", "unit", "std", "std / bound", "meaning", "remark"), "lrlrrll", rows)
-    return _without(table, "meaning") if brief else table
-
-
-def _without(table: Table, head: str) -> Table:
-    out = table.heads.index(head)
-    rows = tuple(tuple(c for i, c in enumerate(row) if i != out) for row in table.rows)
-    return Table(table.heads[:out] + table.heads[out + 1 :], table.align[:out] + table.align[out + 1 :], rows)
+    heads = ("parameter", "value ± std", "unit", "std", "std / bound", "meaning", "remark")
+    return Table(heads, "lrlrrll", rows, wide=("std", "std / bound"))
 
 
 def _relative(p: Parameter) -> str:
@@ -222,59 +191,3 @@ def choice_table(study: Study) -> Table:
 def proposal_table(study: Study) -> Table:
     """Return the proposed manoeuvres, best first."""
     return Table(("manoeuvre", "how", "expected improvement", "needs"), "llll", study.proposals)
-
-
-def study_summary(study: Study) -> Group:
-    """Return model, validation, choice of structure, comparison of methods, doubts and verdict."""
-    fit, answer = study.fit, study.answer
-    parts = contradictions_shown(contradictions_in(fit.doubts))
-    parts += [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
-    parts.extend(paragraph(s) for s in answer_sentences(study))
-    if study.how_unseen:
-        parts += [title("Held-out prediction"), paragraph(study.how_unseen)]
-        parts.append(grid(unseen_table(answer.unseen, fit.dof)))
-        parts.extend(paragraph(s) for s in unseen_remarks(answer))
-    if isinstance(fit, AxisFit) and (fit.decision is not None or fit.candidates) and not study.choice:
-        parts.append(title("Choice of damping"))
-        if fit.decision is not None:
-            parts.append(paragraph(decision_sentence(fit)))
-        if fit.candidates:
-            parts.append(grid(candidate_table(fit)))
-    if study.choice:
-        parts += [title("Choice of structure"), paragraph(study.choice_verdict), grid(choice_table(study))]
-    if len(study.outcomes) > 1:
-        parts += [title("Comparison of methods"), grid(method_table(study))]
-        parts.extend(grid(one) for one in estimate_tables(study))
-    if study.cannot_tell:
-        parts += [title("What these runs do not determine"), *(paragraph(s) for s in study.cannot_tell)]
-    if study.intervals:
-        parts += [title("Intervals by profile likelihood"), *(paragraph(s) for s in study.intervals)]
-    if study.comparisons:
-        parts += [title(f"Comparison with {study.compared_with}"), *(paragraph(s) for s in comparison_sentences(study))]
-    if study.proposals:
-        parts += [title("What to fly next"), paragraph(study.proposal_verdict)]
-        parts.append(grid(proposal_table(study)))
-    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
-    verdict = verdict_headline(study)
-    parts.append(title(verdict.text, STYLES[verdict.tone]))
-    return Group(*parts)
-
-
-def model_summary(fit: Fit) -> Group:
-    """Return a single model of any form: parameters, fit, doubts."""
-    if isinstance(fit, AxisFit):
-        return fit_summary(fit)
-    parts: list[RenderableType] = [title(structure_title(fit)), grid(parameter_table(fit, brief=True))]
-    parts.append(paragraph(fits_sentence(fit)))
-    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
-    return Group(*parts)
-
-
-def method_list(methods: Iterable[Method]) -> Group:
-    """Return every method with its kinds of models and its options."""
-    rows = []
-    for m in methods:
-        kinds = " and ".join(k for k, there in (("one axis", m.axis), ("coupled", m.coupled)) if there is not None)
-        rows.append((m.name, kinds, m.summary))
-        rows.extend(("", "", f"{name}: {text}") for name, text in m.options)
-    return Group(grid(Table(("method", "fits", "what; options"), "lll", tuple(rows))))

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from rich.console import Group
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
 from gcs_autotune.identify import (
@@ -22,12 +21,9 @@ from gcs_autotune.identify import (
     label_of,
 )
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import contradictions_shown, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    contradictions_in,
-    doubt_sentence,
     format_error,
     format_number,
     format_percent,
@@ -44,10 +40,11 @@ from gcs_autotune.sname import OVERFULL
 __all__ = [
     "candidate_table",
     "cycle_table",
+    "damping_parts",
     "decision_sentence",
     "estimate_table",
+    "explained_sentence",
     "explains",
-    "fit_summary",
     "meanings",
     "model_sentences",
     "model_table",
@@ -116,7 +113,7 @@ def decision_sentence(fit: AxisFit) -> str:
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return the model in words: damping, lag, speed at the largest output flown, actuator, fit."""
+    """Return the model in words: damping, lag, speed at the largest output flown, actuator, residual."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
@@ -137,11 +134,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     trace = fit.traces[0] if fit.traces else None
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
     shown = trace.unit if trace is not None and trace.unit else axis.position_unit
-    said.append(
-        f"The model, simulated from the inputs alone, {explains(fit.fit_percent)} "
-        f"the motion used for the fit. {remainder_sentence(left, shown)}"
-    )
-    return tuple(said)
+    return (*said, remainder_sentence(left, shown))
 
 
 _MUCH = 0.02
@@ -246,6 +239,11 @@ def explains(percent: float) -> str:
     if percent > 0.0:
         return f"explains {format_percent(percent)} of"
     return "explains nothing of"
+
+
+def explained_sentence(percent: float, motion: str = "the motion used for the fit", also: str = "") -> str:
+    """Return how much of a *motion* a model explains in a free run; *also* is added to it."""
+    return f"Simulated from the inputs alone, the model {explains(percent)} {motion}{also}."
 
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
@@ -398,16 +396,16 @@ def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str,
     )
 
 
-def fit_summary(fit: AxisFit) -> Group:
-    """Return the output of ``identify``: model, choice of structure, doubts with cures."""
-    parts = contradictions_shown(contradictions_in(fit.doubts))
-    parts.append(title(f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"))
-    parts.append(grid(model_table(fit)))
-    parts.extend(paragraph(s) for s in model_sentences(fit))
-    parts.append(paragraph(f"Method: {fit.method}, from {', '.join(fit.used)}."))
-    if fit.decision is not None:
-        parts.extend((title("Choice of damping"), paragraph(decision_sentence(fit))))
-    if fit.candidates:
-        parts.append(grid(candidate_table(fit)))
-    parts.extend(doubts_shown(doubt_sentence(d) for d in fit.doubts))
-    return Group(*parts)
+_HOW_TO_READ_BIC = (
+    "BIC weighs the misfit against the number of fitted parameters. A structure more than 10 above the best explains "
+    "the record clearly worse. A structure with negative damping is only chosen without an alternative, since water "
+    "does not push."
+)
+
+
+def damping_parts(fit: AxisFit) -> tuple[Part, ...]:
+    """Return how the damping was chosen: the decision from two experiments, and the structures compared."""
+    decided = () if fit.decision is None else (Note(decision_sentence(fit)),)
+    if not fit.candidates:
+        return decided
+    return (*decided, candidate_table(fit), Note(_HOW_TO_READ_BIC, kind="quiet"))

@@ -104,7 +104,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
     for name, colour in zip(names, (INK, *COLOURS), strict=False):
         channel = trial[name]
         t = np.concatenate([[start], channel.t[(channel.t > start) & (channel.t <= end)], [end]])
-        scale, unit = (100.0, "% of full output") if channel.unit == "1" else (to_people(channel.unit)[1], "")
+        scale, unit = (100.0, "% of full") if channel.unit == "1" else (to_people(channel.unit)[1], "")
         units.append(unit or pretty_unit(to_people(channel.unit)[0]))
         few = thin(finite(t - start, scale * np.array([channel.held_at(moment) for moment in t])))
         axes.step(few.t, few.y, where="post", color=colour, lw=1.0, label=name if len(names) > 1 else None)

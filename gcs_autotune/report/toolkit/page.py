@@ -1,39 +1,40 @@
-"""Render the templates: every page of this tool, from tables and figures."""
+"""Show a document as a page: one self-contained HTML file that opens offline, on a phone and on paper."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import groupby
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from gcs_autotune.report.toolkit.wording import sentence
+from gcs_autotune.report.toolkit.canvas import pens, to_svg
+from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, is_empty
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["Picture", "Table", "render_page"]
+__all__ = ["drawn", "to_html"]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of text under heads; ``align`` has one letter a column, ``l`` text or ``r`` number. ``note``: a
-    sentence below it that holds for all rows."""
+class _Drawn:
+    """A figure as SVG."""
 
-    heads: tuple[str, ...]
-    align: str
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure ready for the page."""
-
-    kind: str
     caption: str
     svg: Markup
+
+
+_Blocks = tuple[tuple[str, object], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """A section as (kind, content) in order, figures drawn and bullets gathered into lists."""
+
+    slug: str
+    title: str
+    blocks: _Blocks
 
 
 PHONE = 42
@@ -43,8 +44,8 @@ LEGIBLE = 14
 """Width in characters below which a column of sentences becomes one of single words. Chosen."""
 
 
-def render_page(template: str, context: Mapping[str, Any]) -> str:
-    """Return the page; the same context gives the same bytes."""
+def to_html(document: Document) -> str:
+    """Return the page; the same document gives the same bytes. A figure or section with nothing in it is left out."""
     environment = Environment(
         loader=PackageLoader("gcs_autotune.report", ""),
         autoescape=select_autoescape(["html"]),
@@ -53,9 +54,42 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = _glued
-    environment.filters["sentence"] = sentence
     environment.filters["wide"] = _is_wide
-    return visible(environment.get_template(template).render(context), keep="\n\t\u00ad") + "\n"
+    page = environment.get_template("toolkit/document.html").render(
+        document=document,
+        lead_figures=[one for figure in document.lead_figures for one in drawn(figure)],
+        sections=[laid for section in document.sections if (laid := _laid(section)).blocks],
+    )
+    return visible(page, keep="\n\t\u00ad") + "\n"
+
+
+def _laid(section: Section) -> _Laid:
+    return _Laid(section.slug, section.title, tuple(_blocks(section.parts)))
+
+
+def _blocks(parts: Sequence[Part]) -> Iterator[tuple[str, object]]:
+    shown = [part for part in parts if not is_empty(part)]
+    for is_list, group in groupby(shown, lambda part: isinstance(part, Note) and part.kind == "bullet"):
+        if is_list:
+            yield "bullets", tuple(group)
+            continue
+        for part in group:
+            if isinstance(part, Note):
+                yield part.kind, part
+            elif isinstance(part, Table):
+                yield "table", part
+            elif isinstance(part, Figure):
+                yield from (("figure", one) for one in drawn(part))
+            elif (laid := _laid(part)).blocks:
+                yield "section", laid
+
+
+def drawn(figure: Figure) -> Iterator[_Drawn]:
+    """Yield the figure as SVG, if there is anything to plot."""
+    with pens(figure.name):
+        drawing = figure.draw()
+        if drawing is not None:
+            yield _Drawn(figure.caption, to_svg(drawing, figure.name, figure.caption))
 
 
 def _is_wide(table: Table) -> bool:

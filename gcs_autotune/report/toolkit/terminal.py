@@ -1,12 +1,9 @@
-"""Parts of the terminal output: legible without colour, at 80 columns, and through a pipe.
-
-Each function returns a renderable for a ``rich`` console; nothing here prints.
-"""
+"""Show a document on the terminal: legible without colour, at 80 columns, and through a pipe."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -14,69 +11,131 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.wording import Tone
+from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, Tone, is_empty
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["STYLES", "bullet", "contradictions_shown", "doubts_shown", "grid", "paragraph", "render_text", "title"]
+__all__ = ["STYLES", "print_document", "render_text", "to_terminal"]
 
 
-STYLES: dict[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
+STYLES: Mapping[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "bold red"}
 """Tone of a verdict -> terminal style."""
 
+DOUBTFUL = "bold yellow"
 
-def render_text(thing: RenderableType, width: int = 80) -> str:
-    """Return *thing* as plain text, as in a pipe: no colour, no trailing blanks."""
+
+def to_terminal(document: Document) -> Group:
+    """Return what the terminal shows, without figures and details; print it with :func:`print_document`.
+
+    Contradictions come first. A document with a lead begins with it and its verdict; any other ends with its verdict,
+    which is then the last line a reader sees.
+    """
+    return Group(*_pieces(document))
+
+
+def print_document(console: Console, document: Document) -> None:
+    """Print :func:`to_terminal`; a command to copy stays on one line, however long."""
+    console.print(to_terminal(document), crop=False)
+
+
+def render_text(document: Document, width: int = 80) -> str:
+    """Return :func:`to_terminal` as plain text, as in a pipe: no colour, no trailing blanks."""
     console = Console(file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False)
     with console.capture() as capture:
-        console.print(thing)
+        print_document(console, document)
     return "\n".join(line.rstrip() for line in capture.get().rstrip().splitlines()) + "\n"
 
 
-def doubts_shown(texts: Iterable[str], about: str = "fit") -> list[RenderableType]:
-    """Return the block of doubts *about* a result, or the sentence that there are none."""
-    found = list(texts)
-    if not found:
-        return [paragraph(f"No doubts about the {about}.")]
-    heading = "Doubts" if about == "fit" else f"Doubts about the {about}"
-    return [title(heading, "bold yellow"), *(bullet(text) for text in found)]
+def _pieces(document: Document) -> Iterator[RenderableType]:
+    if document.contradictions:
+        yield _title("Columns that contradict each other", STYLES["bad"])
+        yield from (_bullet(text) for text in document.contradictions)
+    verdict = list(_verdict(document))
+    if document.lead:
+        yield from verdict
+    for section in document.sections:
+        yield from _section(section)
+    if document.doubts:
+        yield _title("Doubts" if document.doubted == "fit" else f"Doubts about the {document.doubted}", DOUBTFUL)
+        yield from (_bullet(text) for text in document.doubts)
+    elif document.doubts is not None:
+        yield _apart(_text(f"No doubts about the {document.doubted}."))
+    if not document.lead:
+        yield from verdict
 
 
-def contradictions_shown(texts: Iterable[str]) -> list[RenderableType]:
-    """Return the block at the head of a result whose columns contradict each other; empty if none do."""
-    found = list(texts)
-    if not found:
-        return []
-    return [title("Columns that contradict each other", STYLES["bad"]), *(bullet(text) for text in found)]
+def _verdict(document: Document) -> Iterator[RenderableType]:
+    verdict = document.verdict
+    if verdict is None:
+        return
+    style = STYLES[verdict.tone]
+    if document.lead:
+        yield _title(document.lead, style)
+    yield _title(verdict.text, "bold" if document.lead else style)
+    yield from (_text(sentence) for sentence in verdict.sentences)
 
 
-def bullet(text: str) -> RichTable:
-    """Return one line of a list."""
+def _section(section: Section) -> Iterator[RenderableType]:
+    """Yield heading and parts; nothing if the terminal has no part of it."""
+    if section.detail:
+        return
+    pieces, is_after_table = [], False
+    for part in section.parts:
+        for piece in _part(part):
+            pieces.append(_apart(piece) if is_after_table and isinstance(part, Note) else piece)
+            is_after_table = isinstance(part, Table)
+    if pieces:
+        yield _title(section.title)
+        yield from pieces
+
+
+def _part(part: Part) -> Iterator[RenderableType]:
+    if isinstance(part, Section):
+        yield from _section(part)
+    elif is_empty(part) or isinstance(part, Figure) or part.detail:
+        return
+    elif isinstance(part, Table):
+        yield _grid(part)
+    elif part.kind == "bullet":
+        yield _bullet(part.text)
+    elif part.kind == "command":
+        yield from ([_text(part.label)] if part.label else [])
+        yield Text(f"  {visible(part.text)}", no_wrap=True, overflow="ignore")
+    elif part.kind == "text":
+        yield _text(f"{part.label}: {part.text}" if part.label else part.text)
+
+
+def _bullet(text: str) -> RichTable:
     line = RichTable.grid(padding=(0, 1))
     line.add_row(Text(" -"), Text(visible(text)))
     return line
 
 
-def title(text: str, style: str = "bold") -> RenderableType:
-    """Return a heading."""
-    return Padding(Text(visible(text), style=style), (1, 0, 0, 0))
+def _title(text: str, style: str = "bold") -> RenderableType:
+    return _apart(Text(visible(text), style=style))
 
 
-def paragraph(text: str, style: str = "") -> Text:
-    """Return a paragraph."""
-    return Text(visible(text), style=style)
+def _apart(piece: RenderableType) -> Padding:
+    """Return a piece with a blank line before it."""
+    return Padding(piece, (1, 0, 0, 0))
 
 
-def grid(table: Table) -> Padding:
-    """Return a table without its empty columns."""
-    lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold")
-    used = [i for i in range(len(table.heads)) if table.heads[i] or any(row[i] for row in table.rows)]
-    used = [i for i in used if any(row[i] for row in table.rows) or not table.rows]
+def _text(text: str) -> Text:
+    return Text(visible(text))
+
+
+def _grid(table: Table) -> Padding:
+    """Return a table without its empty and its wide columns, and without the rows that the page folds."""
+    is_headed = any(table.heads)
+    lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
+    rows = table.rows[: table.shown]
+    used = [i for i in range(len(table.heads)) if table.heads[i] not in table.wide and (_has(rows, i) or not rows)]
     for i in used:
         right = table.align[i] == "r"
         lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=right or i == 0)
-    for row in table.rows:
+    for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
-    if table.note:
-        return Padding(Group(lines, Text(visible(table.note))), (1, 0))
-    return Padding(lines, (1, 0))
+    return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
+
+
+def _has(rows: Sequence[Sequence[str]], column: int) -> bool:
+    return any(row[column] for row in rows)

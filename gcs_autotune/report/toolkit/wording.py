@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
 
 from gcs_autotune.identify import CONTRADICTION, AxisFit, Doubt
 from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
@@ -16,11 +14,10 @@ __all__ = [
     "MOST_FACTOR",
     "NOT_TOLD",
     "UNKNOWN",
-    "Headline",
-    "Tone",
     "beside_telemetry",
     "contradictions_in",
     "doubt_sentence",
+    "doubt_sentences",
     "format_change",
     "format_error",
     "format_factor",
@@ -173,18 +170,6 @@ def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-Tone = Literal["good", "neutral", "bad"]
-
-
-@dataclass(frozen=True, slots=True)
-class Headline:
-    """The verdict: one sentence, its tone, and the sentences that follow from it."""
-
-    text: str
-    tone: Tone
-    sentences: tuple[str, ...]
-
-
 def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
     """Return a sentence per contradiction between columns, for the head of a result."""
     return tuple(sentence(d.cause) for d in doubts if d.slug == CONTRADICTION)
@@ -193,6 +178,11 @@ def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
 def doubt_sentence(doubt: Doubt) -> str:
     """Return the sentence of a doubt with its cure."""
     return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
+
+
+def doubt_sentences(doubts: Iterable[Doubt]) -> tuple[str, ...]:
+    """Return the sentence of each doubt with its cure."""
+    return tuple(doubt_sentence(doubt) for doubt in doubts)
 
 
 def sentence(text: str) -> str:

@@ -1,13 +1,13 @@
 """The figures of a tune: step before and after, relay experiments, limit cycles, model and measurement.
 
-Each function returns a figure, or None if the tune did not get that far. Matplotlib is imported with the first
-figure. Angles are in degrees here, and only here.
+A figure draws nothing if the tune did not get that far. Matplotlib is imported with the first that is drawn. Angles
+are in degrees here, and only here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -27,9 +27,8 @@ from gcs_autotune.report.toolkit.canvas import (
     legend,
     new_axes,
     new_columns,
-    pens,
-    to_svg,
 )
+from gcs_autotune.report.toolkit.document import Figure
 from gcs_autotune.report.toolkit.figures import (
     COLOURS,
     INTERVALS_CAPTION,
@@ -43,7 +42,6 @@ from gcs_autotune.report.toolkit.figures import (
     is_bent,
     thin,
 )
-from gcs_autotune.report.toolkit.page import Picture
 from gcs_autotune.report.toolkit.wording import format_number, format_quantity, pretty_unit, to_people
 from gcs_autotune.report.tune.bode import LoopMargins, draw_bode, loop_margins
 from gcs_autotune.report.tune.story import WATCHED, TuneStory, Watched
@@ -51,9 +49,22 @@ from gcs_autotune.trial import Channel, Mark, Trial
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Drawing
 
-__all__ = ["MOST_RELAYS", "RelaySeries", "StepLeg", "StepSeries", "draw_pictures", "relay_series", "step_series"]
+__all__ = [
+    "MOST_RELAYS",
+    "RelaySeries",
+    "StepLeg",
+    "StepSeries",
+    "bode_figure",
+    "fit_figures",
+    "model_figures",
+    "relay_figures",
+    "relay_series",
+    "step_figure",
+    "step_series",
+    "track_figure",
+]
 
 
 MOST_PERIODS = 60
@@ -190,51 +201,64 @@ MOST_RELAYS = 6
 """Most relay experiments and fit traces plotted; chosen so that the page stays small."""
 
 
-def draw_pictures(story: TuneStory) -> tuple[Picture, ...]:
-    """Plot everything the tune has data for, in the order of the report."""
-    drawn = []
-    for name, caption, draw in _wanted(story):
-        with pens(name):
-            figure = draw()
-            if figure is not None:
-                drawn.append(Picture(name.split("-")[0], caption, to_svg(figure, name, caption)))
-    return tuple(drawn)
+def step_figure(story: TuneStory) -> Iterator[Figure]:
+    """Yield the step before and after, or the predicted one."""
+    yield Figure("step", _step_caption(story), partial(_draw_step, story))
 
 
-def _wanted(story: TuneStory) -> Iterator[tuple[str, str, Callable[[], Figure | None]]]:
+def relay_figures(story: TuneStory) -> Iterator[Figure]:
+    """Yield each relay experiment, then the limit cycles."""
     swung = story.swung
-    what = _noun(swung)[0]
-    yield "step", _step_caption(story), partial(_draw_step, story)
+    noun = swung.noun
+    flown = {run.name: run for run in story.relays}
     found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
     relays = [series for series in found if series is not None]
-    flown = {run.name: run for run in story.relays}
     for i, relay in enumerate(relays, start=1):
-        caption = f"Relay experiment '{relay.name}': {what} relative to its reference, with the switchings marked."
+        caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the switchings marked."
         if flown[relay.name].reason:
             caption += f" End: {flown[relay.name].reason}."
         if not len(relay.switches):
-            caption = f"Throttle steps '{relay.name}': {what} relative to its value before the first step."
-        yield f"relay-{i}", caption, partial(_draw_relay, relay, story)
-    caption = f"Limit cycles: rate of change against {what}. Bold: the last periods, at most five."
-    yield "cycle", caption, partial(_draw_cycles, relays, swung)
+            caption = f"Throttle steps '{relay.name}': {noun} relative to its value before the first step."
+        yield Figure(f"relay-{i}", caption, partial(_draw_relay, relay, story))
+    if relays:
+        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods, at most five."
+        yield Figure("cycle", caption, partial(_draw_cycles, relays, swung))
+
+
+def fit_figures(story: TuneStory) -> Iterator[Figure]:
+    """Yield model and measurement of each run fitted."""
+    flown = {run.name: run for run in story.relays}
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         model = story.fit.model if story.fit else None
         below = " and the input" if inputs_of(model, flown.get(trace.run)) else ""
         caption = f"Model and measurement of '{trace.run}', with the 95 % band. Below: the residual{below}."
-        noun = WATCHED.get(trace.signal, swung).noun
-        yield f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun)
+        noun = WATCHED.get(trace.signal, story.swung).noun
+        yield Figure(f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun))
+
+
+def model_figures(story: TuneStory) -> Iterator[Figure]:
+    """Yield the uncertainty of each parameter, and the thrust curve if it is not proportional."""
     if story.fit is not None:
-        yield "intervals", INTERVALS_CAPTION, partial(draw_intervals, story.fit.parameters)
+        yield Figure("intervals", INTERVALS_CAPTION, partial(draw_intervals, story.fit.parameters))
     proposal = story.proposal
     if proposal is not None and proposal.actuator is not None and is_bent(proposal.actuator):
         caption = "Thrust curve of the design model: force over output."
-        yield "thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story))
+        yield Figure("thrust", caption, partial(draw_thrust, proposal.actuator, _levels(story)))
+
+
+def bode_figure(story: TuneStory) -> Iterator[Figure]:
+    """Yield the Bode plot of the loops with old and new gains, if they were designed by frequency response."""
+    proposal = story.proposal
     if proposal is not None and all(proposal.loops):
         margins = [loop_margins(loops) for loops in proposal.loops]
         several = any(len(loops) > 1 for loops in proposal.loops)
-        yield "bode", _bode_caption(margins, several=several), partial(draw_bode, proposal.loops, margins)
+        yield Figure("bode", _bode_caption(margins, several=several), partial(draw_bode, proposal.loops, margins))
+
+
+def track_figure(story: TuneStory) -> Figure:
+    """Return the track of all runs."""
     runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
-    yield "track", "Track over ground, north up.", partial(draw_track, runs)
+    return Figure("track", "Track over ground, north up.", partial(draw_track, runs))
 
 
 def _levels(story: TuneStory) -> list[float]:
@@ -274,7 +298,7 @@ def _step_caption(story: TuneStory) -> str:
     )
 
 
-def _draw_step(story: TuneStory) -> Figure | None:
+def _draw_step(story: TuneStory) -> Drawing | None:
     one, other = story.step_before, story.step_after
     windows = common_windows(one, other) if one is not None and other is not None else ()
     before, after = (step_series(run, story.stepped, windows) for run in (one, other))
@@ -337,7 +361,7 @@ def _predicted(prediction: Prediction, name: str) -> Curve:
     return finite(prediction.t, getattr(prediction, name) - base)
 
 
-def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
+def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
     swung = story.swung
     figure, (top, bottom) = new_axes((1.9, 0.9))
     scale = _people(swung)
@@ -370,7 +394,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Figure:
     return figure
 
 
-def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Figure | None:
+def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Drawing | None:
     shown = [relay for relay in relays if relay.rate is not None and len(relay.rate)]
     if not shown:
         return None

@@ -1,4 +1,4 @@
-"""The tables of a tune and its terminal output."""
+"""The tables of a tune."""
 
 from __future__ import annotations
 
@@ -6,18 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import PurePath
-
-from rich.console import Console, Group, RenderableType
-from rich.text import Text
 
 from gcs_autotune.design import Change, Margins, Proposal, StepMetrics
-from gcs_autotune.report.toolkit.page import Table
-from gcs_autotune.report.toolkit.terminal import STYLES, bullet, doubts_shown, grid, paragraph, title
+from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
     UNKNOWN,
-    doubt_sentence,
     format_change,
     format_factor,
     format_number,
@@ -26,13 +20,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_share,
 )
 from gcs_autotune.report.tune.story import TuneStory
-from gcs_autotune.report.tune.wording import (
-    PROOF_SENTENCE,
-    headline,
-    proof_command,
-    settling_cell,
-    undo_command,
-)
+from gcs_autotune.report.tune.wording import settling_cell
 
 __all__ = [
     "changed_parameters",
@@ -40,9 +28,7 @@ __all__ = [
     "margins_table",
     "metrics_table",
     "rates_table",
-    "show_tune",
-    "tune_summary",
-    "vehicle_rows",
+    "vehicle_table",
 ]
 
 
@@ -165,8 +151,8 @@ def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
     return Table(("message", "asked", "measured", ""), "lrrl", rows)
 
 
-def changed_parameters(story: TuneStory) -> Table:
-    """Return every parameter read, changed ones first."""
+def changed_parameters(story: TuneStory, most: int) -> Table:
+    """Return every parameter read, changed ones first; folded if there are more than *most*."""
     changed = story.differences
     names = [*changed, *(n for n in story.parameters_before if n not in changed)]
     rows = tuple(
@@ -178,14 +164,19 @@ def changed_parameters(story: TuneStory) -> Table:
         )
         for name in names
     )
-    return Table(("parameter", "before", "after", ""), "lrrl", rows)
+    count = f"{len(rows)} parameters read, {len(changed)} changed"
+    heads = ("parameter", "before", "after", "")
+    if len(rows) > most:
+        return Table(heads, "lrrl", rows, shown=len(changed), fold=count)
+    return Table(heads, "lrrl", rows, note=f"{count}.")
 
 
-def vehicle_rows(vehicle: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    """Return label and text of the vehicle's data, known keys first, without tables of numbers."""
+def vehicle_table(vehicle: Mapping[str, object]) -> Table:
+    """Return the vehicle's data without heads, known keys first, without tables of numbers."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
-    return tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+    rows = tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+    return Table(("", ""), "ll", rows)
 
 
 def _plain(value: object) -> str:
@@ -196,40 +187,3 @@ def _plain(value: object) -> str:
 
 def _with_unit(value: float, unit: str) -> str:
     return format_number(value, 3) + (f" {unit}" if math.isfinite(value) else "")
-
-
-def tune_summary(story: TuneStory) -> Group:
-    """Return the terminal summary of a tune: gains, measured step, doubts, and the verdict last."""
-    return Group(*_details(story), *_verdict(story))
-
-
-def _verdict(story: TuneStory) -> list[RenderableType]:
-    verdict = headline(story)
-    return [title(verdict.text, STYLES[verdict.tone]), *(paragraph(s) for s in verdict.sentences)]
-
-
-def _details(story: TuneStory) -> list[RenderableType]:
-    parts: list[RenderableType] = []
-    if story.changes:
-        parts.append(grid(gains_table(story.changes)))
-    if story.metrics_before is not None:
-        parts.append(grid(metrics_table(story.metrics_before, story.metrics_after)))
-    if story.beside is not None:
-        parts.append(grid(beside_table(story)))
-    parts.extend(bullet(reason) for reason in story.verdict_reasons)
-    doubts = (*story.doubts, *(doubt_sentence(d) for d in (story.fit.doubts if story.fit else ())))
-    if doubts or story.fit is not None:
-        parts.extend(doubts_shown(doubts))
-    return parts
-
-
-def show_tune(console: Console, story: TuneStory) -> None:
-    """Print :func:`tune_summary`, the undo command and the path of the report, each on an unwrapped line."""
-    console.print(Group(*_details(story)))
-    if story.ending == "kept":
-        console.print(Text(f"\nTo undo:\n  {undo_command(story)}"), soft_wrap=True)
-    if story.awaits_proof and story.proving:
-        console.print(Text(f"\n{PROOF_SENTENCE}\n  {proof_command(story)}"), soft_wrap=True)
-    if story.directory:
-        console.print(Text(f"\nReport: {PurePath(story.directory) / 'report.html'}"), soft_wrap=True)
-    console.print(Group(*_verdict(story)))

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from pathlib import PurePath
 
 from gcs_autotune.design import Margins, Proposal, StepMetrics
+from gcs_autotune.report.toolkit.document import Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
-    Headline,
-    Tone,
     format_change,
     format_factor,
     format_number,
@@ -24,7 +23,6 @@ from gcs_autotune.report.tune.story import TuneStory
 __all__ = [
     "PROOF_SENTENCE",
     "bound_sentence",
-    "headline",
     "improvement",
     "parameters_sentence",
     "proof_command",
@@ -32,6 +30,7 @@ __all__ = [
     "settling_cell",
     "undo_command",
     "undo_sentence",
+    "verdict_of",
 ]
 
 
@@ -52,7 +51,7 @@ _ENDINGS: Mapping[str, tuple[str, Tone]] = {
 """Ending -> headline, tone."""
 
 
-def headline(story: TuneStory) -> Headline:
+def verdict_of(story: TuneStory) -> Verdict:
     """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
     says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
@@ -71,7 +70,7 @@ def headline(story: TuneStory) -> Headline:
     sentences.append(parameters_sentence(story))
     if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
         tone = "bad"
-    return Headline(text.replace("{axis}", story.axis), tone, tuple(s for s in sentences if s))
+    return Verdict(text.replace("{axis}", story.axis), tone, tuple(s for s in sentences if s))
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:

@@ -10,7 +10,7 @@ import pytest
 from tug_plants import TUG, sea_trials
 
 from gcs_autotune.identify.plan import PLANS, PlanResult, run_plan
-from gcs_autotune.report.summaries import plan_summary
+from gcs_autotune.report.summaries import plan_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Trial
 
@@ -59,7 +59,7 @@ def test_the_whole_model_predicts_free_driving(result: PlanResult):
 
 
 def test_the_result_can_be_read_and_written(result: PlanResult):
-    text = render_text(plan_summary(result), 100)
+    text = render_text(plan_document(result), 100)
     assert "drift in wind" in text and "C_DA" in text and "Final validation" in text
     assert json.loads(json.dumps(result.to_dict()["parameters"]))["I_x"]["value"] == pytest.approx(0.0894, rel=0.02)
 

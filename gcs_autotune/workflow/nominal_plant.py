@@ -1,4 +1,4 @@
-"""The craft that a manoeuvre is previewed on: from a model file, from the vehicle's own figures, else assumed."""
+"""The nominal plant that a manoeuvre is previewed on: from a model file, the vehicle's own figures, or assumptions."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from gcs_autotune.design import in_fractions, reduce
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import ModelFile
-from gcs_autotune.manoeuvres import DOF_OF, SPEED_TIME, PaperCraft
+from gcs_autotune.manoeuvres import DOF_OF, SPEED_TIME, NominalPlant
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.flight_plan import FlySettings
 
-__all__ = ["Kin", "assumed_craft", "kin_of", "motion_of", "paper_craft"]
+__all__ = ["AssumedCraft", "assumed_crafts", "assumed_plant", "motion_of", "nominal_plant"]
 
 _UNTUNED = 0.2
 """ATC_STR_RAT_FF as ArduRover sets it: that of no craft in particular."""
 
 
 @dataclass(frozen=True, slots=True)
-class Kin:
+class AssumedCraft:
     """An assumed craft: how it turns and how fast it goes.
 
     Attributes
     ----------
-    radius : of the turn at full steering [m], of a boat. rate : at full output [rad/s], of an ROV. lag : of both [s].
-    ahead, gains : speed at full thrust [m/s] where no cruise says it, and seconds in which it gains speed.
-    sinks : one whose heave is driven sinks by itself, or comes up.
+    radius : a boat's turning radius at full steering [m]. rate : an ROV's yaw rate at full output [rad/s].
+    lag : time constant of turning [s].
+    ahead : speed at full thrust [m/s], where there is no cruise speed. gains : time constant of surge [s].
+    sinks : whether an ROV without vertical thrust sinks; else it rises.
     """
 
     radius: float = 4.0
@@ -42,35 +43,40 @@ class Kin:
     sinks: bool = True
 
 
-USUAL: Mapping[str, Kin] = {"rudder": Kin(), "thrusters": Kin(lag=0.7, gains=1.6), "rov": Kin(lag=0.25, gains=1.0)}
-"""Chosen: in the middle of boats of 1 to 3 m, and of published ROVs, where nothing is known. Yaw rates of ROVs:
-AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11; Benzon2022, table
-A1). None of ArduSub's
-parameters tells it: they limit what its loops ask for, not what its thrusters give."""
-_KIN: Mapping[str, tuple[Kin, ...]] = {
-    "rudder": (Kin(radius=6.7, lag=3.7), Kin(radius=3.0, lag=1.0)),
-    "thrusters": (Kin(radius=4.0, lag=1.0, gains=2.0), Kin(radius=2.5, lag=0.5, gains=1.4)),
+USUAL: Mapping[str, AssumedCraft] = {
+    "rudder": AssumedCraft(),
+    "thrusters": AssumedCraft(lag=0.7, gains=1.6),
+    "rov": AssumedCraft(lag=0.25, gains=1.0),
+}
+"""Chosen for craft without any figures: the middle of boats of 1 to 3 m, and of published ROVs.
+
+Yaw rates of ROVs: AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11;
+Benzon2022, table A1). ArduSub's parameters limit what its loops command; they do not show what its thrusters give."""
+_KIN: Mapping[str, tuple[AssumedCraft, ...]] = {
+    "rudder": (AssumedCraft(radius=6.7, lag=3.7), AssumedCraft(radius=3.0, lag=1.0)),
+    "thrusters": (AssumedCraft(radius=4.0, lag=1.0, gains=2.0), AssumedCraft(radius=2.5, lag=0.5, gains=1.4)),
     "rov": (
-        Kin(rate=0.9, lag=0.4, ahead=0.7, gains=1.5),
-        Kin(rate=4.0, lag=0.15, ahead=1.8, gains=0.5),
-        Kin(rate=1.6, lag=0.3, ahead=1.8, gains=1.3),
+        AssumedCraft(rate=0.9, lag=0.4, ahead=0.7, gains=1.5),
+        AssumedCraft(rate=4.0, lag=0.15, ahead=1.8, gains=0.5),
+        AssumedCraft(rate=1.6, lag=0.3, ahead=1.8, gains=1.3),
     ),
 }
-"""Chosen: slow and quick craft of each kind, and an ROV that is fast and heavy, which coasts furthest. A boat that
-steers by two thrusters turns in less water than one that steers by a rudder."""
+"""Chosen: slow and quick craft of each kind, and a fast and heavy ROV, which coasts furthest. A boat that steers by two
+thrusters turns in less space than one with a rudder."""
 TIED = 1e9
-"""Inertia and drag of what does not move."""
+"""Inertia and drag of a craft that is tied up."""
 _FULL_SPEED: Mapping[str, float] = {"Y": 1.0, "Z": 1.5}
-"""Chosen [m/s]: speed at full output to the side and down of a craft that nobody knows. Up and down it is quicker than
-ROVs of up to 100 kg are (0.6 to 1.3): what is foreseen as too small ends at a limit."""
+"""Chosen [m/s]: speed at full output to the side, and up and down, of an unknown craft. The vertical one is above that
+of
+ROVs of up to 100 kg (0.6 to 1.3): too small a prediction would end at a limit."""
 _SIDEWAYS = 0.3
-"""Chosen [s]: in which such a craft gains its speed to the side, up and down (0.1 to 0.6): they are short of mass for
-their thrusters there."""
+"""Chosen [s]: time constant of such a craft to the side, and up and down (0.1 to 0.6)."""
 _BY_SQUARE = 0.7
-"""Chosen: share of the square in an ROV's yaw drag at full output, between Falcon (affine) and VideoRay and AutoMarine
+"""Chosen: share of quadratic drag in an ROV's yaw drag at full output, between Falcon (none) and VideoRay and
+AutoMarine
 (all of it; Miskovic2010, 7.2 to 7.4). Such a craft turns slowly at small outputs and takes long to come to rest."""
 _WEIGHT = 0.03
-"""Chosen [of full]: weight left in the water of an ROV that nobody knows, or buoyancy (0.02 to 0.03)."""
+"""Chosen [of full output]: weight in water, or buoyancy, of an unknown ROV (0.02 to 0.03)."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
 
 
@@ -80,7 +86,7 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     Raises
     ------
     UsageError
-        It has none, or its input is an angle or a force and nobody says what full output is.
+        It has none, or its input is an angle or a force and its value at full output is unknown.
     """
     reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -89,24 +95,24 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     return in_fractions(reduction.model, np.zeros((5, 5)), full_scale)[0]
 
 
-def paper_craft(
+def nominal_plant(
     settings: FlySettings,
     firmware: Firmware | None,
     present: Mapping[str, float],
     throttle: float,
     speed: float,
-    kin: Kin | None = None,
-) -> PaperCraft:
-    """Return the craft on paper: from the model given, from its own figures, else an assumed one of its size.
+    like: AssumedCraft | None = None,
+) -> NominalPlant:
+    """Return the nominal plant: from the model of *settings*, from the vehicle's own figures, else an assumed one.
 
-    Its cruise tells how far it goes straight ahead. Its feed-forward gain tells its turning only so so: the rate loop
-    works with far less than the rudder that a turn takes, and tunes keep it within ArduRover's range. So it is assumed.
+    Its cruise shows how far it goes straight ahead. Its feed-forward gain shows its turning only roughly: the rate loop
+    works with far less rudder than a turn takes, and tunes keep it within ArduRover's range. So the turning is assumed.
 
-    *kin*: which assumed craft; None: the usual one.
+    *like*: which assumed craft; None: the usual one.
     """
     if settings.kind.tied:
-        return PaperCraft(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
-    assumed = assumed_craft(firmware, present, throttle, speed, kin)
+        return NominalPlant(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
+    assumed = assumed_plant(firmware, present, throttle, speed, like)
     yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
     if settings.kind.axis:
@@ -122,7 +128,7 @@ def paper_craft(
             "(more accurate with a --model file)"
         )
     if "Z" in drives:
-        sinks = kin is None or kin.sinks
+        sinks = like is None or like.sinks
         others["Z"] = replace(others["Z"], delta=_WEIGHT if sinks else -_WEIGHT)
     known: set[str] = set()
     if settings.model is not None:
@@ -142,45 +148,50 @@ def paper_craft(
     return replace(assumed, yaw=yaw, source=words, assumed=assumed_still, others=others)
 
 
-def assumed_craft(
-    firmware: Firmware | None, present: Mapping[str, float], throttle: float, speed: float, kin: Kin | None = None
-) -> PaperCraft:
-    """Return an assumed craft, of the vehicle's own figures as far as they go; *kin* None: the usual one."""
+def assumed_plant(
+    firmware: Firmware | None,
+    present: Mapping[str, float],
+    throttle: float,
+    speed: float,
+    like: AssumedCraft | None = None,
+) -> NominalPlant:
+    """Return an assumed plant with the vehicle's own figures as far as there are any; *like* None: the usual craft."""
     under_way = firmware is not None and firmware.needs_way
-    kin = kin or USUAL["rudder" if under_way else "rov"]
+    like = like or USUAL["rudder" if under_way else "rov"]
     gain = present.get("ATC_STR_RAT_FF", 0.0)
     if under_way and gain > 0.0 and abs(gain - _UNTUNED) > 1e-6:
-        yaw, words = SingleDof("yaw", "1", gain * kin.lag, gain), f"its ATC_STR_RAT_FF {gain:g}"
+        yaw, words = SingleDof("yaw", "1", gain * like.lag, gain), f"its ATC_STR_RAT_FF {gain:g}"
     else:
-        rate, lag = max(speed, 0.1) / kin.radius if under_way else kin.rate, kin.lag
+        rate, lag = max(speed, 0.1) / like.radius if under_way else like.rate, like.lag
         yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate) if under_way else _lively("yaw", rate, lag, _BY_SQUARE)
         words = (
             f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (more accurate with a "
             f"--model file)"
         )
-    ahead = speed / math.sqrt(throttle) if speed and throttle else kin.ahead
+    ahead = speed / math.sqrt(throttle) if speed and throttle else like.ahead
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
-    if kin.gains != SPEED_TIME:
-        others["X"] = _lively("surge", ahead, kin.gains)
-    return PaperCraft(yaw, speed, words, assumed=True, others=others, speed_gain=present.get("ATC_SPEED_P", 0.0))
+    if like.gains != SPEED_TIME:
+        others["X"] = _lively("surge", ahead, like.gains)
+    return NominalPlant(yaw, speed, words, assumed=True, others=others, speed_gain=present.get("ATC_SPEED_P", 0.0))
 
 
-def kin_of(*, under_way: bool, skid: bool) -> tuple[Kin, ...]:
-    """Return the craft that one of which nothing is known may be, the usual one first."""
+def assumed_crafts(*, under_way: bool, skid: bool) -> tuple[AssumedCraft, ...]:
+    """Return the craft to assume for one without figures, the usual one first."""
     kind = "rov" if not under_way else "thrusters" if skid else "rudder"
     known = (USUAL[kind], *_KIN[kind])
-    return known if under_way else (*known, *(replace(kin, sinks=False) for kin in known))
+    return known if under_way else (*known, *(replace(like, sinks=False) for like in known))
 
 
 def _by_the_square(dof: str, full_speed: float) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s] at full output, with drag by the square and a usual lag."""
+    """Return a motion that reaches *full_speed* [m/s] at full output, with quadratic drag and the usual lag."""
     drag = full_speed**-2
     return SingleDof(dof, "1", 2.0 * drag * full_speed * SPEED_TIME, 0.0, drag)
 
 
 def _lively(dof: str, full_speed: float, lag: float, share: float = 0.5) -> SingleDof:
-    """Return a craft that reaches *full_speed* [m/s, rad/s] at full output in *lag* [s], *share* of its drag by the
-    square.
+    """Return a motion that reaches *full_speed* [m/s, rad/s] at full output with the time constant *lag* [s].
+
+    share : of quadratic drag in its drag at full speed.
     """
     linear, square = (1.0 - share) / full_speed, share / full_speed**2
     return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * lag, linear, square)

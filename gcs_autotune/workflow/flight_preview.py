@@ -1,4 +1,4 @@
-"""What a flight will take, seen before anything moves: each run flown on paper, and made to fit the limits."""
+"""Previews of a flight before anything moves: each run simulated, and reduced to fit the limits."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, PaperCraft, PaperState, Preview, preview
+from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, NominalPlant, PlantState, Preview, preview
 from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, PaperVisit, worst_of
+from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
-from gcs_autotune.workflow.flight_plan import FlightLeg, FlightPlan, FlySettings, PlannedRun
-from gcs_autotune.workflow.flight_result import FlightResult, FlownRun, draw_previews
-from gcs_autotune.workflow.paper_craft import kin_of, paper_craft
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_result import FlightResult, write_previews
+from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
-from gcs_autotune.workflow.settings import TuneSettings
+from gcs_autotune.workflow.settings import CommonSettings
 
-__all__ = ["COMING_BACK", "DEEPER", "Foresight", "preview_of_model"]
+__all__ = ["COMING_BACK", "DEEPER", "FlightPreviewer", "preview_of_model"]
 
 DEEPER = 0.5
-"""Chosen [m]: so much deeper than a plan's least depth an ROV is taken, for it swings."""
+"""Chosen [m]: an ROV dives so much deeper than a plan's least depth, since its depth oscillates."""
 _LEFT = 0.7
 """Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
 SATURATED, OFTEN = 0.98, 0.05
@@ -39,13 +39,13 @@ _BOTTOMLESS = 1e3
 """Depth [m] from which nothing comes up to the surface meanwhile."""
 
 
-def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> FlightResult:
-    """Preview a plan with the model given, no vehicle at hand, and draw it where the settings say.
+def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> FlightResult:
+    """Preview a plan with its model, without a vehicle, and plot it in the run directory.
 
     Raises
     ------
     UsageError
-        The model is not about what moves, or there is no speed for a throttle.
+        The model lacks what moves, or there is no speed for a throttle.
     """
     if plan.area is not None:
         raise UsageError("the area check needs the vehicle's position. Preview with --connect")
@@ -56,25 +56,28 @@ def preview_of_model(plan: FlightPlan, common: TuneSettings, when: str) -> Fligh
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
             raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
-        paper = paper_craft(settings, None, {}, throttle, s.speed or 0.0)
-        if paper.assumed:
+        speed = s.speed or 0.0
+        plant = nominal_plant(settings, None, {}, throttle, speed)
+        if plant.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
             raise UsageError(f"model '{settings.model.name}' is of {have}, but {run.name} moves {wanted}")
-        runs.append(
-            FlownRun(
-                run, preview(settings.make(throttle, speed=s.speed or 0.0), paper, settings.envelope(s.speed or 0.0))
-            )
-        )
-    return FlightResult(runs, draw_previews(runs, plan, common.directory, when))
+        envelope = settings.envelope(speed)
+        seen = preview(settings.make(throttle, speed=speed), plant, envelope)
+        runs.append(FlightRun(run, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
+    return write_previews(runs, plan, common.directory, when)
 
 
 @dataclass(frozen=True, slots=True)
-class Foresight:
-    """Sees runs on paper from where *craft* is, with the parameters *held* aboard, inside *area*.
+class FlightPreviewer:
+    """Simulates runs from where *craft* is.
 
-    ``least_depth`` [m]: to which an ROV dives before each run. ``checks``: degrees of freedom whose actuators are
-    checked before the first run; ``several``: there are more, and a boat comes back after each.
+    Attributes
+    ----------
+    held : the vehicle's parameters that show how it moves. area : where it must stay.
+    least_depth : depth [m] to which an ROV dives before each run.
+    checks : degrees of freedom whose actuators are checked before the first run.
+    several : whether there are several runs; then a boat returns to the start after each.
     """
 
     craft: MavlinkCraft
@@ -85,7 +88,7 @@ class Foresight:
     checks: Sequence[str] = ()
     several: bool = False
 
-    def leg_of(self, run: PlannedRun) -> FlightLeg:
+    def run_of(self, run: PlannedRun) -> FlightRun:
         """Return *run* with its preview from where the craft is now."""
         settings = run.settings
         throttle, speed = settings.cruise(self.craft.firmware, self.held)
@@ -93,32 +96,32 @@ class Foresight:
         now = self.craft.observe()
         here = None if self.area is None else self.area.seen_from(now.x, now.y, now.psi)
         seen = self._foreseen(settings, replace(envelope, area=here), now)
-        return FlightLeg(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
+        return FlightRun(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
 
-    def made_to_fit(self, leg: FlightLeg) -> FlightLeg:
-        """Return a run that stays inside the limits: smaller and shorter than usual in what nobody gave, if need be.
+    def made_to_fit(self, run: FlightRun) -> FlightRun:
+        """Return the run, smaller and shorter than usual in the options left open, if that keeps it inside the limits.
 
-        One that does not fit whatever is tried is returned as it is, with what all of it takes.
+        One that cannot be made to fit is returned unchanged, with the preview of all of it.
         """
-        settings, troubled, why = leg.run.settings, leg.preview, leg.why_not
+        settings, troubled, why = run.settings, run.preview, run.why_not
         limited = "" if troubled.refusal or why else self._limited(troubled, settings)
         if not troubled.refusal and not why and not limited:
-            return leg
+            return run
         for smaller in settings.smaller():
-            fits = self.leg_of(replace(leg.run, settings=smaller))
+            fits = self.run_of(replace(run.planned, settings=smaller))
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
-                large = troubled.refusal or limited or f"it needs {leg.excursion.needs:g} m"
+                large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
                 self.watcher.say(
-                    f"{leg.run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
+                    f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
                 )
                 return fits
         if not troubled.craft.assumed:
-            return leg
+            return run
         whole = self._foreseen(settings, NO_LIMITS, self.craft.observe())
-        return replace(leg, preview=replace(whole, refusal=troubled.refusal))
+        return replace(run, preview=replace(whole, refusal=troubled.refusal))
 
     def _limited(self, seen: Preview, settings: FlySettings) -> str:
-        """Return that an actuator stands at its limit too often, where the autopilot's own loop is to be looked at."""
+        """Return in words that an actuator is at its limit too often for a test of the autopilot's own loop."""
         axis = settings.kind.axis
         force = DOFS[axis_kind(axis).dof].force if axis else ""
         if not axis or force not in seen.trial or settings.kind.drives:
@@ -128,13 +131,13 @@ class Foresight:
         return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
     def _whole(self, run: PlannedRun, seen: Preview, now: Observation) -> Excursion:
-        """Return what *run* takes with all that comes before and after it, of the worst craft where it is assumed."""
+        """Return the excursion of *run* with all that comes before and after it; of the worst assumed craft."""
         settings, firmware = run.settings, self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         papers = [seen.craft]
         if seen.craft.assumed:
-            kinds = kin_of(under_way=firmware.needs_way, skid=self.craft.skid)
-            papers = [paper_craft(settings, firmware, self.held, throttle, speed, kin) for kin in kinds]
+            kinds = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)
+            papers = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
         make = partial(run.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         visits = [self._visit(paper, make(), settings, now) for paper in papers]
         at_most = make().at_most
@@ -144,13 +147,13 @@ class Foresight:
         longest = self._visit(papers[0], Ahead(speed, at_most, run.name), settings, now)
         return replace(worst_of([whole, longest]), usual=whole)
 
-    def _visit(self, paper: PaperCraft, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
+    def _visit(self, paper: NominalPlant, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
         firmware, tied = self.craft.firmware, settings.kind.tied
         throttle, _ = settings.cruise(firmware, self.held)
         z = math.nan if firmware.floats else self._depth_before(settings, now)
-        visit = PaperVisit(paper, NO_LIMITS, PaperState(z=z), under_way=firmware.needs_way and not tied)
+        visit = VisitPreview(paper, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
-            check = sign_check_for(dof, firmware, self.craft.servos, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, self.craft, throttle, needs_speed=firmware.needs_way)
             visit.fly(check, STAGE)
         visit.fly(manoeuvre, manoeuvre.name)
         if self.several and not tied:
@@ -158,16 +161,16 @@ class Foresight:
         return visit.excursion()
 
     def _foreseen(self, settings: FlySettings, envelope: Envelope, now: Observation) -> Preview:
-        """Return the preview from *now*; where it is of assumed numbers, of the craft of which it comes out worse."""
+        """Return the preview from *now*; where heave is driven, the worse of a craft that sinks and one that rises."""
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
         manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
         seen = []
-        usual = kin_of(under_way=firmware.needs_way, skid=self.craft.skid)[0]
+        usual = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)[0]
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
-            paper = paper_craft(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
+            paper = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
             seen.append(preview(manoeuvre(), paper, envelope, floats=firmware.needs_way, way=way, depth=depth))
         return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
 

@@ -1,0 +1,258 @@
+"""The report of a flight (a manoeuvre or a plan), and of a preview. One function per section."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gcs_autotune.identify import Fit, Validation
+from gcs_autotune.report.plots import label_as_read
+from gcs_autotune.report.study.document import damping_section, model_section
+from gcs_autotune.report.study.study import answer_sentences
+from gcs_autotune.report.study.tables import unseen_table
+from gcs_autotune.report.summaries import sheet_section
+from gcs_autotune.report.toolkit.axis_fit import explained_sentence
+from gcs_autotune.report.toolkit.canvas import AFTER, new_axes
+from gcs_autotune.report.toolkit.document import (
+    IN_RESULT,
+    Document,
+    Figure,
+    KeyFigure,
+    Note,
+    Section,
+    Table,
+    Verdict,
+    notes,
+)
+from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
+from gcs_autotune.report.toolkit.wording import (
+    doubt_sentences,
+    format_moment,
+    format_percent,
+    format_seconds,
+    to_people,
+)
+from gcs_autotune.seatrials import Sheet
+from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+__all__ = ["FlightModel", "FlightStory", "TrialTold", "flight_document", "preview_document"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightModel:
+    """A model identified from a flight; ``unseen``: its prediction of the runs ``held_out``, if any."""
+
+    fit: Fit
+    held_out: Sequence[str] = ()
+    unseen: Validation | None = None
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        told = None if self.unseen is None else self.unseen.fit_percent
+        return {"dof": self.fit.dof, "fit": self.fit.to_dict(), "held_out": list(self.held_out), "prediction": told}
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTold:
+    """A run of a self-planned trial: ``why`` it was flown, its duration [s], the precision ``known`` after it, how
+    well [%] the previous model predicted it (``foretold``; NaN: there was none), and why it was the last.
+    """
+
+    run: str
+    why: str
+    seconds: float
+    known: str
+    foretold: float
+    ended: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightStory:
+    """A flight: its ``title``, ISO 8601 moment ``when`` and each run ``flown`` as (name, record).
+
+    ``predicted``: the predicted run, for the track of a single run. ``sheets``, ``models``: what was read off the
+    records; ``remarks``: what they do not show. ``steps``: of a self-planned trial.
+    """
+
+    title: str
+    when: str
+    flown: Sequence[tuple[str, Trial]]
+    predicted: Trial | None = None
+    sheets: Sequence[Sheet] = ()
+    models: Sequence[FlightModel] = ()
+    remarks: Sequence[str] = ()
+    steps: Sequence[TrialTold] = ()
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it is one run."""
+        return len(self.flown) == 1
+
+
+def flight_document(story: FlightStory) -> Document:
+    """Return the report of a flight: figures, models, and of each run signals and track."""
+    flown, steps = story.flown, story.steps
+    what = flown[0][1].reason if story.is_single else f"{len(flown)} runs, {_together([t for _, t in flown])}"
+    oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
+    ended = (f"{steps[-1].known}: {steps[-1].ended}.",) if steps else ()
+    doubts = (
+        *story.remarks,
+        *(text for sheet in story.sheets for text in doubt_sentences(sheet.doubts)),
+        *(text for model in story.models for text in doubt_sentences(model.fit.doubts)),
+    )
+    return Document(
+        title=story.title,
+        when=format_moment(story.when),
+        verdict=Verdict(f"Flown: {what}.", "bad" if oscillates else "good", ended),
+        key_figures=tuple(_key_figures(story)),
+        doubts=tuple(dict.fromkeys(doubts)) or None,
+        sections=tuple(section for make in SECTIONS for section in make(story)),
+        facts={
+            "schema": 1,
+            "sheets": [sheet.to_dict() for sheet in story.sheets],
+            "models": [model.to_dict() for model in story.models],
+        },
+    )
+
+
+def preview_document(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> Document:
+    """Return a preview: per run its name, record, time and space, and the reason not to fly it, if any."""
+    troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
+    good = f"Predicted: {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
+    each = tuple(f"Predicted: {name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
+    rest = (*troubles[1:], *(each if len(seen) > 1 or not troubles else (good,)))
+    figures = _signals(seen[0][1], predicted=True) if len(seen) == 1 else ()
+    track = _track({"predicted" if len(seen) == 1 else name: trial for name, trial, _, _ in seen})
+    return Document(
+        title=title,
+        when=format_moment(when),
+        verdict=Verdict(troubles[0] if troubles else good, "bad" if troubles else "good", rest),
+        sections=(Section("record", "Prediction", (*figures, track), facts=IN_RESULT),),
+    )
+
+
+def _together(runs: Sequence[Trial]) -> str:
+    return format_seconds(sum(run.duration for run in runs))
+
+
+def _key_figures(story: FlightStory) -> Iterator[KeyFigure]:
+    for model in story.models:
+        yield KeyFigure(format_percent(model.fit.fit_percent), f"fit, {model.fit.dof}", "free run")
+    for model in story.models:
+        if model.unseen is not None:
+            yield KeyFigure(format_percent(model.unseen.fit_percent), "prediction", ", ".join(model.held_out))
+
+
+def _runs(story: FlightStory) -> Iterator[Section]:
+    if not story.is_single:
+        rows = tuple((name, format_seconds(trial.duration), trial.reason) for name, trial in story.flown)
+        table = Table(("run", "length", "end"), "lrl", rows)
+        yield Section("runs", "Runs", (table,), facts=IN_RESULT)
+
+
+_HOW_TO_READ_COURSE = (
+    "After each run the model was identified again. The next run was the one expected to reach the required precision "
+    'in the least time. "Held-out prediction": how much of a run the model of the previous runs explained.'
+)
+
+
+def _course(story: FlightStory) -> Iterator[Section]:
+    if story.steps:
+        rows = tuple((s.run, s.why, format_seconds(s.seconds), _predicted(s), s.known) for s in story.steps)
+        table = Table(("run", "why", "length", "held-out prediction", "precision after it"), "llrrl", rows)
+        note = Note(_HOW_TO_READ_COURSE, kind="quiet")
+        yield Section("story", "Course of the trial", (note, table), facts=IN_RESULT)
+
+
+def _predicted(step: TrialTold) -> str:
+    if math.isnan(step.foretold):
+        return ""
+    return format_percent(step.foretold) if math.isfinite(step.foretold) else "diverges"
+
+
+def _sheets(story: FlightStory) -> Iterator[Section]:
+    for i, sheet in enumerate(story.sheets, start=1):
+        yield sheet_section(sheet, f"figures-{i}", facts=IN_RESULT)
+
+
+def _models(story: FlightStory) -> Iterator[Section]:
+    for i, model in enumerate(story.models, start=1):
+        section = model_section(model.fit, f"model-{i}")
+        unseen = unseen_table(model.unseen, model.fit.dof)
+        held_out = Section(f"held-out-{i}", f"Held-out prediction of {', '.join(model.held_out)}", (unseen,))
+        said = (explained_sentence(model.fit.fit_percent), *answer_sentences(model.fit))
+        yield replace(section, parts=(*notes(said), *section.parts, *damping_section(model.fit), held_out))
+
+
+def _record(story: FlightStory) -> Iterator[Section]:
+    runs = dict(story.flown)
+    named = {"flown": story.flown[0][1]} if story.is_single else runs
+    parts = (
+        *(f for name, run in story.flown[:MOST_SIGNALS] for f in _signals(run, "" if story.is_single else name)),
+        *(f for model in story.models for f in _fits(model, {t.name: t for t in runs.values()})),
+        _track(named if story.predicted is None else {**named, "predicted": story.predicted}),
+    )
+    yield Section("record", "Record", parts, facts=IN_RESULT)
+
+
+SECTIONS = (_runs, _course, _sheets, _models, _record)
+"""The sections in their order; a new one is a function here."""
+
+
+MOST_SIGNALS = 12
+"""Most runs whose signals are plotted; chosen so that the page stays small."""
+
+
+def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> Iterator[Figure]:
+    """Yield motion and inputs of a run, if it has both."""
+    signals = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1 and np.ptp(trial[n].values) > 0.0][:2]
+    inputs = [n for n in ("N", "X", "Z", "Y") if n in trial and len(trial[n]) > 1 and trial[n].values.any()]
+    if not signals or not inputs:
+        return
+    what = "predicted motion and input." if predicted else "motion and input."
+    caption = f"{name}: {what}" if name else f"{what[0].upper()}{what[1:]}"
+    yield Figure(f"signals{name}", caption, partial(_draw_signals, trial, signals, inputs))
+
+
+def _draw_signals(trial: Trial, signals: Sequence[str], inputs: Sequence[str]) -> Drawing:
+    figure, axes = new_axes((1.7,) * len(signals) + (0.9,))
+    for ax, signal in zip(axes, signals, strict=False):
+        unit, factor = to_people(trial[signal].unit)
+        few = thin(finite(trial[signal].t - trial.start, factor * trial[signal].values))
+        ax.plot(few.t, few.y, color=AFTER, lw=1.2)
+        ax.set_ylabel(f"{signal} [{unit}]")
+        label_as_read(ax, signal, float(few.y[0]) if len(few) else 0.0)
+    draw_inputs(axes[-1], trial, inputs, trial.start, trial.end)
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
+    own = "Model (free run) and measurement. Below: the residual."
+    unseen = () if model.unseen is None else model.unseen.traces
+    shown = [*((t, own) for t in model.fit.traces), *((t, f"Held-out prediction of {t.run}.") for t in unseen)]
+    for i, (trace, caption) in enumerate(shown):
+        if trace.run in runs:
+            draw = partial(draw_fit, trace, runs[trace.run], model.fit.model)
+            yield Figure(f"fit-{model.fit.dof}-{i}", caption, draw)
+
+
+def _track(runs: Mapping[str, Trial]) -> Figure:
+    caption = "Track from its start, north up; the prediction starts heading north."
+    return Figure("track", caption, partial(draw_track, {n: _from_origin(trial) for n, trial in runs.items()}))
+
+
+def _from_origin(trial: Trial) -> Trial:
+    moved = {
+        n: replace(c, values=c.values - c.values[0]) if n in ("x", "y") and len(c) else c
+        for n, c in trial.channels.items()
+    }
+    return replace(trial, channels=moved)

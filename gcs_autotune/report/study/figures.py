@@ -1,0 +1,71 @@
+"""The figures of an identification: correlation of the estimates, and the methods compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gcs_autotune.identify import Fit
+from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, WANTED, legend, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_correlation", "draw_methods"]
+
+
+DEEPEST = 0.7
+"""Opacity of the cell of a fully correlated pair; its number stays legible on light and dark pages."""
+
+_COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
+
+
+def draw_correlation(fit: Fit) -> Figure | None:
+    """Plot the correlation of every pair of estimates; None with fewer than three."""
+    from matplotlib.patches import Rectangle
+
+    names = [n for n, p in fit.parameters.items() if p.std > 0.0]
+    if len(names) < 3:
+        return None
+    places = [list(fit.parameters).index(n) for n in names]
+    table = fit.correlation[np.ix_(places, places)]
+    figure, (axes,) = new_axes((max(1.2, 0.27 * len(names)),))
+    for i, j in np.ndindex(table.shape):
+        # As deep as the pair is correlated, on the page's own paper: a dark page has no white cells.
+        deep, colour = abs(float(table[i, j])), AFTER if table[i, j] < 0.0 else BEFORE
+        axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, color=colour, alpha=DEEPEST * deep, lw=0))
+        told = f"{table[i, j]:.2f}".replace("0.", ".")
+        axes.text(j, i, told, ha="center", va="center", fontsize=6.5, color=INK)
+    axes.set_xlim(-0.5, len(names) - 0.5)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.grid(False)
+    return figure
+
+
+def draw_methods(selected: Fit, fits: Sequence[Fit]) -> Figure | None:
+    """Plot the estimates of each method relative to the *selected* one; None with a single method."""
+    if len(fits) < 2:
+        return None
+    names = [n for n, p in selected.parameters.items() if p.status == "fitted" and p.value != 0.0][:10]
+    fits = fits[: len(_COLOURS)]
+    figure, (axes,) = new_axes((0.34 * len(names) + 0.6,))
+    for k, fit in enumerate(fits):
+        for i, name in enumerate(names):
+            found = fit.parameters.get(name)
+            if found is None or found.status == "absent":
+                continue
+            truth = selected.parameters[name].value
+            reach = abs(1.96 * found.std / truth) if np.isfinite(found.std) else 0.0
+            y = i + 0.7 * (k / max(len(fits) - 1, 1) - 0.5)
+            label = fit.method if i == 0 else None
+            axes.errorbar(found.value / truth, y, xerr=reach, fmt="o", ms=3, lw=1, color=_COLOURS[k], label=label)
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xlim(0.0, 2.0)
+    axes.invert_yaxis()
+    axes.set_xlabel("estimate / selected")
+    legend(axes)
+    return figure

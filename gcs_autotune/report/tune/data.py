@@ -1,0 +1,46 @@
+"""The record of a tune as data: ``summary.json``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gcs_autotune.design import StepMetrics
+from gcs_autotune.identify import whole_model
+from gcs_autotune.report.tune.story import TuneStory
+
+__all__ = ["SCHEMA", "summarise"]
+
+
+SCHEMA = 1
+
+
+def summarise(story: TuneStory) -> dict[str, Any]:
+    """Return a short summary for programs that read many runs."""
+    proposal, fit = story.proposal, story.fit
+    return {
+        "schema": SCHEMA,
+        "title": story.title,
+        "when": story.when,
+        "axis": story.axis,
+        "vehicle": dict(story.vehicle),
+        "ending": story.ending,
+        "reason": story.reason,
+        "kept": story.kept,
+        "verdict_reasons": list(story.verdict_reasons),
+        "metrics": {"before": _metrics(story.metrics_before), "after": _metrics(story.metrics_after)},
+        "turn_rates": None
+        if story.beside is None
+        else dict(zip(("before", "after"), map(_metrics, story.beside), strict=True)),
+        "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
+        "stable": None
+        if proposal is None
+        else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},
+        "model": story.given if fit is None else whole_model(fit).to_dict(),
+        "std": None if fit is None else {name: p.std for name, p in fit.parameters.items()},
+        "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
+        "differences": {name: list(pair) for name, pair in story.differences.items()},
+    }
+
+
+def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:
+    return None if metrics is None else {name: getattr(metrics, name) for name in StepMetrics.__slots__}

@@ -1,0 +1,249 @@
+"""The report of a tune. One function per section."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from gcs_autotune.report.toolkit.axis_fit import (
+    cycle_table,
+    damping_parts,
+    estimate_table,
+    explained_sentence,
+    model_sentences,
+    model_table,
+    model_words,
+)
+from gcs_autotune.report.toolkit.document import (
+    IN_RESULT,
+    Document,
+    KeyFigure,
+    Note,
+    Part,
+    Section,
+    Table,
+    bullets,
+    notes,
+)
+from gcs_autotune.report.toolkit.wording import (
+    UNKNOWN,
+    doubt_sentences,
+    format_change,
+    format_moment,
+    format_number,
+    format_percent,
+    format_quantity,
+    format_share,
+    sentence,
+)
+from gcs_autotune.report.tune.data import summarise
+from gcs_autotune.report.tune.figures import (
+    bode_figure,
+    fit_figures,
+    model_figures,
+    relay_figures,
+    step_figure,
+    track_figure,
+)
+from gcs_autotune.report.tune.story import TuneStory
+from gcs_autotune.report.tune.tables import (
+    beside_table,
+    changed_parameters,
+    gains_table,
+    margins_table,
+    metrics_table,
+    rates_table,
+    vehicle_table,
+)
+from gcs_autotune.report.tune.wording import (
+    PROOF_SENTENCE,
+    bound_sentence,
+    proof_command,
+    safety,
+    settling_cell,
+    undo_command,
+    undo_sentence,
+    verdict_of,
+)
+
+__all__ = ["tune_document"]
+
+MOST_PARAMETERS = 24
+"""Most parameters listed without folding them. Chosen."""
+
+
+def tune_document(story: TuneStory) -> Document:
+    """Return the report of a tune, as far as it got; its JSON form is ``summary.json``."""
+    fit = story.fit
+    doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
+    return Document(
+        title=f"{story.title[:1].upper()}{story.title[1:]}: {story.ending}",
+        about=(str(story.vehicle.get("name", "vehicle not identified")),),
+        when=format_moment(story.when),
+        badge="simulated vehicle" if story.vehicle.get("simulated", False) else "",
+        verdict=verdict_of(story),
+        key_figures=tuple(_key_figures(story)),
+        doubts=doubts if doubts or fit is not None else None,
+        sections=tuple(section for make in SECTIONS for section in make(story)),
+        facts=summarise(story),
+    )
+
+
+def _key_figures(story: TuneStory) -> Iterator[KeyFigure]:
+    before, after, source = story.metrics_before, story.metrics_after, "measured"
+    if story.proposal is not None and (before is None or after is None):
+        before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
+    if before is not None and after is not None:
+        change = format_change(before.itae, after.itae).replace("-", "\N{MINUS SIGN}")
+        yield KeyFigure(change or UNKNOWN, "tracking error", source)
+        yield KeyFigure(format_share(after.overshoot), "overshoot", f"{source}, was {format_share(before.overshoot)}")
+        yield KeyFigure(settling_cell(after), "settling time", f"{source}, was {settling_cell(before)}")
+    if story.proposal is not None:
+        worst = story.proposal.worst_margins
+        margin = format_quantity(worst.phase, "rad", 2) if worst.stable else "unstable"
+        yield KeyFigure(margin, "phase margin", "worst case")
+    if story.fit is not None:
+        yield KeyFigure(format_percent(story.fit.fit_percent), "model fit", "free run")
+
+
+def _step(story: TuneStory) -> Iterator[Section]:
+    measured = metrics_table(story.metrics_before, story.metrics_after)
+    beside = "The same gains also control turn rate. This turn-rate step was flown with the old and the new gains."
+    kept = "were kept" if story.kept else "were not kept"
+    parts: tuple[Part, ...] = (
+        *step_figure(story),
+        measured,
+        Note(beside if story.beside is not None else ""),
+        beside_table(story),
+        Section("step-reasons", f"Why the new gains {kept}", tuple(bullets(story.verdict_reasons))),
+    )
+    is_compared = measured.rows and story.metrics_after is not None
+    yield Section("step", "Step before and after" if is_compared else "Step", parts, facts=IN_RESULT)
+
+
+def _gains(story: TuneStory) -> Iterator[Section]:
+    proposal = story.proposal
+    if not story.changes and proposal is None:
+        return
+    parts: list[Part] = [gains_table(story.changes)]
+    if proposal is not None:
+        wanted = proposal.wanted
+        how = (
+            f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
+            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is that of the "
+            "firmware's documentation."
+        )
+        predicted = metrics_table(proposal.before.metrics, proposal.after.metrics)
+        parts += [
+            Note(how, kind="quiet"),
+            *(Note(sentence(note), detail=True) for note in proposal.notes),
+            Section("gains-predicted", "Predicted on the model", (predicted,), detail=True),
+        ]
+    yield Section("gains", "Gains", tuple(parts), facts=IN_RESULT)
+
+
+def _proof(story: TuneStory) -> Iterator[Section]:
+    if story.awaits_proof and story.proving:
+        command = Note(proof_command(story), PROOF_SENTENCE, kind="command")
+        yield Section("proof", "How to apply and prove them", (command,), facts=IN_RESULT)
+
+
+def _undo(story: TuneStory) -> Iterator[Section]:
+    """Yield the command that restores the old parameters; on the terminal only where new gains stay."""
+    if story.parameters_before:
+        command = Note(undo_command(story), undo_sentence(story), kind="command")
+        yield Section("undo", "How to undo", (command,), detail=story.ending != "kept", facts=IN_RESULT)
+
+
+def _model(story: TuneStory) -> Iterator[Section]:
+    fit = story.fit
+    if fit is None:
+        return
+    how = (
+        "alpha · acceleration + (beta + beta₂ · |rate|) · rate = actuator + delta. "
+        f"Identified by {fit.method} from {', '.join(fit.used)}. The numbers are rounded to their standard error."
+    )
+    parts: tuple[Part, ...] = (
+        Note(explained_sentence(fit.fit_percent)),
+        *notes(model_sentences(fit)),
+        model_table(fit),
+        *model_figures(story),
+        Note(how, kind="quiet"),
+        Section("damping", "Choice of damping", damping_parts(fit)),
+    )
+    yield Section("model", f"Model: {model_words(fit)}", parts, detail=True, facts=IN_RESULT)
+
+
+_HOW_TO_READ_CYCLES = (
+    "IS-O assumes sinusoidal motion and starts the refined fit, which uses every sample. In an IS-O row the two "
+    "damping columns are alternatives."
+)
+
+
+def _relays(story: TuneStory) -> Iterator[Section]:
+    fit = story.fit
+    heading = "Throttle steps" if story.swung.position == "u" else "Relay experiments"
+    parts: list[Part] = list(relay_figures(story))
+    if parts and fit is not None and fit.iso:
+        estimates = (estimate_table(fit), Note(_HOW_TO_READ_CYCLES, kind="quiet"))
+        parts.append(Section("relay-cycles", "Limit cycles", (cycle_table(fit),)))
+        parts.append(Section("relay-estimates", "First-harmonic estimate and refined fit", estimates))
+    yield Section("relay", heading, tuple(parts), detail=True, facts=IN_RESULT)
+
+
+def _fit(story: TuneStory) -> Iterator[Section]:
+    yield Section("fit", "Model and measurement", tuple(fit_figures(story)), facts=IN_RESULT)
+
+
+def _margins(story: TuneStory) -> Iterator[Section]:
+    proposal = story.proposal
+    if proposal is not None:
+        bound = Note(bound_sentence(proposal.bound), kind="quiet")
+        parts: tuple[Part, ...] = (Note(safety(proposal)), margins_table(proposal), *bode_figure(story), bound)
+        yield Section("margins", "Stability", parts, detail=True, facts=IN_RESULT)
+
+
+def _track(story: TuneStory) -> Iterator[Section]:
+    yield Section("track", "Track", (track_figure(story),), facts=IN_RESULT)
+
+
+def _vehicle(story: TuneStory) -> Iterator[Section]:
+    parts: tuple[Part, ...] = (
+        vehicle_table(story.vehicle),
+        Section("rates", "Message rates", (rates_table(story.rates),)),
+        Section("announced", "Announced before the start", tuple(bullets(story.announced))),
+    )
+    yield Section("vehicle", "Vehicle and link", parts, detail=True, facts=IN_RESULT)
+
+
+def _events(story: TuneStory) -> Iterator[Section]:
+    rows = tuple(("" if math.isnan(t) else f"{t:.1f} s", text) for t, text in story.events)
+    clock = Note("Times are those of the vehicle's clock." if rows else "", kind="quiet")
+    yield Section("events", "Events", (Table(("", ""), "rl", rows), clock), detail=True, facts=IN_RESULT)
+
+
+def _parameters(story: TuneStory) -> Iterator[Section]:
+    table = changed_parameters(story, MOST_PARAMETERS)
+    yield Section("parameters", "Parameters before and after", (table,), detail=True, facts=IN_RESULT)
+
+
+def _files(story: TuneStory) -> Iterator[Section]:
+    yield Section("files", "Files of this run", tuple(bullets(story.files)), detail=True, facts=IN_RESULT)
+
+
+SECTIONS = (
+    _step,
+    _gains,
+    _proof,
+    _undo,
+    _model,
+    _relays,
+    _fit,
+    _margins,
+    _track,
+    _vehicle,
+    _events,
+    _parameters,
+    _files,
+)
+"""The sections in their order; a new one is a function here."""

@@ -1,0 +1,240 @@
+"""One job on one vehicle: connect, declare, announce, ask, arm, fly, restore.
+
+``tune``, ``experiment`` and ``fly`` each declare a :class:`Mission`. :func:`run_mission` carries out any of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import OperatorStopped, PreconditionFailed
+from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
+from gcs_autotune.manoeuvres import Envelope, restore_on_exit
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.announcement import after_a_silence
+from gcs_autotune.workflow.background import agreed, asked_now, beside
+from gcs_autotune.workflow.connection import arming, connect_craft, say_link_times
+from gcs_autotune.workflow.itinerary import Itinerary, MissionLog
+from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
+from gcs_autotune.workflow.onboard_log import RunLog, log_of_run
+from gcs_autotune.workflow.open_runs import forget_run, note_run, refuse_open_runs
+from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import make_ready
+from gcs_autotune.workflow.record import RunDirectory
+from gcs_autotune.workflow.resuming import note_setting_out
+from gcs_autotune.workflow.runner import ManoeuvreRunner
+from gcs_autotune.workflow.settings import CommonSettings
+from gcs_autotune.workflow.worker import Worker
+
+__all__ = ["Mission", "Visit", "run_mission", "visiting"]
+
+Log = TypeVar("Log", bound=MissionLog)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visit(Generic[Log]):
+    """What a job has at hand once it is connected to its vehicle; ``worker`` computes while the link is served."""
+
+    common: CommonSettings
+    operator: Operator
+    log: Log
+    record: RunDirectory
+    craft: MavlinkCraft
+    worker: Worker
+
+    def keep(self, trial: Trial) -> None:
+        """Write *trial* to disk while the link is served."""
+        beside(self.craft, partial(self.record.keep, trial))
+
+    def runner(self, envelope: Envelope, keep: Callable[[Trial], None], *, gains: bool = False) -> ManoeuvreRunner:
+        """Return what flies manoeuvres here; arguments as those of :class:`.ManoeuvreRunner`."""
+        ask = partial(asked_now, self.craft, self.operator, self.log)
+        return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
+
+    def agrees(self, question: str) -> bool:
+        """Return whether the operator agrees; for a simulated vehicle there is no question."""
+        return agreed(self.craft, self.operator, self.log, question)
+
+
+@contextmanager
+def visiting(
+    common: CommonSettings,
+    operator: Operator,
+    log: Log,
+    record: RunDirectory,
+    axis: str,
+    *,
+    dofs: tuple[str, ...] = (),
+    laws: tuple[str, ...] = (),
+) -> Iterator[Visit[Log]]:
+    """Connect to the vehicle; *dofs* and *laws* are compiled for meanwhile, and on a slow link *axis* comes first."""
+    with (
+        jit_warmup(common.connection.uri, dofs, laws) as worker,
+        connect_craft(common, operator, log, record, axis) as craft,
+    ):
+        yield Visit(common, operator, log, record, craft, worker)
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mission:
+    """What a job does on its vehicle, declared before anything is armed, moved or written.
+
+    Attributes
+    ----------
+    itinerary : its stages with their times.
+    modes : flight modes it uses; none: there is nothing to arm and to fly, for the reason ``movements``.
+    movements, needs : what moves; space, time and battery, in words.
+    fly : flies it; called armed, with the open journal.
+    writes : what may be written, in words.
+    held : parameters (name -> value) that a run which resumes this one must find; None: it cannot be resumed.
+    prepare : called once the operator has agreed, before anything is armed.
+    finish : called on every ending once the vehicle is restored.
+    way_on : how to continue after an error ended it early, in words; empty where nothing can be used again.
+    """
+
+    itinerary: Itinerary
+    modes: tuple[str, ...]
+    movements: str
+    needs: tuple[str, ...]
+    fly: Callable[[Journal], None]
+    writes: str = "write no parameter"
+    held: Mapping[str, float] | None = None
+    prepare: Callable[[], None] = _nothing
+    finish: Callable[[], None] = _nothing
+    way_on: Callable[[BaseException], str] = lambda error: ""
+
+
+def run_mission(
+    visit: AbstractContextManager[Visit[Log]], declare: Callable[[Visit[Log]], Mission], log: MissionLog
+) -> RunLog:
+    """Carry out the mission that *declare* returns for the vehicle of *visit*; return the vehicle's own log of it.
+
+    Raises
+    ------
+    AutotuneError
+        What ended it early. By then the vehicle is as before, or ``NotAsFound`` states what is not.
+    """
+    mission: Mission | None = None
+    try:
+        with visit as at:
+            mission = declare(at)
+            if mission.held is not None:
+                note_setting_out(at.record, at.common, at.craft, mission.held)
+            await_warmup(at.craft, at.worker, log)
+            with log_of_run(at.common.fetch_log, at.craft, at.record, at.operator, log) as onboard:
+                _carry_out(mission, at)
+    except BaseException as error:
+        log.abort(error)
+        way_on = "" if mission is None else mission.way_on(error)
+        if way_on:
+            log.say(way_on)
+        raise
+    return onboard
+
+
+def _carry_out(mission: Mission, visit: Visit[Log]) -> None:
+    if not mission.modes:
+        visit.log.say(mission.movements)
+        mission.prepare()
+        return
+    _announce(mission, visit)
+    mission.prepare()
+    try:
+        with _armed(visit) as journal:
+            mission.fly(journal)
+    finally:
+        mission.finish()
+
+
+def _announce(mission: Mission, visit: Visit[Log]) -> None:
+    """State what will be done, and ask.
+
+    Raises
+    ------
+    OperatorStopped
+        The answer was no.
+    """
+    craft, modes = visit.craft, mission.modes
+    visit.log.itinerary = mission.itinerary
+    visit.log.announce(
+        (
+            arming(craft),
+            f"use mode{'s' * (len(modes) > 1)} {' and '.join(modes)}, and return to {craft.mode} at the end",
+            f"move: {mission.movements}",
+            *mission.needs,
+            *after_a_silence(visit.common, armed=craft.armed),
+            mission.writes,
+        )
+    )
+    if not visit.agrees("Go ahead?"):
+        raise OperatorStopped("not started: the answer was no. Nothing was armed, moved or written")
+
+
+@contextmanager
+def _armed(visit: Visit[Log]) -> Iterator[Journal]:
+    """Arm, and restore everything on the way out; the journal is on disk before anything is armed, moved or written.
+
+    It is settled only when the vehicle was left as before, else ``gcs-autotune restore`` has work to do.
+
+    Raises
+    ------
+    PreconditionFailed
+        The journal cannot be written; then nothing is done.
+    NotAsFound
+        Something could not be restored.
+    """
+    craft, log, record = visit.craft, visit.log, visit.record
+    journal: Journal | None = None
+
+    def settle() -> None:
+        try:
+            if journal is not None:
+                journal.close()
+                forget_run(record.journal)
+        except PreconditionFailed as error:  # a disk that is full by now does no harm
+            log.say(
+                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
+                f"check"
+            )
+
+    def open_journal(found: Observation) -> Journal:
+        refuse_open_runs(craft)
+        if not craft.session.transport.is_simulated:  # a vehicle in this process is nobody else's, and ends with it
+            note_run(record.journal)
+        craft.session.at_work = True
+        opened = Journal(
+            record.journal,
+            vehicle=craft.session.vehicle,
+            link=visit.common.connection.uri,
+            mode=found.mode,
+            armed=found.armed,
+            fingerprint=fingerprint_of(craft.parameters),
+        )
+        craft.on_order = lambda event, what: beside(craft, partial(note_order, opened, event, what))
+        return opened
+
+    def note_order(opened: Journal, event: str, what: Mapping[str, Any]) -> None:
+        with suppress(PreconditionFailed):  # a full disk keeps nobody from ordering neutral; restore then asks
+            opened.record(event, **what)
+
+    try:
+        with restore_on_exit(craft, log, settle) as found:
+            journal = open_journal(found)
+            make_ready(craft, log)
+            craft.arm()
+            say_link_times(craft, log)
+            yield journal
+    finally:
+        if journal is not None:
+            craft.on_order = lambda event, what: None
+            craft.session.at_work = False
+            journal.leave()

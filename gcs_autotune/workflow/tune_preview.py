@@ -1,0 +1,135 @@
+"""What a tune or an experiment will do and take, predicted before anything moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gcs_autotune.axes import axis_kind
+from gcs_autotune.craft import Observation
+from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.manoeuvres import Envelope, Manoeuvre, PlantState
+from gcs_autotune.workflow.announcement import ROV_ROOM, deepest
+from gcs_autotune.workflow.beside import flies_beside
+from gcs_autotune.workflow.context import TuneContext
+from gcs_autotune.workflow.excursion import (
+    NO_LIMITS,
+    Ahead,
+    Excursion,
+    VisitPreview,
+    least_distance,
+    too_small,
+    worst_of,
+)
+from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, dive_for
+from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune
+from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
+from gcs_autotune.workflow.preflight import sign_check_for
+
+__all__ = ["excursion_of", "movements_of", "tune_legs"]
+
+
+def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
+    """Return what a tune or an experiment takes, of the worst craft and of the longest of *itineraries*.
+
+    Raises
+    ------
+    PreconditionFailed
+        A limit that was set cannot be kept; the message has the nearest number that can.
+    """
+    settings, craft = context.settings, context.craft
+    envelope = replace(settings.envelope, cruise=context.speed)
+    if craft.firmware.needs_way:
+        whole = _under_way(context, envelope, itineraries)
+        if envelope.distance is not None and whole.distance > envelope.distance:
+            most = replace(envelope, distance=None).distance_limit
+            least = least_distance(
+                lambda metres: _under_way(context, replace(envelope, distance=metres), itineraries).distance > metres,
+                most := 2.0 * max(most, envelope.distance),
+            )
+            least = most if math.isnan(least) else least
+            raise PreconditionFailed(too_small(_what(context), "max-distance", envelope.distance, least, "m"))
+    else:
+        depth_max = deepest(context.axis.dof, settings, now)
+        angle, depth = _stepped(context)
+        seconds = itineraries[0].seconds
+        whole = Excursion(seconds, ROV_ROOM, depth_max=depth_max, heading_excursion=angle, depth_excursion=depth)
+    rest = replace(whole, distance=0.0 if craft.firmware.needs_way else ROV_ROOM, usual=None)  # distance: see above
+    why = rest.beyond(envelope, _what(context))
+    if why:
+        raise PreconditionFailed(why)
+    return whole
+
+
+def _stepped(context: TuneContext) -> tuple[float, float]:
+    """Return how far a step of the settings goes from the start: heading [rad] and depth [m]."""
+    step, dof = context.settings.step, context.axis.dof
+    size = 0.0 if step is None or axis_kind(context.axis.name).stepped not in ("psi", "z") else abs(step)
+    return (size, 0.0) if dof == "yaw" else (0.0, size)
+
+
+def _what(context: TuneContext) -> str:
+    return f"this run in {context.axis.name}"
+
+
+def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[Itinerary]) -> Excursion:
+    """Return what the stages of a boat take inside *envelope*: at most, and as the first of *itineraries* goes."""
+    craft, settings, axis = context.craft, context.settings, context.axis
+    seen = []
+    for itinerary in itineraries:
+        for like in assumed_crafts(under_way=True, skid=craft.skid):
+            paper = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
+            check = sign_check_for(axis.dof, craft, context.throttle, axis.needs_speed, settings.relay_output)
+            limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
+            visit = VisitPreview(paper, limits, PlantState(), under_way=True)
+            _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
+            seen.append(visit.excursion())
+    return replace(worst_of(seen), usual=worst_of(seen[: len(seen) // len(itineraries)]))
+
+
+def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
+    """Return the stages of a tune at *pace*."""
+    dof, firmware = context.axis.dof, context.craft.firmware
+    given = context.given is not None or context.settings.gains is not None
+    dives = dive_for(dof, firmware, now) is not None
+    moving = context.law.controls_velocity
+    beside = flies_beside(context) and context.settings.gains is None
+    return legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
+
+
+def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
+    """Simulate the *check* and the *legs* of a tune or an experiment of a boat.
+
+    A step or an oscillation about the course is simulated straight ahead at *speed* [m/s]: that needs most space.
+    """
+    visit.fly(check, legs[0].stage)
+    for leg in legs[1:]:
+        is_step = leg.kind in STEPS
+        ahead = math.inf if leg.before > 0.0 else STEP_AHEAD if is_step else SWING_AHEAD
+        visit.turn_around(throttle, ahead, last=is_step)
+        least = LEAST_STEP if is_step else TOLD * leg.seconds
+        visit.fly(Ahead(speed, leg.seconds, leg.stage, least), leg.stage)
+
+
+STEPS = ("step", "turn rate")
+"""Kinds of legs that are a proof."""
+LEAST_STEP, TOLD = 20.0, 0.35
+"""Chosen: seconds of a step, and share of an oscillation, after which it may end where the space ends."""
+
+
+def movements_of(context: TuneContext, now: Observation) -> str:
+    """Return in words what moves during a tune."""
+    axis, d, speed = context.axis, axis_kind(context.axis.name), context.speed
+    step = context.settings.step if context.settings.step is not None else d.step
+    shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
+    shown = "" if context.law.controls_velocity else shown
+    turning = ", turning around if space requires" if speed else ""
+    under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
+    dive = dive_for(axis.dof, context.craft.firmware, now)
+    down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
+    signs = d.excitation.check
+    kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
+    swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
+    beside = ", steps in turn rate" if flies_beside(context) and context.settings.gains is None else ""
+    return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

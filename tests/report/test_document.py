@@ -1,0 +1,128 @@
+"""One document, three renderings: a section is written once and appears on page, terminal and in JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import diagnosis_stories
+import pytest
+import report_stories
+from page_reader import Page
+
+from gcs_autotune.plain_json import json_text
+from gcs_autotune.report import (
+    Document,
+    FlightStory,
+    LoopCheck,
+    LoopNumbers,
+    MethodOutcome,
+    Study,
+    diagnosis_document,
+    flight_document,
+    recheck_document,
+    study_document,
+    to_html,
+    to_json,
+    tune_document,
+)
+from gcs_autotune.report.diagnosis import document as diagnosis
+from gcs_autotune.report.flight import document as flight
+from gcs_autotune.report.flight import recheck
+from gcs_autotune.report.study import document as study
+from gcs_autotune.report.toolkit.document import IN_RESULT, Figure, Note, Section, Table, Verdict
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.tune import document as tune
+
+GOOD = LoopCheck("heading", "good", "The heading loop is good.", "good", (), LoopNumbers(overshoot=0.05))
+FLOWN = FlightStory("zig-zag", "", (("zig-zag", report_stories.step_trial()),))
+FITTED = Study("Identification", "", (), (MethodOutcome("output-error", report_stories.fit(), 0.2),))
+
+REPORTS = {
+    "diagnosis": (diagnosis, lambda: diagnosis_document(diagnosis_stories.bare())),
+    "tune": (tune, lambda: tune_document(report_stories.never_started())),
+    "study": (study, lambda: study_document(FITTED)),
+    "flight": (flight, lambda: flight_document(FLOWN)),
+    "recheck": (recheck, lambda: recheck_document(GOOD)),
+}
+
+
+def energy(*told):
+    """The section of a reader who wants one more."""
+    yield Section("energy", "Energy", (Note("It took 3 Wh."), Table(("run", "energy"), "lr", (("first", "3 Wh"),))))
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_a_section_is_one_function_and_appears_on_page_terminal_and_in_json(name, monkeypatch) -> None:
+    module, document = REPORTS[name]
+    before = to_json(document())
+    monkeypatch.setattr(module, "SECTIONS", (*module.SECTIONS, energy))
+    page = Page(to_html(document())).text
+    text = render_text(document())
+    for told in ("Energy", "It took 3 Wh.", "first"):
+        assert told in page
+        assert told in text
+    data = json.loads(json_text(to_json(document())))
+    assert data.pop("energy") == {
+        "title": "Energy",
+        "parts": [{"text": "It took 3 Wh."}, {"heads": ["run", "energy"], "rows": [["first", "3 Wh"]]}],
+    }
+    assert data == json.loads(json_text(before))
+
+
+def shown(*parts, **about) -> Document:
+    return Document("A report", (Section("one", "First", parts),), **about)
+
+
+def test_a_part_with_nothing_in_it_is_left_out_everywhere() -> None:
+    empty = shown(Note(""), Table(("head",), "l", ()), Section("two", "Second", (Note(""),)))
+    assert "First" not in Page(to_html(empty)).text
+    assert render_text(empty).strip() == ""
+    assert to_json(empty) == {}
+
+
+def test_a_detail_is_on_the_page_and_not_on_the_terminal() -> None:
+    document = shown(Note("plain"), Note("deep", detail=True), Note("how to read it", kind="quiet"))
+    assert render_text(document).split() == ["First", "plain"]
+    assert "deep" in Page(to_html(document)).text and "how to read it" in Page(to_html(document)).text
+
+
+def test_rows_beyond_those_shown_are_folded_on_the_page_and_left_out_on_the_terminal() -> None:
+    document = shown(Table(("run",), "l", tuple((f"run {k}",) for k in range(9)), shown=2))
+    page = to_html(document)
+    assert page.index("run 1") < page.index("<summary>7 more</summary>") < page.index("run 2")
+    assert "run 1" in render_text(document) and "run 2" not in render_text(document)
+    assert len(to_json(document)["one"]["parts"][0]["rows"]) == 9
+
+
+def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> None:
+    document = shown(Table(("name", "meaning"), "ll", (("a", "long"),), wide=("meaning",)))
+    assert "meaning" not in render_text(document) and "meaning" in to_html(document)
+
+
+def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
+    document = shown(Note("words"), verdict=Verdict("It works.", "good"), contradictions=("x and y disagree.",))
+    assert render_text(document).split()[-2:] == ["It", "works."]
+    assert render_text(document).index("disagree") < render_text(document).index("words")
+    assert "It works. x and y disagree." in Page(to_html(document)).text
+    led = render_text(replace(document, lead="Your boat is fine."))
+    assert led.index("Your boat is fine.") < led.index("It works.") < led.index("words")
+
+
+def test_a_document_draws_nothing_until_it_is_a_page() -> None:
+    drawn = []
+
+    def draw() -> None:
+        drawn.append(1)
+
+    document = shown(Note("words"), Figure("one", "a figure", draw))
+    assert "words" in render_text(document) and to_json(document)
+    assert drawn == []
+    to_html(document)
+    assert drawn == [1]
+
+
+def test_facts_of_a_section_replace_its_text_in_json() -> None:
+    one = Section("one", "First", (Note("3 Wh"),), facts={"energy": 10800.0})
+    two = Section("two", "Second", (Note("words"),), facts=IN_RESULT)
+    assert to_json(Document("", (one, two), facts={"schema": 1})) == {"schema": 1, "energy": 10800.0}
