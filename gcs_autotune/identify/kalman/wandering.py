@@ -26,8 +26,9 @@ from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, F
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
 from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
-from gcs_autotune.identify.kalman.wandering_score import Coordinates, Water, free_of
+from gcs_autotune.identify.kalman.wandering_score import Coordinates, Point, Water, free_of
 from gcs_autotune.identify.kalman.waves import waves_ahead
+from gcs_autotune.identify.least_squares import Local, ToWithin, descend, step_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import fingerprint, recalled
 from gcs_autotune.models import Form, Simulator, states_of
@@ -47,12 +48,11 @@ wide enough to leave the answer to the run, narrow enough for a bent equation.""
 ROUNDS = 30
 """Most scoring rounds."""
 
+MOST_TRIALS = 10_000
+"""Of a fit: its scoring rounds end it, or the damping."""
+
 ENOUGH = 2e-2
 """Expected gain of the log-likelihood at which a search ends."""
-
-STEP = 0.3
-"""Chosen: length of a difference in standard errors, all else held. Where unknowns go together that is a small share of
-their own error, and with a step of 0.02 rounding ended a fit 1.3 nats early, its errors half of what they are."""
 
 LINEAR_STATES = 3
 """Position, velocity and the force: what a sample of the linear filter counts as work, as in a filter bank."""
@@ -358,41 +358,31 @@ class WanderingProblem:
         *,
         only_log_likelihood: bool,
     ) -> WanderingFit | None:
-        free_effects = free_of(effects, held)
-        coordinates = Coordinates(self, effects, free_effects, water)
+        coordinates = Coordinates(self, effects, free_of(effects, held), water)
         x = coordinates.clipped(coordinates.pack(theta, effects, water))
-        here = coordinates.begun(x)
-        if here is None:
+        rules, reach = ToWithin(2.0 * ENOUGH), coordinates.reach
+        rounds = 0 if only_log_likelihood else rounds
+        end = descend(
+            coordinates.local,
+            x,
+            coordinates.low,
+            coordinates.high,
+            trials=MOST_TRIALS,
+            rules=rules,
+            rounds=rounds,
+            reach=reach,
+        )
+        if end is None:
             return None
-        steps = coordinates.first_steps(x)
-        damping, information = 1e-3, np.eye(len(x))
-        for _ in range(0 if only_log_likelihood else rounds):
-            here = coordinates.eased(x, here)
-            gradient, information = coordinates.score(x, here, steps)
-            scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
-            steps = np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12)
-            steps = np.minimum(steps, coordinates.widest)
-            improved = 0.0
-            while damping < 1e8:
-                A = information + damping * np.diag(scale**2)
-                move = coordinates.bounded_move(x, gradient, A)
-                other = coordinates.clipped(x + move)
-                there = coordinates.at(other)
-                if there is not None and there[1] > here[1]:
-                    improved, x, here = there[1] - here[1], other, there
-                    damping = max(damping * 0.2, 1e-6)
-                    break
-                # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
-                if float(np.abs(gradient) @ np.abs(move)) < ENOUGH:
-                    break
-                damping = max(damping * 6.0, 1e-3)
-            if improved < ENOUGH:
-                break
-        theta, effects, water = coordinates.unpack(x)
         inverse: Array = np.full((len(x), len(x)), np.nan)
         if not only_log_likelihood:
-            inverse = np.asarray(np.linalg.pinv(information), dtype=np.float64)
-        return WanderingFit(self.form, theta, effects, water, here[2], free_effects, inverse, here[0])
+            inverse = np.asarray(np.linalg.pinv(coordinates.information), dtype=np.float64)
+        return self._fit_at(coordinates, end.place, inverse)
+
+    def _fit_at(self, coordinates: Coordinates, here: Point, covariance: Array) -> WanderingFit:
+        theta, effects, water = coordinates.unpack(here.x)
+        free = coordinates.free_effects
+        return WanderingFit(self.form, theta, effects, water, here.each, free, covariance, here.innovations)
 
     def tangent(self, fit: WanderingFit) -> Tangent | None:
         """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
@@ -403,8 +393,7 @@ class WanderingProblem:
         if here is None:
             return None
         scale = 1.0 / np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
-        steps = np.minimum(np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12), coordinates.widest)
-        return Tangent(*coordinates.derivatives(x, here, steps))
+        return Tangent(*coordinates.derivatives(x, here, coordinates.steps_for(x, scale)))
 
     def adapted(self, fit: WanderingFit, own: EffectInstance, tangent: Tangent) -> WanderingFit | None:
         """Return *fit* with an effect more, its own numbers moved to first order by what the effect leaves."""
@@ -423,16 +412,14 @@ class WanderingProblem:
             J[0], D[0] = coordinates.derivative(0, x, here, 0.1 * x[0])
         for _ in range(2):
             gradient, information = coordinates.gathered(J, D, here)
-            A = information + 1e-3 * np.diag(np.diag(information))
-            other = coordinates.clipped(x + coordinates.bounded_move(x, gradient, A))
+            near = Local(here.cost, -gradient, information)
+            move, _ = step_of(near, x, coordinates.low, coordinates.high, 1e-3, coordinates.reach)
+            other = coordinates.clipped(x + move)
             there = coordinates.at(other)
-            if there is None or there[1] <= here[1]:
+            if there is None or there.total <= here.total:
                 break
             x, here = other, there
-        theta, effects, water = coordinates.unpack(x)
-        return WanderingFit(
-            self.form, theta, effects, water, here[2], free_effects, np.zeros((len(x), len(x))), here[0]
-        )
+        return self._fit_at(coordinates, here, np.zeros((len(x), len(x))))
 
     def judge(self, fit: WanderingFit) -> WanderingFit | None:
         """Return *fit* as it is on this problem's segments: their log-likelihoods and innovations."""
