@@ -129,7 +129,7 @@ class _Estimate:
 
 def missing_of(search: NoiseSearch) -> MissingForce | None:
     """Return the force that drifts beside the model found, in the base model's units, over everything recorded."""
-    data = search.problem.data if search.whole is None else search.whole.data_summary
+    data = search.problem.data_summary if search.whole is None else search.whole.data_summary
     unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
     if not estimates:
@@ -139,7 +139,7 @@ def missing_of(search: NoiseSearch) -> MissingForce | None:
     commanded = float(np.sqrt(np.mean(pushed**2)))
     size = water.size * abs(inertia)
     curves = {}
-    units = {**UNITS, **search.problem.data.inputs}
+    units = {**UNITS, **search.problem.data_summary.inputs}
     for name in dict.fromkeys(n for e in estimates for n in e.beside):
         curve = _curve_over(name, units.get(name, ""), [e for e in estimates if name in e.beside])
         if curve is not None:

@@ -228,7 +228,7 @@ class WithProcessNoise:
         forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.evidence > HALF * winner.evidence]
         others = [a.effect for a in (*alike_of(paid), *forms, *_as_likely(scores, winner))]
         late = ["measurement-delay" for effect in (winner.effect, *others) if effect.slug in LATE]
-        twins = twins_of(winner.effect, self.problem.data)
+        twins = twins_of(winner.effect, self.problem.data_summary)
         return tuple(dict.fromkeys([name_of(winner.effect), *twins, *map(name_of, others), *late]))
 
 
@@ -278,7 +278,7 @@ def _is_brief(problem: WanderingProblem, effect: EffectInstance, fit: WanderingF
     """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
     inertia; or shorter than the interval judged where commands answer the heading.
     """
-    lasts, short = _lasts(effect, problem.data), BRIEF * problem.data.interval
+    lasts, short = _lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
     if lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short):
         return True

@@ -360,9 +360,9 @@ def _constants(problem: WanderingProblem, fit: WanderingFit) -> list[EffectInsta
     dof = problem.form.dofs[0]
     present = {(e.slug, e.place) for e in fit.effects}
     return [
-        EffectInstance(slug, dof, dict(EFFECTS[slug].starts(dof, problem.data)[0]))
+        EffectInstance(slug, dof, dict(EFFECTS[slug].starts(dof, problem.data_summary)[0]))
         for slug in CONSTANT
-        if (slug, dof) not in present and dof in EFFECTS[slug].places(problem.data)
+        if (slug, dof) not in present and dof in EFFECTS[slug].places(problem.data_summary)
     ]
 
 
@@ -394,7 +394,7 @@ def _scorer_of(search: NoiseSearch, present: WanderingFit, tried: int, say: Say)
 def _one_more(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
     """Return the search one step further."""
     present = differing(search.problem, search.fit)
-    choices = choices_of(search.problem.data, slugs, present.effects)
+    choices = choices_of(search.problem.data_summary, slugs, present.effects)
     scorer = _scorer_of(search, present, max(search.tried, len(choices)), say)
     step = judge(scorer, fits_of(scorer, choices))
     return replace(

@@ -21,6 +21,7 @@ from gcs_autotune.identify import (
     LONGEST_WAVE,
     MOST_DAMPING,
     Fitted,
+    Limits,
     Problem,
     WanderingFit,
     WanderingProblem,
@@ -177,9 +178,9 @@ def at_the_right_interval(
     return judged_at(begun, at, slugs, WORTH)
 
 
-def _limits(form: Form) -> tuple[Array, Array]:
+def _limits(form: Form) -> Limits:
     """Return the limits of gain and damping: behind a rudder either sign, else damping damps."""
-    return np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
+    return Limits({}, {} if "delta" in form.inputs else {form.free[1]: 0.0})
 
 
 def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:
@@ -194,7 +195,7 @@ def _thinned(
     signal: str,
     theta: Array,
     pace: float,
-    limits: tuple[Array, Array],
+    limits: Limits,
     interval: float,
 ) -> WanderingProblem | None:
     """Return the runs with *signal* alone, no closer than *interval* [s] where they are long enough; None where none
@@ -236,7 +237,7 @@ def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: S
     rough = []
     starts = [(theta * share, pace / share) for share in SLOWER]
     for samples in PACES:
-        other = samples * problem.data.interval
+        other = samples * problem.data_summary.interval
         if all(not 0.5 < other / known < 2.0 for _, known in starts):
             # A fit that was lost knows the gain no better than the pace.
             starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
@@ -268,7 +269,7 @@ def _shaped(problem: WanderingProblem, best: WanderingFit, say: Say) -> Wanderin
             break
         best = tailed
     say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
-    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
+    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data_summary.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
 
 
@@ -284,7 +285,7 @@ def _with_waves(problem: WanderingProblem, calm: WanderingFit, say: Say) -> Wand
     if quickest <= slowest:
         return calm
     own = replace(calm.water, smoothing=0.0, freedom=math.inf)
-    others = [samples * problem.data.interval for samples in PACES]
+    others = [samples * problem.data_summary.interval for samples in PACES]
     thetas = [calm.theta, *(np.array([_gain_at(problem, pace), -1.0 / pace]) for pace in others)]
     rough = []
     for k, omega in enumerate(np.geomspace(slowest, quickest, FREQUENCIES).tolist()):
@@ -305,7 +306,7 @@ def _with_waves(problem: WanderingProblem, calm: WanderingFit, say: Say) -> Wand
 
 def momentary(problem: WanderingProblem, fit: WanderingFit) -> bool:
     """Whether what wanders is forgotten so soon that it is no weather."""
-    return fit.water.memory <= 1.01 * MOMENTARY * problem.data.interval
+    return fit.water.memory <= 1.01 * MOMENTARY * problem.data_summary.interval
 
 
 def _gain_at(problem: WanderingProblem, pace: float) -> float:

@@ -46,7 +46,7 @@ def differing(problem: WanderingProblem, fit: WanderingFit) -> WanderingFit:
     if problem.runs < FEWEST_RUNS:
         return fit
     none = problem.fit(fit.theta, fit.effects, alike_in(fit.water, problem.runs)) or fit
-    full = abs(float(fit.theta[0])) * sum(problem.data.amplitude.values())
+    full = abs(float(fit.theta[0])) * sum(problem.data_summary.amplitude.values())
     other: WanderingFit | None = fit
     if not fit.water.day_thrust:
         apart = replace(fit.water, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import WanderingFit, WanderingProblem
+from gcs_autotune.diagnose.candidates import candidates
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify import Limits, WanderingFit, WanderingProblem
 
 __all__ = [
     "Look",
@@ -96,7 +97,7 @@ def stands(problem: WanderingProblem, fit: WanderingFit) -> bool:
     as what is commanded.
     """
     gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
-    if damping * problem.data.interval > 1.0:
+    if damping * problem.data_summary.interval > 1.0:
         return False
     return fit.water.size < OF_THE_COMMAND * gain * commanded(problem)
 
@@ -109,7 +110,7 @@ def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
     """
     times = []
     for segment in problem.segments:
-        grid = np.arange(float(segment.t_in[0]), float(segment.stamps[-1]), problem.data.interval)
+        grid = np.arange(float(segment.t_in[0]), float(segment.stamps[-1]), problem.data_summary.interval)
         if len(grid) < FEWEST:
             continue
         row = np.maximum(np.searchsorted(segment.t_in, grid, side="right") - 1, 0)
@@ -118,7 +119,7 @@ def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
         power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
         correlation = np.fft.irfft(power)[: len(x)]
         below = np.flatnonzero(correlation < correlation[0] / math.e)
-        times += [float(below[0]) * problem.data.interval] if len(below) else []
+        times += [float(below[0]) * problem.data_summary.interval] if len(below) else []
     settled = 3.0 / max(abs(float(fit.theta[1])), 1e-3)
     goal = max(settled, LEGS * float(np.median(times))) if times else settled
     return _nearest(problem, goal)
@@ -159,11 +160,11 @@ def refitted(problem: WanderingProblem, fit: WanderingFit, rounds: int, seconds:
     before, after = (1.0 / max(abs(float(f.theta[1])), 1e-9) for f in (fit, again))
     if 1.0 / OTHER_CRAFT < after / before < OTHER_CRAFT:
         return again
-    best, least = again, math.inf if after < problem.data.interval else rms_ahead(problem, again, seconds)
+    best, least = again, math.inf if after < problem.data_summary.interval else rms_ahead(problem, again, seconds)
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     pace, slowest = min(before, after) / PACES, min(max(before, after) * PACES, longest)
     while pace <= 1.001 * slowest:
-        if pace >= problem.data.interval:
+        if pace >= problem.data_summary.interval:
             fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, float(fit.theta[1])))
             error = math.inf if fixed is None else rms_ahead(problem, fixed, seconds)
             if fixed is not None and error < least:
@@ -174,9 +175,9 @@ def refitted(problem: WanderingProblem, fit: WanderingFit, rounds: int, seconds:
 
 def _at_pace(problem: WanderingProblem, fit: WanderingFit, damping: float) -> WanderingFit | None:
     """Return the likeliest refit with that *damping* [1/s]."""
-    low, high = (limit.copy() for limit in problem.limits)
-    low[1] = high[1] = damping
-    held = WanderingProblem(problem.form, problem.segments, problem.data, (low, high))
+    name = problem.form.free[1]
+    limits = Limits({**problem.limits.low, name: damping}, {**problem.limits.high, name: damping})
+    held = WanderingProblem(problem.form, problem.segments, problem.data_summary, limits)
     share = damping / float(fit.theta[1] or damping)
     starts = [np.array([fit.theta[0] * k, damping]) for k in (1.0, share)]
     fits = [held.fit(start, fit.effects, fit.water, rounds=PACED) for start in starts]
@@ -300,18 +301,15 @@ def _look(problem: WanderingProblem, plain: WanderingFit, slugs: Sequence[str], 
     """Return the model with at most one hydrodynamic term that predicts best, of those that stand and gain *price*."""
     tangent = problem.tangent(plain)
     rough: list[WanderingFit] = []
-    for slug in slugs:
-        entry = EFFECTS[slug]
-        if entry.family != "hydrodynamics" or not entry.is_structural or tangent is None:
-            continue
-        for place in entry.places(problem.data):
-            constants = dict(entry.constants(place, problem.data))
-            starts = [EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, problem.data)]
-            adapted = [problem.adapted(plain, own, tangent) for own in starts]
-            tried = [problem.fit(f.theta, f.effects, f.water, rounds=ROUGH) for f in adapted if f is not None]
-            tried += [problem.fit(plain.theta, (own,), plain.water, rounds=ROUGH) for own in starts]
-            fits = [f for f in tried if f is not None]
-            rough += [max(fits, key=lambda f: f.total)] if fits else []
+    terms = [s for s in slugs if EFFECTS[s].family == "hydrodynamics" and EFFECTS[s].is_structural]
+    for starts in candidates(problem.data_summary, (), terms):
+        if tangent is None:
+            break
+        adapted = [problem.adapted(plain, own, tangent) for own in starts]
+        tried = [problem.fit(f.theta, f.effects, f.water, rounds=ROUGH) for f in adapted if f is not None]
+        tried += [problem.fit(plain.theta, (own,), plain.water, rounds=ROUGH) for own in starts]
+        fits = [f for f in tried if f is not None]
+        rough += [max(fits, key=lambda f: f.total)] if fits else []
     ends = [plain]
     for fit in sorted(rough, key=lambda f: -f.total)[:NEAREST]:
         end = problem.fit(fit.theta, fit.effects, fit.water)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,16 +21,18 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import spend
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
+from gcs_autotune.identify.free_numbers import ModelProblem
 from gcs_autotune.identify.kalman.days import RunSays, integrate_out
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
 from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
-from gcs_autotune.identify.kalman.wandering_score import Coordinates, Point, Water, free_of
+from gcs_autotune.identify.kalman.wandering_score import Coordinates, Point, Water
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.least_squares import Local, ToWithin, descend, step_of
+from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.kept_results import fingerprint, recalled
+from gcs_autotune.kept_results import recalled
 from gcs_autotune.models import Form, Simulator, states_of
 from gcs_autotune.sname import DOFS
 
@@ -63,25 +65,16 @@ MOST_KEPT = 60
 Made = TypeVar("Made")
 
 
-class WanderingProblem:
+class WanderingProblem(ModelProblem):
     """A form of one degree of freedom and segments with its position, ready to fit with any effects.
 
-    Parameters
-    ----------
-    form : per unit of inertia: its inertia known as one. segments : their only signal the position.
-    data : what effects are told of the runs. low, high : limits of the form's free parameters.
+    As of :class:`.ModelProblem`; the form is per unit of inertia: its inertia known as one.
     """
 
-    def __init__(
-        self,
-        form: Form,
-        segments: Sequence[Segment],
-        data: DataSummary,
-        limits: tuple[Array, Array],
-    ) -> None:
-        self.form, self.segments, self.data, self.limits = form, tuple(segments), data, limits
+    def __init__(self, form: Form, segments: Sequence[Segment], data_summary: DataSummary, limits: Limits) -> None:
+        super().__init__(form, segments, data_summary, limits)
         self.dof = DOFS[form.dofs[0]]
-        self.interval = float(np.median(np.concatenate([np.diff(s.stamps) for s in segments])))
+        self.interval = float(np.median(np.concatenate([np.diff(s.stamps) for s in self.segments])))
         self._banks: dict[tuple[object, ...], FilterBank] = {}
         self._drives: dict[tuple[object, ...], tuple[Drive, ...]] = {}
         self._terms: dict[tuple[tuple[str, str], ...], LinearTerms | None] = {}
@@ -94,7 +87,7 @@ class WanderingProblem:
 
     def on(self, segments: Sequence[Segment]) -> WanderingProblem:
         """Return the same problem on other segments."""
-        return WanderingProblem(self.form, segments, self.data, self.limits)
+        return WanderingProblem(self.form, segments, self.data_summary, self.limits)
 
     def _first(self) -> tuple[Array, Array]:
         """Return first position and velocity (records, 2) and their standard deviations, wide."""
@@ -174,7 +167,7 @@ class WanderingProblem:
                 drive = EFFECTS[effect.slug].drive(effect, drive)
             if smoothing > 0.0:
                 end = float(segment.stamps[-1])
-                drive = smoothed_drive(drive, smoothing, end, self.data.interval, self.form.inputs)
+                drive = smoothed_drive(drive, smoothing, end, self.data_summary.interval, self.form.inputs)
             found.append(drive)
         return tuple(found)
 
@@ -293,7 +286,7 @@ class WanderingProblem:
 
     def says(self, fit: WanderingFit) -> tuple[RunSays, ...] | None:
         """Return what each run says of its own constant force and thrust at *fit*; None where the filter fails."""
-        full = abs(float(fit.theta[0])) * sum(self.data.amplitude.values())
+        full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.water.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         water = replace(fit.water, day_force=float(wide[0]), day_thrust=float(wide[1]))
         done = self.run(fit.theta, fit.effects, water, full=True)
@@ -316,36 +309,29 @@ class WanderingProblem:
         water: Water,
         *,
         rounds: int = ROUNDS,
-        held: frozenset[tuple[str, str]] = frozenset(),
         only_log_likelihood: bool = False,
     ) -> WanderingFit | None:
         """Fit from these values on; None when the filter runs away at the start already.
 
-        held : (slug, place) of effects whose numbers stay as they are. Within :func:`.keeping` a fit that is known is
-        only evaluated.
+        Within :func:`.keeping` a fit that is known is only evaluated.
         """
         effects = in_order(effects)
         if only_log_likelihood or rounds == 0:
-            return self._fit(theta, effects, water, rounds, held, only_log_likelihood=only_log_likelihood)
+            return self._fit(theta, effects, water, rounds, only_log_likelihood=only_log_likelihood)
         return recalled(
-            lambda: ("wandering fit", self, theta, effects, water, rounds, held),
-            lambda: self._fit(theta, effects, water, rounds, held, only_log_likelihood=False),
+            lambda: ("wandering fit", self, theta, effects, water, rounds),
+            lambda: self._fit(theta, effects, water, rounds),
             _plain_fit,
-            partial(self._refit, held=held),
+            self._refit,
         )
 
-    @cached_property
-    def fingerprint(self) -> str:
-        """What tells this problem from others, for results that are kept."""
-        return fingerprint(self.form, self.segments, self.data, self.limits)
-
-    def _refit(self, kept: dict[str, Any] | None, *, held: frozenset[tuple[str, str]]) -> WanderingFit | None:
+    def _refit(self, kept: dict[str, Any] | None) -> WanderingFit | None:
         """Return the fit that was kept as :func:`_plain_fit` has it."""
         if kept is None:
             return None
         effects = in_order([EffectInstance(**e) for e in kept["effects"]])
         water, theta = Water(**kept["water"]), np.array(kept["theta"], dtype=np.float64)
-        found = self._fit(theta, effects, water, 0, held, only_log_likelihood=False)
+        found = self._fit(theta, effects, water, 0)
         return None if found is None else replace(found, covariance=np.array(kept["covariance"], dtype=np.float64))
 
     def _fit(
@@ -354,12 +340,11 @@ class WanderingProblem:
         effects: tuple[EffectInstance, ...],
         water: Water,
         rounds: int,
-        held: frozenset[tuple[str, str]],
         *,
-        only_log_likelihood: bool,
+        only_log_likelihood: bool = False,
     ) -> WanderingFit | None:
-        coordinates = Coordinates(self, effects, free_of(effects, held), water)
-        x = coordinates.clipped(coordinates.pack(theta, effects, water))
+        coordinates = Coordinates(self, theta, effects, water)
+        x = coordinates.clipped(coordinates.pack())
         rules, reach = ToWithin(2.0 * ENOUGH), coordinates.reach
         rounds = 0 if only_log_likelihood else rounds
         end = descend(
@@ -386,9 +371,8 @@ class WanderingProblem:
 
     def tangent(self, fit: WanderingFit) -> Tangent | None:
         """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
-        held = frozenset[tuple[str, str]]()
-        coordinates = Coordinates(self, fit.effects, free_of(fit.effects, held), fit.water)
-        x = coordinates.pack(fit.theta, fit.effects, fit.water)
+        coordinates = Coordinates(self, fit.theta, fit.effects, fit.water)
+        x = coordinates.pack()
         here = coordinates.begun(x)
         if here is None:
             return None
@@ -398,10 +382,9 @@ class WanderingProblem:
     def adapted(self, fit: WanderingFit, own: EffectInstance, tangent: Tangent) -> WanderingFit | None:
         """Return *fit* with an effect more, its own numbers moved to first order by what the effect leaves."""
         effects = in_order((*fit.effects, own))
-        held = frozenset({(own.slug, own.place)})
-        free_effects = free_of(effects, held)
-        coordinates = Coordinates(self, effects, free_effects, fit.water)
-        x = coordinates.pack(fit.theta, effects, fit.water)
+        held = [(own.slug, own.place, name) for name in own.values]
+        coordinates = Coordinates(self, fit.theta, effects, fit.water, held)
+        x = coordinates.pack()
         here = coordinates.begun(x)
         if here is None:
             return None

@@ -6,7 +6,7 @@ Derivatives are differences of passes of the filter.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.effects import EffectInstance
+from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.kalman.waves import rough
 
 if TYPE_CHECKING:
     from gcs_autotune.identify.kalman.wandering import WanderingProblem
 
-__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "Coordinates", "Water", "free_of", "log_density"]
+__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "Coordinates", "Water", "log_density"]
 
 Array = NDArray[np.float64]
 
@@ -106,17 +107,6 @@ class Water:
         return (*force, "noise", *smoothing, *waves)
 
 
-def free_of(effects: Sequence[EffectInstance], held: frozenset[tuple[str, str]]) -> tuple[tuple[int, str], ...]:
-    """Return (index, name) of the numbers of *effects* to fit."""
-    return tuple(
-        (i, n)
-        for i, e in enumerate(effects)
-        if (e.slug, e.place) not in held
-        for n in e.values
-        if n not in EFFECTS[e.slug].fixed
-    )
-
-
 class Point:
     """Innovations at one place ``x`` (q,): minus twice their log-likelihood is the cost.
 
@@ -151,26 +141,30 @@ class Point:
         return self.coordinates.slopes(self)
 
 
-class Coordinates:
-    """Unknowns in a row: base parameters, effects' numbers, logarithms of the water's (:attr:`Water.unknowns`)."""
+class Coordinates(FreeNumbers):
+    """Minus the log-likelihood of the innovations, as a function of all unknowns in a row.
+
+    These are base parameters, effects' numbers, and logarithms of the noise's (:attr:`Water.unknowns`). held : numbers
+    of effects that stay as they are.
+    """
 
     def __init__(
         self,
         problem: WanderingProblem,
-        effects: tuple[EffectInstance, ...],
-        free_effects: tuple[tuple[int, str], ...],
+        theta: Array,
+        effects: Sequence[EffectInstance],
         water: Water,
+        held: Collection[tuple[str, str, str]] = (),
     ) -> None:
-        self.problem, self.effects, self.free_effects, self.water = problem, effects, free_effects, water
+        super().__init__(problem, theta, np.arange(len(theta)), effects, held=held)
+        self.problem, self.water = problem, water
         self.names = water.unknowns
         self.levels = len(self.names)
-        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, problem.data) for i, _ in free_effects]
-        pairs = [b.get(n, (-np.inf, np.inf)) for b, (_, n) in zip(own, free_effects, strict=True)]
         longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
         step = max((next(iter(s.signals.values())).step for s in problem.segments), default=0.0)
         rates = np.concatenate([np.abs(np.diff(next(iter(s.signals.values())).values)) for s in problem.segments])
         finest = max(step / math.sqrt(12.0), 1e-3 * float(np.median(rates)), 1e-9)
-        between = problem.data.interval
+        between = problem.data_summary.interval
         bounds = {
             "size": (1e-12, 1e6),
             "memory": (SHORTEST_MEMORY * problem.interval, longest),
@@ -181,35 +175,27 @@ class Coordinates:
             "wave_frequency": (2.0 * math.pi / LONGEST_WAVE, math.pi / problem.interval),
             "wave_damping": (LEAST_DAMPING, MOST_DAMPING),
         }
-        low, high = problem.limits
-        of_water = np.log([bounds[n] for n in self.names])
-        self.low = np.concatenate([low, [p[0] for p in pairs], of_water[:, 0]])
-        self.high = np.concatenate([high, [p[1] for p in pairs], of_water[:, 1]])
-        spans = np.array([p[1] - p[0] for p in pairs])
-        self.widest = np.concatenate(
-            [np.full(len(low), np.inf), np.where(np.isfinite(spans), 0.02 * spans, np.inf), np.full(self.levels, 0.1)]
-        )
+        low, high = problem.edges(self.effects, self.free_effects)
+        of_noise = np.log([bounds[n] for n in self.names])
+        self.low, self.high = np.concatenate([low, of_noise[:, 0]]), np.concatenate([high, of_noise[:, 1]])
+        spans = 0.02 * (high - low)
+        spans[: len(theta)] = np.inf
+        self.widest = np.append(np.where(np.isfinite(spans), spans, np.inf), np.full(self.levels, 0.1))
         self.reach = np.append(np.full(len(self.low) - self.levels, np.inf), np.full(self.levels, LONGEST_MOVE))
         self.steps: Array | None = None
         self._is_new = True
         self.information = np.eye(len(self.low))
         """Of the last place whose slopes were asked for."""
 
-    def pack(self, theta: Array, effects: Sequence[EffectInstance], water: Water) -> Array:
-        """Return the unknowns (q,) of base parameters (p,), effects and water."""
-        values = [effects[i].values[n] for i, n in self.free_effects]
-        every = [getattr(water, n) for n in self.names]
-        return np.concatenate([theta, values, [math.log(max(v, 1e-12)) for v in every]])
+    def pack(self) -> Array:
+        """Return the unknowns (q,) of the numbers given."""
+        every = [getattr(self.water, n) for n in self.names]
+        return np.append(self.pack_shared(), [math.log(max(v, 1e-12)) for v in every])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
-        """Return base parameters (p,), effects and water of the unknowns *x* (q,)."""
-        p = len(x) - self.levels - len(self.free_effects)
-        values: dict[int, dict[str, float]] = {}
-        for k, (i, n) in enumerate(self.free_effects):
-            values.setdefault(i, {})[n] = float(x[p + k])
-        effects = tuple(e.with_values(values.get(i, {})) for i, e in enumerate(self.effects))
+        """Return base parameters (p,), effects and process noise of the unknowns *x* (q,)."""
         levels = dict(zip(self.names, np.exp(x[-self.levels :]).tolist(), strict=True))
-        return x[:p].copy(), effects, replace(self.water, **levels)
+        return *self.unpack_shared(x), replace(self.water, **levels)
 
     def clipped(self, x: Array) -> Array:
         """Return *x* (q,) within its bounds."""

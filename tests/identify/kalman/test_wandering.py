@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.identify import Limits, Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
 from gcs_autotune.identify.kalman import filter_bank
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel
@@ -84,7 +84,7 @@ def run(
 def problem_of(segments: list[Segment]) -> WanderingProblem:
     """Return the yaw problem of these runs."""
     data = data_summary_of(FORM, segments, {"k_N": GAIN, "N_r": -DAMPING})
-    return WanderingProblem(FORM, segments, data, (np.full(2, -np.inf), np.full(2, np.inf)))
+    return WanderingProblem(FORM, segments, data, Limits({}, {}))
 
 
 DRAG = (EffectInstance("quadratic-drag", "yaw", {"coefficient": 0.1}),)
@@ -169,7 +169,7 @@ def test_an_effect_beneath_the_weather_comes_out_at_its_size(
     problem = problem_of([run(1, **how), run(2, **how)])
     plain = problem.fit(*BEGIN)
     assert plain is not None
-    own = EffectInstance(slug, "yaw", {name: 0.1}, dict(EFFECTS[slug].constants("yaw", problem.data)))
+    own = EffectInstance(slug, "yaw", {name: 0.1}, dict(EFFECTS[slug].constants("yaw", problem.data_summary)))
     fit = problem.fit(plain.theta, (own,), plain.water)
     assert fit is not None
     assert fit.total > plain.total + 10.0
