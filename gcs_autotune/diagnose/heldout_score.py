@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
 from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.sampling_interval import foresight, horizons, refitted
-from gcs_autotune.identify import Segment, WanderingFit, WanderingProblem
+from gcs_autotune.identify import NoisyFit, NoisyProblem, Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Folds = tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
 """What is left out in turn: segments to fit, segments to predict."""
 
-Unseen = Sequence[WanderingFit | None]
+Unseen = Sequence[NoisyFit | None]
 """A model refitted to the rest of each fold, as it is on what that leaves out; None where it runs away."""
 
 REFIT = 4
@@ -42,7 +42,7 @@ SURE = 0.95
 """Quantile at either end of a 90 % interval: a gain is none in one case of twenty."""
 
 
-def unseen_of(problem: WanderingProblem, plain: WanderingFit, folds: Folds, fit: WanderingFit) -> Unseen:
+def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFit) -> Unseen:
     """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out.
 
     plain : the model without any cause, by which it is chosen how far ahead refits are compared.
@@ -96,7 +96,7 @@ SEED, DRAWS = 0, 400
 
 
 def gains_ahead(
-    problem: WanderingProblem, plain: WanderingFit, folds: Folds, before: Unseen, after: Unseen, words: str
+    problem: NoisyProblem, plain: NoisyFit, folds: Folds, before: Unseen, after: Unseen, words: str
 ) -> Iterator[tuple[float, ErrorReduction]]:
     """Yield how far ahead [s], and the error there on data left out, before and after, for each of :func:`.horizons`.
 

@@ -14,10 +14,10 @@ from gcs_autotune.diagnose.process_noise import NoiseSearch
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import Day, WanderingFit, Water
+from gcs_autotune.identify import Day, NoisyFit, ProcessNoise
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
+__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_noise"]
 
 Array = NDArray[np.float64]
 
@@ -134,10 +134,10 @@ def missing_of(search: NoiseSearch) -> MissingForce | None:
     estimates = _estimated(search, inertia)
     if not estimates:
         return None
-    water = search.fit.water
+    noise = search.fit.noise
     pushed = np.concatenate([e.beside["command"] for e in estimates])
     commanded = float(np.sqrt(np.mean(pushed**2)))
-    size = water.size * abs(inertia)
+    size = noise.size * abs(inertia)
     curves = {}
     units = {**UNITS, **search.problem.data_summary.inputs}
     for name in dict.fromkeys(n for e in estimates for n in e.beside):
@@ -150,19 +150,19 @@ def missing_of(search: NoiseSearch) -> MissingForce | None:
     low, high = search.fit.interval_of("size")
     size95 = low * abs(inertia), high * abs(inertia)
     longest = max(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    own = (days, _waves_of(water, inertia), size95, search.fit.interval_of("memory"), longest)
-    return MissingForce(search.dof, unit, size, water.memory, share, curves, *own)
+    own = (days, _waves_of(noise, inertia), size95, search.fit.interval_of("memory"), longest)
+    return MissingForce(search.dof, unit, size, noise.memory, share, curves, *own)
 
 
-def _waves_of(water: Water, inertia: float) -> Waves | None:
-    if not water.wavy:
+def _waves_of(noise: ProcessNoise, inertia: float) -> Waves | None:
+    if not noise.wavy:
         return None
-    period = 2.0 * math.pi / water.wave_frequency
-    return Waves(period, water.wave_damping, water.wave_swing, water.wave_force * abs(inertia))
+    period = 2.0 * math.pi / noise.wave_frequency
+    return Waves(period, noise.wave_damping, noise.wave_swing, noise.wave_force * abs(inertia))
 
 
 def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
-    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.water, full=True)
+    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.noise, full=True)
     if done is None:
         return []
     bank, result, levels = done
@@ -282,12 +282,12 @@ TELLING: Mapping[str, str] = {
 """Quantity the missing force goes with -> the manoeuvre that would tell why."""
 
 
-def words_of_water(search: NoiseSearch) -> str:
+def words_of_noise(search: NoiseSearch) -> str:
     """Return size and memory of the force that wanders."""
-    water = search.fit.water
+    noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
-    bursts = "" if math.isinf(water.freedom) else ", in bursts"
-    return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
+    bursts = "" if math.isinf(noise.freedom) else ", in bursts"
+    return f"{noise.size:.3g} {unit} of standard deviation, remembered for {noise.memory:.3g} s{bursts}"
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
@@ -347,7 +347,7 @@ def _of(missing: MissingForce) -> str:
     return "of full output" if missing.unit == "1" else missing.unit
 
 
-def _shortfall_of(unnamed: CandidateScore[WanderingFit]) -> str:
+def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     """Return in words why a candidate that fits the given runs is not named."""
     fits = (
         f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gained:+.1f} in log-likelihood)"

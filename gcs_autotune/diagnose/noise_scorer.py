@@ -27,14 +27,14 @@ from gcs_autotune.diagnose.score import (
     plainest,
 )
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
-from gcs_autotune.identify import Tangent, WanderingFit, WanderingProblem
+from gcs_autotune.identify import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
 
-Attempt = tuple[EffectInstance, WanderingFit]
+Attempt = tuple[EffectInstance, NoisyFit]
 
-Score = CandidateScore[WanderingFit]
+Score = CandidateScore[NoisyFit]
 
 BRIEF = 1.0
 """Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
@@ -78,14 +78,14 @@ class WithProcessNoise:
     model without any cause. ``hint``: a fit with one cause to begin from as well.
     """
 
-    problem: WanderingProblem
+    problem: NoisyProblem
     folds: Folds
-    plain: WanderingFit
-    present: WanderingFit
+    plain: NoisyFit
+    present: NoisyFit
     tried: int
     say: Say
     stage: str = ""
-    hint: WanderingFit | None = None
+    hint: NoisyFit | None = None
     left_out: Unseen = ()
 
     @property
@@ -111,19 +111,19 @@ class WithProcessNoise:
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
             self.say(f"{self.stage}: fitting to the end", k, RUNNERS)
-            tries = [fit, problem.fit(fit.theta, fit.effects, fit.water)]
-            same = alike_in(fit.water, problem.runs)
-            if fit.water.day_thrust or fit.water.day_force > 1.01 * same.day_force:
+            tries = [fit, problem.fit(fit.theta, fit.effects, fit.noise)]
+            same = alike_in(fit.noise, problem.runs)
+            if fit.noise.day_thrust or fit.noise.day_force > 1.01 * same.day_force:
                 # What bends thrust makes runs of other commands differ, and may explain them alike.
                 tries.append(problem.fit(fit.theta, fit.effects, same))
-            if fit.water.wavy:
+            if fit.noise.wavy:
                 # What answers the commands in a rhythm may be taken for waves until its cause is there.
-                tries.append(problem.fit(fit.theta, fit.effects, replace(fit.water, wave_swing=0.0, wave_force=0.0)))
-            best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.water.wavy)
+                tries.append(problem.fit(fit.theta, fit.effects, replace(fit.noise, wave_swing=0.0, wave_force=0.0)))
+            best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.noise.wavy)
             ends.append((tried_one, self._or_hinted(tried_one, best_try)))
         return ends
 
-    def _or_hinted(self, tried: EffectInstance, best: WanderingFit) -> WanderingFit:
+    def _or_hinted(self, tried: EffectInstance, best: NoisyFit) -> NoisyFit:
         """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
 
         Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
@@ -131,8 +131,8 @@ class WithProcessNoise:
         hint, problem, present = self.hint, self.problem, self.present
         if hint is None or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
             return best
-        water = replace(hint.water, day_force=present.water.day_force, day_thrust=present.water.day_thrust)
-        fits = [problem.fit(hint.theta, hint.effects, w) for w in (water, alike_in(hint.water, problem.runs))]
+        noise = replace(hint.noise, day_force=present.noise.day_force, day_thrust=present.noise.day_thrust)
+        fits = [problem.fit(hint.theta, hint.effects, w) for w in (noise, alike_in(hint.noise, problem.runs))]
         seconds = foresight(problem, self.plain)
         other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
         if other is None or seconds is None or other.total <= present.total:
@@ -145,12 +145,12 @@ class WithProcessNoise:
         present = self.present
         if ends:
             best = max(ends, key=lambda e: e[1].total)[1]
-            again = self.problem.fit(best.theta, present.effects, best.water)
+            again = self.problem.fit(best.theta, present.effects, best.noise)
             if again is not None and again.total > present.total + 0.5:
                 present = again
         return replace(self, present=present, left_out=self.unseen(present) if ends else ())
 
-    def unseen(self, fit: WanderingFit) -> Unseen:
+    def unseen(self, fit: NoisyFit) -> Unseen:
         """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
         return unseen_of(self.problem, self.plain, self.folds, fit)
 
@@ -162,7 +162,7 @@ class WithProcessNoise:
             found.append(self._sound(self.score(effect, fit)))
         return sorted(found, key=lambda a: -(a.gained - _price(a.fit, self.present)))
 
-    def score(self, effect: EffectInstance, fit: WanderingFit) -> Score:
+    def score(self, effect: EffectInstance, fit: NoisyFit) -> Score:
         """Return the score of a fit with *effect*."""
         problem, tried = self.problem, self.tried
         gained, needed = fit.total - self.present.total, needed_of(fit.unknowns - self.present.unknowns, tried)
@@ -274,7 +274,7 @@ def _is_motion(slug: str) -> bool:
     return not entry.is_disturbance and bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
 
 
-def _is_brief(problem: WanderingProblem, effect: EffectInstance, fit: WanderingFit) -> bool:
+def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> bool:
     """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
     inertia; or shorter than the interval judged where commands answer the heading.
     """
@@ -285,7 +285,7 @@ def _is_brief(problem: WanderingProblem, effect: EffectInstance, fit: WanderingF
     return lasts < problem.interval and answers_heading(problem, fit)
 
 
-def answers_heading(problem: WanderingProblem, fit: WanderingFit) -> bool:
+def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
     """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
 
     Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
@@ -329,15 +329,15 @@ def _lasts(effect: EffectInstance, data: DataSummary) -> float:
     return min(times)
 
 
-def _price(fit: WanderingFit, present: WanderingFit) -> float:
+def _price(fit: NoisyFit, present: NoisyFit) -> float:
     """Return what additional parameters cost (Schwarz), as log-likelihood."""
     samples = sum(len(e) for _, e, _ in fit.innovations)
     return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
 
 
 def _rough(
-    problem: WanderingProblem, present: WanderingFit, choices: Sequence[EffectInstance], tangent: Tangent
-) -> WanderingFit | None:
+    problem: NoisyProblem, present: NoisyFit, choices: Sequence[EffectInstance], tangent: Tangent
+) -> NoisyFit | None:
     """Return the better end of the most promising of the values to begin from, and of small amounts of them, all else
     adapted.
 
@@ -353,6 +353,6 @@ def _rough(
     for group in (choices, traces):
         tried = [problem.adapted(present, own, tangent) for own in group]
         best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
-        end = None if best is None else problem.fit(best.theta, best.effects, best.water, rounds=ROUGH)
+        end = None if best is None else problem.fit(best.theta, best.effects, best.noise, rounds=ROUGH)
         ends += [] if end is None else [end]
     return max(ends, key=lambda f: f.total, default=None)

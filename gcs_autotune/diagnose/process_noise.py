@@ -1,7 +1,7 @@
 """Causes looked for under process noise: one degree of freedom whose heading wanders as wind and wakes push it.
 
 Over a free run such pushes add up until no simulation follows, whatever its model, and every candidate looks alike.
-Here they are part of the model (:class:`.WanderingProblem`): a force of fitted size and memory, so that what is judged
+Here they are part of the model (:class:`.NoisyProblem`): a force of fitted size and memory, so that what is judged
 is how well each sample is foretold from those before it. Each candidate is fitted to the runs together, and whole runs
 (blocks of one) are left out in turn: a name must pay on both. What does not is told
 with what it came to on the second.
@@ -25,7 +25,7 @@ from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, 
 from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
-from gcs_autotune.identify import Fitted, Problem, Segment, WanderingFit, WanderingProblem, thinned_to
+from gcs_autotune.identify import Fitted, NoisyFit, NoisyProblem, Problem, Segment, thinned_to
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 PRESENT = 8.0
-"""Log-likelihood by which a wandering force, with waves, must beat none to be there at all."""
+"""Log-likelihood by which a drifting force, with waves, must beat none to be there at all."""
 
 CONSTANT = ("input-bias", "net-buoyancy")
 """The constant force of a degree of freedom, by the slugs that it may have."""
@@ -58,26 +58,26 @@ class NoiseSearch:
     """What a search under process noise ended with.
 
     ``plain``: without any cause, ``fit``: with those accepted. ``steps``: every candidate that was fitted to the end.
-    ``calm``: log-likelihood gained by the wandering force, and waves, over none. ``still``: the same beside the causes
+    ``calm``: log-likelihood gained by the drifting force, and waves, over none. ``still``: the same beside the causes
     accepted, inf where it was stopped before; ``cut``: where, in words. ``words``: what was left out in turn.
     """
 
-    problem: WanderingProblem
+    problem: NoisyProblem
     dof: str
-    plain: WanderingFit
-    fit: WanderingFit
-    steps: tuple[SearchStep[WanderingFit], ...]
+    plain: NoisyFit
+    fit: NoisyFit
+    steps: tuple[SearchStep[NoisyFit], ...]
     calm: float
     tried: int
     words: str
     folds: Folds
     still: float = math.inf
     cut: tuple[str, ...] = ()
-    hint: WanderingFit | None = None
+    hint: NoisyFit | None = None
     """A fit with one cause to begin from, besides those the search has itself."""
     whole: Problem | None = None
     """The runs as they were given, with the base model's form and units."""
-    refused: tuple[CandidateScore[WanderingFit], ...] = ()
+    refused: tuple[CandidateScore[NoisyFit], ...] = ()
     """Causes that were accepted and are not :func:`supported` in the end."""
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """What each cause that is gains on data left out, over the model without it."""
@@ -85,9 +85,9 @@ class NoiseSearch:
     """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
 
     @property
-    def accepted(self) -> tuple[CandidateScore[WanderingFit], ...]:
+    def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
         """The causes of the model, in the order found."""
-        found: dict[tuple[str, str], CandidateScore[WanderingFit]] = {}
+        found: dict[tuple[str, str], CandidateScore[NoisyFit]] = {}
         for one in (s.accepted for s in self.steps if s.accepted is not None):
             found.pop(key_of(one.effect), None)  # accepted again, it was not before
             found[key_of(one.effect)] = one
@@ -122,7 +122,7 @@ class NoiseSearch:
         """Return an effect of this search in the base model's units."""
         return scaled(effect, self.inertia, math.copysign(1.0, self.inertia))
 
-    def values(self, effect: EffectInstance, fit: WanderingFit | None = None) -> dict[str, Value]:
+    def values(self, effect: EffectInstance, fit: NoisyFit | None = None) -> dict[str, Value]:
         """Return the numbers of an effect in *fit* (of all causes when None), in the base model's units."""
         assert self.whole is not None
         fit = self.fit if fit is None else fit
@@ -137,14 +137,14 @@ class NoiseSearch:
     def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
         """Return by which share each cause lowers the variance of the force that drifts."""
         found, before = {}, self.plain
-        first = before.water.size
+        first = before.noise.size
         for a in self.accepted:
-            drop = (before.water.size**2 - a.fit.water.size**2) / first**2
+            drop = (before.noise.size**2 - a.fit.noise.size**2) / first**2
             found[key_of(a.effect)] = float(np.clip(drop, 0.0, 1.0))
             before = a.fit
         return found
 
-    def gain_over(self, other: WanderingFit) -> ErrorReduction | None:
+    def gain_over(self, other: NoisyFit) -> ErrorReduction | None:
         """Return the error ahead on data left out of *other* and of all causes; None where unknown.
 
         Of :func:`.horizons`, that where the error falls more.
@@ -225,24 +225,24 @@ def search_with_process_noise(
         begun, hint, by_interval = at_the_right_interval(problem, *asked, begun, slugs, say)
     if asked is None or begun is None:
         return None
-    (form, signal), (wandering, plain) = asked, begun
+    (form, signal), (noisy, plain) = asked, begun
     dof = form.dofs[0]
-    held = thinned_to(unseen, signal, wandering.interval)
-    calm = _over_constants(wandering, plain)
-    folds, words = _folds(wandering.segments, held, in_blocks=in_blocks)
-    search = NoiseSearch(wandering, dof, plain, plain, (), calm, 0, words, folds, still=calm)
+    held = thinned_to(unseen, signal, noisy.interval)
+    calm = _over_constants(noisy, plain)
+    folds, words = _folds(noisy.segments, held, in_blocks=in_blocks)
+    search = NoiseSearch(noisy, dof, plain, plain, (), calm, 0, words, folds, still=calm)
     search = replace(search, hint=hint, interval=by_interval, whole=problem)
     if calm < PRESENT or search.momentary:
         return search
     try:
         search = _with_constant(search, slugs)
         if search.accepted:
-            search = replace(search, still=_over_constants(wandering, search.fit))
+            search = replace(search, still=_over_constants(noisy, search.fit))
         most = MOST_CAUSES + len(search.steps)
         search = add_one_by_one(search, most, lambda now: _one_more(now, slugs, say), _reconsidered)
         if search.accepted and not search.cut:
-            wider = wandering.on(thinned_to(problem.segments, signal, 2.0 * wandering.interval))
-            changes = changes_at(wandering, search.fit, wider)
+            wider = noisy.on(thinned_to(problem.segments, signal, 2.0 * noisy.interval))
+            changes = changes_at(noisy, search.fit, wider)
             search = replace(search, interval="; ".join(filter(None, (by_interval, *changes))))
     except OutOfTime as over:
         search = search.stopped(over)
@@ -262,7 +262,7 @@ def _without_idle(search: NoiseSearch) -> NoiseSearch:
     """
     for cause in search.accepted[:-1]:
         rest = tuple(e for e in search.fit.effects if key_of(e) != key_of(cause.effect))
-        without = search.problem.fit(search.fit.theta, rest, search.fit.water)
+        without = search.problem.fit(search.fit.theta, rest, search.fit.noise)
         if without is not None and search.fit.total - without.total < WORTH:
             search = replace(search, fit=without)
     return search
@@ -275,15 +275,15 @@ def supported(search: NoiseSearch) -> NoiseSearch:
     data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
     None stands beside a drifting force above the commands.
     """
-    refused: list[CandidateScore[WanderingFit]] = []
+    refused: list[CandidateScore[NoisyFit]] = []
     while True:
         own: dict[tuple[str, str], ErrorReduction] = {}
-        weakest: tuple[float, CandidateScore[WanderingFit], WanderingFit] | None = None
+        weakest: tuple[float, CandidateScore[NoisyFit], NoisyFit] | None = None
         for cause in search.accepted:
             who = key_of(cause.effect)
             rest = tuple(e for e in search.fit.effects if key_of(e) != who)
             alone = search.plain if len(search.accepted) == 1 else None
-            without = alone or search.problem.fit(search.fit.theta, rest, search.fit.water)
+            without = alone or search.problem.fit(search.fit.theta, rest, search.fit.noise)
             if without is None:
                 continue
             gain = search.gain_over(without)
@@ -302,7 +302,7 @@ def supported(search: NoiseSearch) -> NoiseSearch:
         search = replace(search, fit=without)
 
 
-def _is_none(cause: CandidateScore[WanderingFit], fit: WanderingFit) -> bool:
+def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
     """Whether the 95 % interval of a cause's numbers in *fit* contains no effect."""
     now = next(e for e in fit.effects if key_of(e) == key_of(cause.effect))
     return may_be_none(now, fit.errors_of(now))
@@ -311,7 +311,7 @@ def _is_none(cause: CandidateScore[WanderingFit], fit: WanderingFit) -> bool:
 def above_the_command(search: NoiseSearch) -> float:
     """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
     reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
-    return search.fit.water.size / reach if reach > 0.0 else 0.0
+    return search.fit.noise.size / reach if reach > 0.0 else 0.0
 
 
 def scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstance:
@@ -326,36 +326,36 @@ def scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstanc
     return EffectInstance(effect.slug, effect.place, values, constants)
 
 
-def _over_constants(problem: WanderingProblem, fit: WanderingFit) -> float:
+def _over_constants(problem: NoisyProblem, fit: NoisyFit) -> float:
     """Return the log-likelihood that the noise and waves of *fit* gain over the plainer laws of their family.
 
     These are no force, one constant, and a constant of each run: with a long memory, a drifting force is a constant.
     Beside the noise there may be a constant, too. Its number is paid for (Schwarz). inf where none of the plainer laws
     can be evaluated.
     """
-    still = fit.water.still
+    still = fit.noise.still
     constants = _constants(problem, fit)
     laws = [(fit.effects, still), *[((*fit.effects, own), still) for own in constants]]
     if problem.runs > 1:
-        laws.append((fit.effects, replace(still, day_force=max(fit.water.size, fit.water.day_force))))
+        laws.append((fit.effects, replace(still, day_force=max(fit.noise.size, fit.noise.day_force))))
     best = -math.inf
-    for effects, water in laws:
-        if problem.fit(fit.theta, effects, water, rounds=0) is None:
+    for effects, noise in laws:
+        if problem.fit(fit.theta, effects, noise, rounds=0) is None:
             continue
-        fits = [problem.fit(fit.theta, effects, replace(water, noise=water.noise * k)) for k in (1.0, 10.0)]
+        fits = [problem.fit(fit.theta, effects, replace(noise, sensor=noise.sensor * k)) for k in (1.0, 10.0)]
         best = max([best, *[f.total - _price_of_effects(f, fit) for f in fits if f is not None]])
     noisy = [f for own in constants if (f := _beside(problem, fit, own)) is not None]
     return max([fit.total, *[f.total - _price_of_effects(f, fit) for f in noisy]]) - best
 
 
-def _beside(problem: WanderingProblem, fit: WanderingFit, own: EffectInstance) -> WanderingFit | None:
+def _beside(problem: NoisyProblem, fit: NoisyFit, own: EffectInstance) -> NoisyFit | None:
     """Return *fit* again with a constant force beside its noise, which is smaller and forgotten sooner without it."""
-    shorter = replace(fit.water, size=SHRUNK * fit.water.size, memory=SHRUNK * fit.water.memory)
-    tries = [problem.fit(fit.theta, (*fit.effects, own), water) for water in (fit.water, shorter)]
+    shorter = replace(fit.noise, size=SHRUNK * fit.noise.size, memory=SHRUNK * fit.noise.memory)
+    tries = [problem.fit(fit.theta, (*fit.effects, own), noise) for noise in (fit.noise, shorter)]
     return max((f for f in tries if f is not None), key=lambda f: f.total, default=None)
 
 
-def _constants(problem: WanderingProblem, fit: WanderingFit) -> list[EffectInstance]:
+def _constants(problem: NoisyProblem, fit: NoisyFit) -> list[EffectInstance]:
     """Return the constant force of this degree of freedom, to begin from; none where *fit* has one."""
     dof = problem.form.dofs[0]
     present = {(e.slug, e.place) for e in fit.effects}
@@ -386,7 +386,7 @@ def _with_constant(search: NoiseSearch, slugs: Sequence[str]) -> NoiseSearch:
     return search
 
 
-def _scorer_of(search: NoiseSearch, present: WanderingFit, tried: int, say: Say) -> WithProcessNoise:
+def _scorer_of(search: NoiseSearch, present: NoisyFit, tried: int, say: Say) -> WithProcessNoise:
     stage, hint = f"process noise, cause {len(search.accepted) + 1}", None if search.accepted else search.hint
     return WithProcessNoise(search.problem, search.folds, search.plain, present, tried, say, stage, hint)
 
@@ -431,7 +431,7 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
     return tuple(folds), words
 
 
-def _price_of_effects(fit: WanderingFit, present: WanderingFit) -> float:
+def _price_of_effects(fit: NoisyFit, present: NoisyFit) -> float:
     """Return what the additional numbers of effects alone cost (Schwarz), as log-likelihood."""
     samples = sum(len(e) for _, e, _ in fit.innovations)
     return 0.5 * (len(fit.free_effects) - len(present.free_effects)) * math.log(max(samples, 2))

@@ -186,7 +186,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
                 continue  # found so by chance: the runs allow an inertia that they would have shown
             bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"
             memory = (
-                0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.water.memory
+                0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.noise.memory
             )
             # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
             swapped = f" (or {memory:.2g} s, as long as what else drives it is remembered: the two may change places)"

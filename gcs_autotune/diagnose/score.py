@@ -14,7 +14,7 @@ from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.diagnose.result import Lack
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import Fitted, WanderingFit
+from gcs_autotune.identify import Fitted, NoisyFit
 
 __all__ = [
     "ALIKE",
@@ -44,7 +44,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-FitT = TypeVar("FitT", bound=Fitted | WanderingFit)
+FitT = TypeVar("FitT", bound=Fitted | NoisyFit)
 
 
 SIGNIFICANCE = 0.005
@@ -167,7 +167,7 @@ def lack_by_error(one: CandidateScore[Fitted]) -> Lack | None:
     return None if one.p < LUCK else "not-sure"
 
 
-def lack_by_parts(one: CandidateScore[WanderingFit], *, brief: bool = False, uncertain: bool = False) -> Lack | None:
+def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncertain: bool = False) -> Lack | None:
     """Return what a candidate lacks to be accepted, by the log-likelihood gained on each part left out; None for
     nothing.
 

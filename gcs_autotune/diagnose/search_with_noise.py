@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
-from gcs_autotune.diagnose.missing_force import words_of_water
+from gcs_autotune.diagnose.missing_force import words_of_noise
 from gcs_autotune.diagnose.noise_scorer import may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
     PRESENT,
@@ -96,7 +96,7 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
     fitted = _as_fitted(state, search)
     doubt = Doubt(
         "process-noise",
-        f"between the samples a force wanders ({words_of_water(search)}); the causes named foretell the {search.dof} "
+        f"between the samples a force wanders ({words_of_noise(search)}); the causes named foretell the {search.dof} "
         "of runs they were not fitted to better beside it, and are hypotheses",
         "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
     )
@@ -158,9 +158,9 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     if {(e.slug, e.place) for e in scaled} <= named:
         return False
     # The noise took what the causes explain, so beside them there is less of it, and another craft.
-    own, water = per_inertia_of(state.fitted, search.problem.form), search.fit.water
-    starts = ((search.fit.theta, water), (own, water), (own, replace(water, size=LESS * water.size)))
-    fits = [search.problem.fit(theta, scaled, water) for theta, water in starts]
+    own, noise = per_inertia_of(state.fitted, search.problem.form), search.fit.noise
+    starts = ((search.fit.theta, noise), (own, noise), (own, replace(noise, size=LESS * noise.size)))
+    fits = [search.problem.fit(theta, scaled, noise) for theta, noise in starts]
     other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
     if other is None:
         return False
@@ -177,7 +177,7 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
 def _no_weather(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
-        f"what drives the {search.dof} besides its commands is forgotten within {search.plain.water.memory:.2g} s, no "
+        f"what drives the {search.dof} besides its commands is forgotten within {search.plain.noise.memory:.2g} s, no "
         "more than two samples: that is no wind, wake or current",
         "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
         "trace",

@@ -17,7 +17,7 @@ from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
 from gcs_autotune.effects import EffectInstance, name_of
-from gcs_autotune.identify import WanderingFit
+from gcs_autotune.identify import NoisyFit
 
 MANY = [
     *("input-bias", "dead-zone", "gain-drift", "quadratic-drag", "asymmetric-thrust", "quadratic-actuator"),
@@ -50,11 +50,11 @@ def scored(
     unseen: Sequence[float],
     needed: float,
     interval: tuple[float, float] = (0.0, math.inf),
-) -> CandidateScore[WanderingFit]:
+) -> CandidateScore[NoisyFit]:
     """Return a candidate's score with process noise, as far as its evidence goes."""
     parts = np.array(unseen)
     evidence, gain = 2.0 * float(parts.sum()), 0.1 * float(parts.sum())
-    fit = cast(WanderingFit, None)
+    fit = cast(NoisyFit, None)
     return CandidateScore(effect, fit, gained, needed, 1, evidence, gain, parts=parts, interval=interval)
 
 
@@ -76,11 +76,11 @@ def test_ten_nats_to_which_every_part_left_out_contributes_are_named(unseen: tup
 
 def searched(*named: str) -> NoiseSearch:
     effects = tuple(EffectInstance(slug, "N", {}) for slug in named)
-    fit = SimpleNamespace(theta=None, effects=effects, water=None, errors_of=lambda _: {})
-    plain = SimpleNamespace(theta=None, effects=(), water=None)
-    problem = SimpleNamespace(fit=lambda theta, rest, water: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
-    causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(WanderingFit, fit)) for e in effects]
-    steps = tuple(SearchStep(cast(WanderingFit, plain), (one,), one) for one in causes)
+    fit = SimpleNamespace(theta=None, effects=effects, noise=None, errors_of=lambda _: {})
+    plain = SimpleNamespace(theta=None, effects=(), noise=None)
+    problem = SimpleNamespace(fit=lambda theta, rest, noise: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
+    causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(NoisyFit, fit)) for e in effects]
+    steps = tuple(SearchStep(cast(NoisyFit, plain), (one,), one) for one in causes)
     plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "words": "", "folds": ()}
     return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
@@ -163,7 +163,7 @@ def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
 def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     """They have one slug; the derivative tells them apart."""
 
-    def product(place: str) -> CandidateScore[WanderingFit]:
+    def product(place: str) -> CandidateScore[NoisyFit]:
         effect = EffectInstance("velocity-product", place, {"coefficient": 1.0})
         return replace(scored(effect, 5.0, (2.0, 2.0, 1.0), 7.0, (-1.0, 9.0)), lacks="weak")
 

@@ -382,7 +382,7 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
 ) -> None:
     form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
     quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
-    weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(water=SimpleNamespace(memory=memory)))
+    weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(noise=SimpleNamespace(memory=memory)))
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)

@@ -36,10 +36,10 @@ from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
+    NoisyFit,
+    NoisyProblem,
     Problem,
-    WanderingFit,
-    WanderingProblem,
-    Water,
+    ProcessNoise,
     data_summary_of,
     fit_base,
     plain_form,
@@ -274,7 +274,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
     """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
     own = np.array([0.1, -0.2, 0.05])
     calm, rough = (
-        WanderingFit(cast(Any, None), own, (), Water(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
+        NoisyFit(cast(Any, None), own, (), ProcessNoise(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
         for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
     )
     assert rough.roughness == pytest.approx(1e4 * calm.roughness)
@@ -293,7 +293,7 @@ def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     found = search_with_process_noise(problem, base, ("quadratic-drag",), (), nobody)
     assert found is not None and [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
     bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
-    both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
+    both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.noise)
     assert both is not None
     idle = replace(found.accepted[0], effect=bias)
     step = SearchStep(found.plain, (idle,), idle, ("input-bias", "wind-moment"))
@@ -318,7 +318,7 @@ def test_an_effect_is_named_beneath_waves() -> None:
 def test_water_without_waves_has_none_in_the_model() -> None:
     found = search_with_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
     assert found is not None
-    assert not found.plain.water.wavy
+    assert not found.plain.noise.wavy
 
 
 @pytest.mark.slow
@@ -386,7 +386,7 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 ):
     """A trim and thrust that is weaker to one side: within two nats, and which foretells more changes with the runs."""
 
-    def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[WanderingFit]:
+    def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[NoisyFit]:
         return scored(EffectInstance(slug, "N", {}), gain, unseen, 6.4, (low, 40.0))
 
     winner = of("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
@@ -460,7 +460,7 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     segment = SimpleNamespace(input_names=("N",), inputs=commands, t_in=np.arange(0.0, 200.0, 10.0))
     problem = SimpleNamespace(segments=(segment,), form=SimpleNamespace(inputs={"N": ()}), interval=0.2)
     fit = SimpleNamespace(theta=np.array([1.0, -2.0]), innovations=((t, e, np.ones(len(t))),))
-    assert errs_after_commands(cast(WanderingProblem, problem), cast(WanderingFit, fit)) is own
+    assert errs_after_commands(cast(NoisyProblem, problem), cast(NoisyFit, fit)) is own
 
 
 def test_a_gain_alike_in_every_run_is_sure_however_it_changes_from_block_to_block() -> None:

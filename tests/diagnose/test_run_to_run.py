@@ -35,7 +35,7 @@ def searched(runs: list[Trial]) -> NoiseSearch:
 def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
     found = searched(weathered(seed, size=0.05, count=4, days=APART[seed]))
     assert found.accepted == ()
-    assert found.fit.water.day_thrust == 0.05
+    assert found.fit.noise.day_thrust == 0.05
 
 
 @pytest.mark.parametrize("seed", APART)
@@ -60,14 +60,14 @@ def test_a_moment_of_each_days_own_passes_for_no_bias() -> None:
 def test_fewer_than_three_runs_change_nothing(count: int) -> None:
     runs = weathered(4, size=0.05, count=count, days=DAYS[:count])
     found = searched(runs)
-    assert not found.plain.water.differs
+    assert not found.plain.noise.differs
     assert differing(found.problem, found.plain) is found.plain
 
 
 def test_runs_that_are_alike_stay_so() -> None:
     found = searched(weathered(8, size=0.1, count=3))
-    assert found.plain.water.day_thrust == 0.0
-    assert found.plain.water.day_force < 0.3 * found.plain.water.size
+    assert found.plain.noise.day_thrust == 0.0
+    assert found.plain.noise.day_force < 0.3 * found.plain.noise.size
 
 
 @pytest.mark.slow

@@ -13,9 +13,9 @@ from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, pl
 from gcs_autotune.diagnose.sampling_interval import foresight, refitted, rms_ahead, stands
 from gcs_autotune.identify import (
     Fitted,
+    NoisyFit,
+    NoisyProblem,
     Problem,
-    WanderingFit,
-    WanderingProblem,
     fit_base,
     plain_form,
     prepare_as_recorded,
@@ -59,7 +59,7 @@ def sailed(seed: int, *, seconds: float = 100.0, lag: float = 0.0, speed: float 
     return Trial(f"run{seed}", channels)
 
 
-def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, WanderingFit]:
+def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, NoisyProblem, NoisyFit]:
     form = plain_form(runs, "yaw")
     problem, base = fit_base(form, prepare_as_recorded(runs, form, None)[0])
     asked = asked_of(problem)
@@ -72,7 +72,7 @@ def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, Wan
 def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_quicker_than_a_sample() -> None:
     _, _, problem, plain = begun([sailed(1)])
     assert stands(problem, plain)
-    loud = replace(plain, water=replace(plain.water, size=abs(float(plain.theta[0]))))
+    loud = replace(plain, noise=replace(plain.noise, size=abs(float(plain.theta[0]))))
     assert not stands(problem, loud)
     quick = replace(plain, theta=np.array([plain.theta[0] * 20.0, -1.1 / INTERVAL]))
     assert not stands(problem, quick)

@@ -158,7 +158,7 @@ def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **asked: Any) -> 
     return passed[0], found
 
 
-def wandering(seed: int) -> list[Trial]:
+def noisy(seed: int) -> list[Trial]:
     """Return runs of a tow, pushed by what wanders."""
     rng = np.random.default_rng(seed)
     runs = []
@@ -180,7 +180,7 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
     wrong = ExtendedModel(CoupledModel(FORM, {"N_rdot": -3.0, "N_r": -1.0}), ())
     every: dict[str, dict[str, Any]] = {
         "runs": {"runs": (runs,)},
-        "weather": {"runs": (wandering(1),)},
+        "weather": {"runs": (noisy(1),)},
         "model": {"runs": (runs,), "model": wrong},
         "simulation": {"runs": (runs,), "simulations": towed(noise=0.0)},
     }

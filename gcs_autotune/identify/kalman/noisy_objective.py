@@ -20,9 +20,9 @@ from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.kalman.waves import rough
 
 if TYPE_CHECKING:
-    from gcs_autotune.identify.kalman.wandering import WanderingProblem
+    from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 
-__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "Coordinates", "Water", "log_density"]
+__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "NoisyObjective", "ProcessNoise", "log_density"]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Time constants of a smoother, in samples of the record."""
 
 LONGEST_WAVE = 20.0
-"""Longest period [s] of waves: what is slower pushes, and is the wandering force's."""
+"""Longest period [s] of waves: what is slower pushes, and is the drifting force's."""
 
 LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
 """Damping ratios of waves: narrower is a machine's hum, wider no band (Fossen2011 fits 0.1 to 0.26 to usual seas)."""
@@ -53,13 +53,13 @@ NO_FORCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Water:
+class ProcessNoise:
     """What drives a craft besides its commands, and how well it is seen.
 
     ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none), ``memory`` [s]
-    its time constant, ``noise`` that of the measured position [m, rad]; ``freedom`` degrees of freedom of the
+    its time constant, ``sensor`` the noise of the measured position [m, rad]; ``freedom`` degrees of freedom of the
     innovations' law, inf when normal.
-    ``wave_swing`` [as noise], ``wave_force`` [as size]: standard deviations of what waves add to the position seen and
+    ``wave_swing`` [as sensor], ``wave_force`` [as size]: standard deviations of what waves add to the position seen and
     to the force, ``wave_frequency`` [rad/s] and ``wave_damping`` ratio: of their band (:mod:`.waves`); 0 for none.
     ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
     What a linear craft then shows is what smoothed commands would have done. ``day_force`` [as size] and ``day_thrust``
@@ -68,7 +68,7 @@ class Water:
 
     size: float
     memory: float
-    noise: float
+    sensor: float
     freedom: float = math.inf
     smoothing: float = 0.0
     day_force: float = 0.0
@@ -94,7 +94,7 @@ class Water:
         return bool(rough(self.waves))
 
     @property
-    def still(self) -> Water:
+    def still(self) -> ProcessNoise:
         """The same sensor without any force that drifts, differs between runs or goes with waves."""
         return replace(self, size=NO_FORCE, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
 
@@ -104,7 +104,7 @@ class Water:
         smoothing = ("smoothing",) if self.smoothing > 0.0 else ()
         waves = ("wave_swing", "wave_force", "wave_frequency", "wave_damping") if self.wavy else ()
         force = ("size", "memory") if self.size > NO_FORCE else ()
-        return (*force, "noise", *smoothing, *waves)
+        return (*force, "sensor", *smoothing, *waves)
 
 
 class Point:
@@ -115,8 +115,8 @@ class Point:
     trial before it had the filter's steps made finer, it is first looked at again.
     """
 
-    def __init__(self, coordinates: Coordinates, x: Array, innovations: Innovations, each: Array) -> None:
-        self.coordinates, self.x, self.innovations, self.each = coordinates, x, innovations, each
+    def __init__(self, objective: NoisyObjective, x: Array, innovations: Innovations, each: Array) -> None:
+        self.objective, self.x, self.innovations, self.each = objective, x, innovations, each
         self.total = float(each.sum())
 
     @property
@@ -136,29 +136,30 @@ class Point:
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
-        eased = self.coordinates.eased(self.x, self)
+        eased = self.objective.eased(self.x, self)
         self.innovations, self.each, self.total = eased.innovations, eased.each, eased.total
-        return self.coordinates.slopes(self)
+        return self.objective.slopes(self)
 
 
-class Coordinates(FreeNumbers):
+class NoisyObjective(FreeNumbers):
     """Minus the log-likelihood of the innovations, as a function of all unknowns in a row.
 
-    These are base parameters, effects' numbers, and logarithms of the noise's (:attr:`Water.unknowns`). held : numbers
-    of effects that stay as they are.
+    These are base parameters, effects' numbers, and logarithms of the noise's (:attr:`ProcessNoise.unknowns`).
+
+    held : numbers of effects that stay as they are.
     """
 
     def __init__(
         self,
-        problem: WanderingProblem,
+        problem: NoisyProblem,
         theta: Array,
         effects: Sequence[EffectInstance],
-        water: Water,
+        noise: ProcessNoise,
         held: Collection[tuple[str, str, str]] = (),
     ) -> None:
         super().__init__(problem, theta, np.arange(len(theta)), effects, held=held)
-        self.problem, self.water = problem, water
-        self.names = water.unknowns
+        self.problem, self.noise = problem, noise
+        self.names = noise.unknowns
         self.levels = len(self.names)
         longest = 10.0 * max(float(s.stamps[-1]) - s.start for s in problem.segments)
         step = max((next(iter(s.signals.values())).step for s in problem.segments), default=0.0)
@@ -168,7 +169,7 @@ class Coordinates(FreeNumbers):
         bounds = {
             "size": (1e-12, 1e6),
             "memory": (SHORTEST_MEMORY * problem.interval, longest),
-            "noise": (finest, 1e6),
+            "sensor": (finest, 1e6),
             "smoothing": (LEAST_SMOOTHING * between, MOST_SMOOTHING * between),
             "wave_swing": (1e-2 * finest, 1e6),
             "wave_force": (1e-12, 1e6),
@@ -189,13 +190,13 @@ class Coordinates(FreeNumbers):
 
     def pack(self) -> Array:
         """Return the unknowns (q,) of the numbers given."""
-        every = [getattr(self.water, n) for n in self.names]
+        every = [getattr(self.noise, n) for n in self.names]
         return np.append(self.pack_shared(), [math.log(max(v, 1e-12)) for v in every])
 
-    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], Water]:
+    def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], ProcessNoise]:
         """Return base parameters (p,), effects and process noise of the unknowns *x* (q,)."""
         levels = dict(zip(self.names, np.exp(x[-self.levels :]).tolist(), strict=True))
-        return *self.unpack_shared(x), replace(self.water, **levels)
+        return *self.unpack_shared(x), replace(self.noise, **levels)
 
     def clipped(self, x: Array) -> Array:
         """Return *x* (q,) within its bounds."""
@@ -214,15 +215,15 @@ class Coordinates(FreeNumbers):
         found = self.problem.innovations_at(*self.unpack(x))
         if found is None:
             return None
-        each = np.array([float(log_density(e, S, self.water.freedom).sum()) for _, e, S in found])
+        each = np.array([float(log_density(e, S, self.noise.freedom).sum()) for _, e, S in found])
         return Point(self, x, found, each) if math.isfinite(float(each.sum())) else None
 
     def begun(self, x: Array) -> Point | None:
         """Return :meth:`at` the first *x* (q,) of a series, with steps anew where those of an earlier one fail."""
         here = self.at(x)
         if here is None:
-            _, effects, water = self.unpack(x)
-            self.problem.afresh(effects, water)
+            _, effects, noise = self.unpack(x)
+            self.problem.afresh(effects, noise)
             here = self.at(x)
         return here
 
@@ -233,8 +234,8 @@ class Coordinates(FreeNumbers):
 
     def eased(self, x: Array, here: Point) -> Point:
         """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
-        _, effects, water = self.unpack(x)
-        return (self.at(x) or here) if self.problem.ease(effects, water) else here
+        _, effects, noise = self.unpack(x)
+        return (self.at(x) or here) if self.problem.ease(effects, noise) else here
 
     def slopes(self, here: Point) -> tuple[Array, Array]:
         """Return half the gradient (q,) and the expected information (q, q), by differences of passes."""
@@ -274,7 +275,7 @@ class Coordinates(FreeNumbers):
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
         """Return gradient and expected information at *here* with these derivatives."""
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
-        nu = self.water.freedom
+        nu = self.noise.freedom
         if math.isinf(nu):
             by_e, by_log, info_e, info_log = -e / S, -0.5 + 0.5 * e * e / S, 1.0 / S, np.full(len(S), 0.5)
         else:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.kalman.wandering_score import Water, log_density
+from gcs_autotune.identify.kalman.noisy_objective import ProcessNoise, log_density
 from gcs_autotune.models import Form
 
-__all__ = ["Tangent", "WanderingFit"]
+__all__ = ["NoisyFit", "Tangent"]
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ WIDEST = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WanderingFit:
+class NoisyFit:
     """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
 
     ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
@@ -35,7 +35,7 @@ class WanderingFit:
     form: Form
     theta: Array
     effects: tuple[EffectInstance, ...]
-    water: Water
+    noise: ProcessNoise
     log_likelihood: Array
     free_effects: tuple[tuple[int, str], ...]
     covariance: Array
@@ -48,7 +48,7 @@ class WanderingFit:
 
     def densities(self, rougher: float = 1.0) -> Array:
         """Return the log density (samples,) of every innovation, record after record, their variances *rougher*."""
-        return np.concatenate([log_density(e, rougher * S, self.water.freedom) for _, e, S in self.innovations])
+        return np.concatenate([log_density(e, rougher * S, self.noise.freedom) for _, e, S in self.innovations])
 
     @property
     def roughness(self) -> float:
@@ -58,7 +58,7 @@ class WanderingFit:
     @property
     def unknowns(self) -> int:
         """How many numbers were fitted."""
-        return len(self.theta) + len(self.free_effects) + len(self.water.unknowns)
+        return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
     def std_of(self, slug: str, place: str, name: str) -> float:
         """Return the standard error of an effect's number, NaN where it was not fitted."""
@@ -77,14 +77,14 @@ class WanderingFit:
 
         From 0 to inf where it was not fitted, or where nothing limits it.
         """
-        names = self.water.unknowns
+        names = self.noise.unknowns
         if name not in names:
             return 0.0, math.inf
         k = len(self.covariance) - len(names) + names.index(name)
         wide = HALF_WIDTH * math.sqrt(max(float(self.covariance[k, k]), 0.0))
         if not wide < WIDEST:
             return 0.0, math.inf
-        value: float = getattr(self.water, name)
+        value: float = getattr(self.noise, name)
         return value * math.exp(-wide), value * math.exp(wide)
 
 
