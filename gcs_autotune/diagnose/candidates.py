@@ -235,7 +235,7 @@ class _TangentSpace:
         return (
             None
             if tried is None
-            else EffectCandidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
+            else EffectCandidate(tried.own(own), self.fitted, tried.cost, np.zeros(len(self.back)))
         )
 
     def _residual_with(self, own: EffectInstance) -> Array | None:
@@ -291,11 +291,6 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> boo
     bounds = entry.bounds(own.place, ground.problem.data_summary)
     growing = [n for n in entry.grows_with if n in own.values]
     return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
-
-
-def _of(fitted: Fitted, own: EffectInstance) -> EffectInstance:
-    """Return the effect of *fitted* at the place of *own*."""
-    return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
 
 
 Attempt = tuple[EffectCandidate, Fitted]
@@ -360,7 +355,7 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
 
 def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
     """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
-    now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
+    now = best.own(own)
     others = []
     for k in range(1, MOMENTS + 1):
         for moment in (

@@ -139,7 +139,7 @@ class LeastSquares:
         present, raised = self.present, correlation_of(fit)
         lower = present.cost - fit.cost
         found = CandidateScore(
-            next(e for e in fit.effects if key_of(e) == key_of(effect)),
+            fit.own(effect),
             fit,
             gained=0.5 * lower / raised,
             needed=needed_of(further(fit, present), self.tried),
@@ -168,7 +168,7 @@ class LeastSquares:
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
         """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
-        others = tuple(e for e in fitted.effects if (e.slug, e.place) != (effect.slug, effect.place))
+        others = fitted.without(effect)
         for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
             if any((e.slug, e.place) == (own.slug, own.place) for e in others):
                 continue
@@ -195,23 +195,20 @@ def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
 def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
     """Return the numbers of all effects of a fit with their standard errors."""
     covariance = fitted.covariance(correlation_of(fitted))
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    first = len(fitted.free)
-    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
     found = {}
     left = [
         EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
         for r in fitted.rests
         for own_level in (fitted.levels[r.signal],)
     ]
-    for i, own in enumerate(fitted.effects):
-        entry = EFFECTS[own.slug]
+    for own in fitted.effects:
+        errors, entry = fitted.errors_in(covariance, own), EFFECTS[own.slug]
         learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
         found[own.slug, own.place] = {
             n: Value(
                 v,
                 entry.unit_of(n, own.place, problem.data_summary),
-                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
+                errors.get(n, learnt.get(n, 0.0 if n in entry.fixed else math.nan)),
             )
             for n, v in own.values.items()
         }

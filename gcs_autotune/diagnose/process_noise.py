@@ -1,10 +1,9 @@
-"""Causes looked for under process noise: one degree of freedom whose heading wanders as wind and wakes push it.
+"""The cause search with process noise modelled, in one degree of freedom.
 
-Over a free run such pushes add up until no simulation follows, whatever its model, and every candidate looks alike.
-Here they are part of the model (:class:`.NoisyProblem`): a force of fitted size and memory, so that what is judged
-is how well each sample is foretold from those before it. Each candidate is fitted to the runs together, and whole runs
-(blocks of one) are left out in turn: a name must pay on both. What does not is told
-with what it came to on the second.
+Wind and wakes push a craft. Over a free run these pushes add up until no simulation follows, whatever its model, and
+every candidate looks alike. Here they are part of the model (:class:`.NoisyProblem`): a force of fitted size and
+memory. Each sample is predicted from those before it. A candidate is fitted to all runs, and to all but each run (or
+block of one) in turn; it must gain on both.
 """
 
 from __future__ import annotations
@@ -126,10 +125,9 @@ class NoiseSearch:
         """Return the numbers of an effect in *fit* (of all causes when None), in the base model's units."""
         assert self.whole is not None
         fit = self.fit if fit is None else fit
-        here = next(e for e in fit.effects if key_of(e) == key_of(effect))
-        found = {}
+        here, errors, found = fit.own(effect), fit.errors_of(effect), {}
         for name, value in self.in_base_units(here).values.items():
-            std = fit.std_of(here.slug, here.place, name)
+            std = errors.get(name, math.nan)
             unit = EFFECTS[here.slug].unit_of(name, here.place, self.whole.data_summary)
             found[name] = Value(value, unit, std * abs(value / here.values[name]) if here.values[name] else std)
         return found
@@ -212,8 +210,8 @@ def search_with_process_noise(
     *,
     in_blocks: bool = False,
 ) -> NoiseSearch | None:
-    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or no model
-    of the craft was found beneath the weather.
+    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or where no
+    model of the craft is found with process noise.
 
     problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
     apart, to judge on only. in_blocks : blocks of every run are left out in turn, not whole runs.
@@ -261,7 +259,7 @@ def _without_idle(search: NoiseSearch) -> NoiseSearch:
     A stock sub's thrust that falls with speed was its quadratic drag, found after it: 0.149 +- 0.2 was left of it.
     """
     for cause in search.accepted[:-1]:
-        rest = tuple(e for e in search.fit.effects if key_of(e) != key_of(cause.effect))
+        rest = search.fit.without(cause.effect)
         without = search.problem.fit(search.fit.theta, rest, search.fit.noise)
         if without is not None and search.fit.total - without.total < WORTH:
             search = replace(search, fit=without)

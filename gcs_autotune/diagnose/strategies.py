@@ -18,8 +18,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import (
     correlation_of,
@@ -110,8 +108,8 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
         state, step = blocked_cv(state, step) or (state, step)
     taken: tuple[SearchStep[Fitted], ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
-        # Beneath a force that wanders every pair looks as good as the next, and there are many; but two causes without
-        # any weather look like a force that wanders, too, and only they leave nothing when both are known.
+        # With a drifting force every pair looks as good as the next, and there are many. Two causes without any such
+        # force look like one, too, and only they leave nothing when both are known.
         state, adrift = wanders(state)
         try:
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
@@ -296,10 +294,7 @@ def drop_insignificant(state: SearchState) -> SearchState | None:
 
 
 def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
-    i = fitted.effects.index(effect)
-    std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
-    own = {n: float(std[len(fitted.free) + k]) for k, (j, n) in enumerate(fitted.free_effects) if j == i}
-    return may_be_none(effect, own)
+    return may_be_none(effect, fitted.errors_in(fitted.covariance(correlation_of(fitted)), effect))
 
 
 # -- causes found in pieces where whole runs are lost

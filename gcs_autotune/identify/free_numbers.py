@@ -17,7 +17,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["FreeNumbers", "ModelProblem"]
+__all__ = ["FreeNumbers", "ModelFit", "ModelProblem"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -119,3 +119,32 @@ class FreeNumbers:
         for (i, name), value in zip(self.free_effects, x[p : self.shared].tolist(), strict=True):
             values[i][name] = value
         return theta, tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
+
+
+class ModelFit:
+    """A model fitted to a problem: :class:`.Fitted` by least squares, :class:`.NoisyFit` with process noise.
+
+    ``free``: names of the base parameters fitted; ``effects`` with their values; ``free_effects``: (index, name) of
+    their numbers that were fitted, in the order of :class:`FreeNumbers`.
+    """
+
+    __slots__ = ()
+
+    free: tuple[str, ...]
+    effects: tuple[EffectInstance, ...]
+    free_effects: tuple[tuple[int, str], ...]
+
+    def own(self, effect: EffectInstance) -> EffectInstance:
+        """Return the effect of the same slug and place with this fit's values."""
+        return next(e for e in self.effects if (e.slug, e.place) == (effect.slug, effect.place))
+
+    def without(self, effect: EffectInstance) -> tuple[EffectInstance, ...]:
+        """Return the effects but that of the same slug and place."""
+        return tuple(e for e in self.effects if (e.slug, e.place) != (effect.slug, effect.place))
+
+    def errors_in(self, covariance: Array, effect: EffectInstance) -> dict[str, float]:
+        """Return the standard errors of those of an effect's numbers that were fitted. covariance : (q, q)."""
+        i = self.effects.index(self.own(effect))
+        variances = np.diag(covariance)[len(self.free) :]
+        found = zip(self.free_effects, variances, strict=False)
+        return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
-from gcs_autotune.identify.free_numbers import ModelProblem
+from gcs_autotune.identify.free_numbers import ModelFit, ModelProblem
 from gcs_autotune.identify.least_squares import ToTheEnd, descend, inverse_of
 from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
 from gcs_autotune.identify.segment import Segment
@@ -242,7 +242,7 @@ def _way(signal: str, data_summary: DataSummary) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class Fitted(ModelFit):
     """A fitted model.
 
     ``theta`` (p,), ``effects``, ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a

@@ -173,7 +173,7 @@ def test_an_effect_beneath_the_weather_comes_out_at_its_size(
     fit = problem.fit(plain.theta, (own,), plain.noise)
     assert fit is not None
     assert fit.total > plain.total + 10.0
-    assert abs(fit.effects[0][name] - true) < 3.5 * fit.std_of(slug, "yaw", name)
+    assert abs(fit.effects[0][name] - true) < 3.5 * fit.errors_of(own)[name]
 
 
 def test_bursts_weigh_less_under_a_law_with_tails() -> None:
