@@ -283,7 +283,7 @@ TELLING: Mapping[str, str] = {
 
 
 def words_of_noise(search: NoiseSearch) -> str:
-    """Return size and memory of the force that wanders."""
+    """Return size and memory of the drifting force."""
     noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"

@@ -1,8 +1,8 @@
-"""Where a search under process noise begins: the plain model beneath the weather, from several starts.
+"""Where a search with process noise begins: the plain model, fitted from several starts.
 
-A fit without weather may be lost altogether in rough water, its gain and its time constant of another craft. So the fit
-beneath it begins at several paces besides, with the gain that the record itself shows there, and the runs are looked at
-anew, more or less closely, where that found another craft than the one it began with.
+In rough water a fit without process noise may have the gain and the time constant of another craft. So the fit with it
+begins at several time constants as well, each with the gain that the record shows there. Where it finds another craft
+than it began with, the runs are thinned again to suit that one.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ FEWEST_TO_COMPARE = 30
 """Samples from which on innovations are compared: just after commands with elsewhere, or with the commands."""
 
 SLOWER = (1.0, 0.3, 3.0)
-"""Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
+"""Chosen: shares of the numbers fitted without it at which a fit with process noise begins."""
 
 PACES = (3.0, 10.0, 40.0)
 """Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
@@ -103,7 +103,7 @@ FREQUENCIES = 8
 """Chosen: of waves, at which a fit with them begins."""
 
 PERIODS = 10.0
-"""Chosen: periods of the longest run from which on a band of frequencies is told from a force that wanders."""
+"""Chosen: periods of the longest run from which on a band of frequencies is told from a drifting force."""
 
 WAVES = 8.0
 """Log-likelihood by which waves must beat none to be there: four numbers more, and the best of several frequencies."""
@@ -112,14 +112,14 @@ LOOKS = 3
 """Chosen: times the runs are looked at anew, at most: a first fit may be lost, the second ruled by a smoother."""
 
 FAR_OFF = 1.5
-"""Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
-runs are looked at anew."""
+"""Factor between the interval that suited the fit without process noise and the one that suits it with it, from which
+on the runs are looked at again."""
 
 
 def plain_with_process_noise(
     problem: Problem, base: Fitted, form: Form, signal: str, say: Say
 ) -> tuple[NoisyProblem, NoisyFit] | None:
-    """Return the runs with *signal* alone, as closely as suits the craft, and her plain model beneath the weather.
+    """Return the runs with *signal* alone, as closely as suits the craft, and the plain model with process noise.
 
     form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
     """
@@ -299,7 +299,7 @@ def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
         return calm
     found = _shaped(problem, found, say)
     within = 1.01 * LEAST_DAMPING < found.noise.wave_damping < 0.99 * MOST_DAMPING
-    # At a limit these are no waves: a tone in step with the commands, or a force that wanders in another way.
+    # At a limit these are no waves: a tone in step with the commands, or a drifting force in another way.
     inside = within and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
     return found if inside and found.total > calm.total + WAVES else calm
 
@@ -312,7 +312,7 @@ def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:
 def _gain_at(problem: NoisyProblem, pace: float) -> float:
     """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
 
-    From one sample to the next, for what a force that wanders did before adds up in the position itself.
+    From one sample to the next, for what a drifting force did before adds up in the position itself.
     """
     told, drawn = 0.0, 0.0
     for segment in problem.segments:

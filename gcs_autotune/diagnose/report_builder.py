@@ -50,7 +50,7 @@ SEEN_TO_SETTLE = 3.0
 """Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
 
 LIKE_SAMPLES = 10.0
-"""Chosen: samples within which a force that wanders may be taken for the craft's own pace, and that for its."""
+"""Chosen: samples within which a drifting force may be taken for the craft's own pace, and that for its."""
 
 
 def build_report(

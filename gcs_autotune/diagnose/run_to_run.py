@@ -1,4 +1,4 @@
-"""What differs from day to day beneath the weather: looked for in a fit, and told run by run."""
+"""What differs from run to run, with process noise modelled: a constant force and the thrust of each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FEWEST_RUNS = 3
 """Runs of which a scatter between them tells something; of fewer nothing differs."""
 
 OF_THE_DRIFT = 0.25
-"""Chosen: least spread of a run's constant force, in shares of the force that wanders. Where there are gusts there is a
+"""Chosen: least spread of a run's constant force, in shares of the drifting force. Where there are gusts there is a
 mean wind, and three or four runs are alike by accident too often for their scatter to tell it."""
 
 THRUST_AT_FIRST, FORCE_AT_FIRST = 0.05, 0.1
@@ -32,7 +32,7 @@ days begins: beside none a day's force has gone into the one that wanders, and m
 
 
 def alike_in(noise: ProcessNoise, runs: int) -> ProcessNoise:
-    """Return the water where *runs* are as much alike as runs ever are."""
+    """Return the noise where *runs* are as much alike as runs ever are."""
     least = OF_THE_DRIFT * noise.size if runs >= FEWEST_RUNS else 0.0
     return replace(noise, day_force=least, day_thrust=0.0)
 

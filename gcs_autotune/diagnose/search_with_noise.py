@@ -1,4 +1,4 @@
-"""What a search under process noise says to a diagnosis: whether it takes the floor, and its names."""
+"""The strategy that looks again with process noise: whether its causes replace those found by least squares."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ NO_MODEL = "no-model"
 
 
 def wanders(state: SearchState) -> tuple[SearchState, bool]:
-    """Return the state, and whether a force that wanders is there whatever causes are named beside it.
+    """Return the state, and whether a drifting force is there whatever causes are accepted beside it.
 
     The answer is kept: the search under process noise is long. No where it cannot be asked.
     """
@@ -61,10 +61,10 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
 
 
 def look_with_process_noise(state: SearchState) -> SearchState | None:
-    """Look again with a force that wanders in the model, where what is left over is no noise.
+    """Look again with a drifting force in the model, where what is left over is no noise.
 
-    Names found so take the place of those of a search that knew no such force. None where that search ended at the
-    noise, where it named what a filter cannot judge (clocks, sensors), or where nothing wanders: then it stands.
+    Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
+    what a filter cannot judge (clocks, sensors), or where no force drifts.
     """
     question = state.question
     if question.given is not None or question.horizon is not None:
@@ -96,9 +96,9 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
     fitted = _as_fitted(state, search)
     doubt = Doubt(
         "process-noise",
-        f"between the samples a force wanders ({words_of_noise(search)}); the causes named foretell the {search.dof} "
-        "of runs they were not fitted to better beside it, and are hypotheses",
-        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+        f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the causes reported still "
+        f"improve prediction of the {search.dof} of held-out runs",
+        "treat the causes as hypotheses; repeat in calm water, or record a run on which the craft comes back to rest",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
@@ -120,16 +120,16 @@ def no_model_with_noise(state: SearchState) -> bool:
 
 
 def _without_names(state: SearchState) -> SearchState:
-    """Return the state without causes, where no model was found beneath the weather: a name needs one to stand on."""
+    """Return the state without causes, where no model was found with process noise: a cause needs one."""
     asked = asked_of(state.problem)
     if asked is not None and _couples(state.causes, asked[0].dofs[0]):
         return state
     names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
     doubt = Doubt(
         NO_MODEL,
-        "no model of the craft was found beneath the weather: what is left over is no noise, and from no start does an "
-        "equation with a force that wanders follow these runs"
-        + (f"; {names} is not named on that account" * bool(names)),
+        "no model of the craft was found with process noise modelled: what is left over is no noise, and from no start "
+        "does an equation with a drifting force follow these runs"
+        + (f"; {names} is therefore not identified" * bool(names)),
         "look at columns, units and clocks first; then calmer water, or slower and larger commands",
     )
     return replace(
@@ -177,7 +177,7 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
 def _no_weather(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
-        f"what drives the {search.dof} besides its commands is forgotten within {search.plain.noise.memory:.2g} s, no "
+        f"what drives the {search.dof} besides its commands lasts {search.plain.noise.memory:.2g} s, no "
         "more than two samples: that is no wind, wake or current",
         "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
         "trace",
@@ -188,7 +188,7 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
     names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
     return Doubt(
         "not-under-process-noise",
-        f"{names} lowers the error of a simulation without weather, and foretells nothing once a force may wander",
+        f"{names} lowers the error of a simulation without process noise, and predicts nothing once it is modelled",
         "repeat the runs in calmer water",
     )
 

@@ -1,4 +1,4 @@
-"""The unknowns of a fit under a force that wanders, in a row: log-likelihood of the innovations, score and information.
+"""The likelihood of a fit with process noise over its unknowns in a row, with its slopes and its information.
 
 Derivatives are differences of passes of the filter.
 """

@@ -1,4 +1,4 @@
-"""One degree of freedom under a force that wanders: wind, wake and current as process noise, fitted with the model.
+"""One degree of freedom with process noise: wind, wake and current as a drifting force, fitted with the model.
 
 The equation of motion, with whatever effects stand in it, is driven besides by a force that is an Ornstein-Uhlenbeck
 process: its standard deviation and time constant are unknowns beside the model's and the noise of the sensor. The
@@ -41,7 +41,7 @@ __all__ = ["NoisyProblem"]
 Array = NDArray[np.float64]
 
 WANDERS, OF_THE_DAY = "gust", "day"
-"""Inputs, always 1, whose gains are the force that wanders and a run's own constant force."""
+"""Inputs, always 1, whose gains are the drifting force and a run's own constant force."""
 
 KNOWN_WITHIN = 0.2
 """Chosen: share of thrust, and of the largest commanded force, within which a run is asked for what it has of its own:
@@ -130,7 +130,7 @@ class NoisyProblem(ModelProblem):
     def bank(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> FilterBank:
         """Return the records as *effects* make them of the commands.
 
-        In the state is the force that wanders; where runs differ, the constant force of each, and its gain.
+        In the state is the drifting force; where runs differ, the constant force of each, and its gain.
         """
         return self._kept(effects, noise, self._banks, self._new_bank)
 
