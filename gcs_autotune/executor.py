@@ -256,23 +256,40 @@ class _Processes:
             while i not in done:
                 while idle and waiting:
                     pipe = idle.pop()
-                    with suppress(BrokenPipeError):  # its process was ended: the others do its share
-                        pipe.send(tasks[waiting[0]])
+                    if _is_sent(pipe, tasks[waiting[0]]):
                         busy[pipe] = waiting.popleft()
                 if not busy:
                     raise ChildProcessError("all processes were ended from outside: is there memory enough?")
                 for ready in wait(list(busy)):
                     assert isinstance(ready, Connection)
-                    at = busy.pop(ready)
-                    try:
-                        done[at] = ready.recv()
-                        idle.append(ready)
-                    except (EOFError, ConnectionResetError):
+                    at, outcome = busy.pop(ready), _received(ready)
+                    if outcome is None:
                         waiting.appendleft(at)
-            outcome = done.pop(i)
-            if isinstance(outcome, BaseException):
-                raise outcome
-            yield outcome
+                        continue
+                    done[at] = outcome
+                    idle.append(ready)
+            next_one = done.pop(i)
+            if isinstance(next_one, BaseException):
+                raise next_one
+            yield next_one
+
+
+def _is_sent(pipe: Connection, task: Any) -> bool:
+    """Send *task*; False where the process was ended: the others do its share."""
+    try:
+        pipe.send(task)
+    except BrokenPipeError:
+        return False
+    return True
+
+
+def _received(pipe: Connection) -> _Outcome | BaseException | None:
+    """Return what a process sends; None where it was ended."""
+    try:
+        outcome: _Outcome | BaseException = pipe.recv()
+    except (EOFError, ConnectionResetError):
+        return None
+    return outcome
 
 
 @contextmanager

@@ -61,6 +61,8 @@ CASES = {
     "measurement-delay": ("psi+r", {"delay": 0.23}),
 }
 """Slug -> place and numbers, constants of the runs among them."""
+ALSO = {"asymmetric-thrust": ("N+X", {"ratio": 0.6})}
+"""The same at another place, where it does something else."""
 UNFORESEEN = {"wave-disturbance", "quantisation", "outliers"}
 """What no simulation foretells; the tests of both sides look at their statistics."""
 BOOK_ONLY = {"advance-speed-loss": {"gain": 1.0, "axis": 5.0}, "ground-effect": {"dives": 1.0}}
@@ -101,9 +103,11 @@ def unaltered():
     return open_loop(Hull(tuple(NAMES), INERTIA, DRAG), commands(), **usual)
 
 
-@pytest.mark.parametrize("slug", [slug for slug in CASES if slug in EFFECTS])
-def test_book_and_simulator_agree_on(slug, unaltered):
-    place, numbers = CASES[slug]
+PLACES = [(slug, *case) for table in (CASES, ALSO) for slug, case in table.items() if slug in EFFECTS]
+
+
+@pytest.mark.parametrize(("slug", "place", "numbers"), PLACES, ids=[f"{slug}@{place}" for slug, place, _ in PLACES])
+def test_book_and_simulator_agree_on(slug, place, numbers, unaltered):
     usual = {"duration": COUNT * INTERVAL, "interval": INTERVAL, "measured": SIGNALS, "initial": START}
     run = open_loop(Hull(tuple(NAMES), INERTIA, DRAG), commands(), effects=[make_effect(slug, place, numbers)], **usual)
     values = {name: value for name, value in numbers.items() if name not in CONSTANTS}

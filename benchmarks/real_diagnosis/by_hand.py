@@ -1,7 +1,8 @@
 """A plain least-squares fit of the heading, as a hydrodynamicist writes it in an afternoon: the peer of a diagnosis.
 
 ``r_dot = a tau + N_r r + N_0`` and a few terms more, per unit of inertia, integrated from the measured heading and turn
-rate over pieces of some seconds, fitted by SciPy with whole runs left out. No filter, no force that drifts, no search.
+rate over pieces of some seconds, fitted by SciPy with whole runs left out, parts of an only run. No filter, no force
+that drifts, no search.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.trial import Trial
 
-__all__ = ["STRUCTURES", "HandFit", "by_hand", "lines_by_hand"]
+__all__ = ["ALL", "STRUCTURES", "HandFit", "by_hand", "lines_by_hand"]
 
 Array = NDArray[np.float64]
 
-INTERVAL = 0.1
-"""Step [s] of the integration (Euler)."""
+INTERVAL, STEPS = 0.1, 50
+"""Step [s] of the integration (Euler) at least, and the number of steps of a piece at most."""
+
+PARTS = 4
+"""Parts of an only run, left out in turn."""
 
 STEP, FITTED_EVERY = 10, 5
 """Steps between the starts of pieces, and between the samples of a piece that are fitted."""
@@ -32,6 +36,7 @@ Term = Callable[[Array, Array, Array], Array]
 
 TERMS: Mapping[str, Term] = {
     "N_|u|r": lambda u, v, r: np.abs(u) * r,
+    "N_ur": lambda u, v, r: u * r,
     "N_v": lambda u, v, r: v,
     "N_|r|r": lambda u, v, r: np.abs(r) * r,
 }
@@ -43,22 +48,32 @@ STRUCTURES: Mapping[str, tuple[str, ...]] = {
     "N_v": ("N_v",),
     "N_v, N_|r|r": ("N_v", "N_|r|r"),
     "N_|u|r, N_v": ("N_|u|r", "N_v"),
+    "N_|u|r, N_ur": ("N_|u|r", "N_ur"),
+    "N_ur, N_v, N_|r|r": ("N_ur", "N_v", "N_|r|r"),
 }
 """Name -> its terms beside the linear ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandFit:
-    """Rms error [deg] of the heading ``seconds`` ahead on each run, left out of the fit: structure -> run -> error."""
+    """Rms error [deg] of the heading ``seconds`` ahead on each run, left out of the fit: structure -> run -> error.
+
+    The last, :data:`ALL`, is that of all samples.
+    """
 
     seconds: float
     errors: Mapping[str, Mapping[str, float]]
 
 
+ALL = "all"
+"""Name of the row of all samples."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Record:
-    """A run on one grid, (n,) each: command, measured heading, turn rate and speeds."""
+    """A run on one grid of ``dt`` [s], (n,) each: command, measured heading, turn rate and speeds."""
 
+    dt: float
     command: Array
     psi: Array
     r: Array
@@ -69,25 +84,31 @@ class _Record:
         """Return where pieces of *ahead* steps begin."""
         return np.arange(0, len(self.psi) - ahead - 1, STEP)
 
+    def parts(self, count: int) -> list[_Record]:
+        """Cut it into *count* parts."""
+        columns = [np.array_split(c, count) for c in (self.command, self.psi, self.r, self.u, self.v)]
+        return [_Record(self.dt, *own) for own in zip(*columns, strict=True)]
 
-def _record(run: Trial) -> _Record | None:
-    if "psi" not in run:
+
+def _record(run: Trial, dt: float) -> _Record | None:
+    """Return a run on a grid; its turn rate summed where no heading was measured. None where neither was."""
+    if "psi" not in run and "r" not in run:
         return None
-    psi = run["psi"]
-    grid = np.arange(float(psi.t[0]), float(psi.t[-1]), INTERVAL)
+    own = run["psi"] if "psi" in run else run["r"]
+    grid = np.arange(float(own.t[0]), float(own.t[-1]), dt)
 
     def on_grid(name: str) -> Array:
         if name not in run:
             return np.zeros(len(grid))
         channel = run[name]
         known = np.isfinite(channel.values)
-        return np.interp(grid, channel.t[known], channel.values[known])
+        values = channel.values[known]
+        return np.interp(grid, channel.t[known], np.unwrap(values) if name == "psi" else values)
 
-    known = np.isfinite(psi.values)
-    heading = np.interp(grid, psi.t[known], np.unwrap(psi.values[known]))
+    heading = on_grid("psi") if "psi" in run else np.cumsum(on_grid("r")) * dt
     command = on_grid("force_left") - on_grid("force_right") if "force_left" in run else on_grid("N") + on_grid("delta")
-    rate = on_grid("r") if "r" in run else np.gradient(heading, INTERVAL)
-    return _Record(command, heading, rate, on_grid("u"), on_grid("v"))
+    rate = on_grid("r") if "r" in run else np.gradient(heading, dt)
+    return _Record(dt, command, heading, rate, on_grid("u"), on_grid("v"))
 
 
 def _errors(record: _Record, theta: Array, terms: Sequence[Term], ahead: int) -> Array:
@@ -100,27 +121,33 @@ def _errors(record: _Record, theta: Array, terms: Sequence[Term], ahead: int) ->
         push = theta[0] * record.command[now] + theta[1] * r + theta[2]
         for value, term in zip(theta[3:], terms, strict=True):
             push = push + value * term(record.u[now], record.v[now], r)
-        psi = psi + INTERVAL * r
-        r = np.clip(r + INTERVAL * push, -LIMIT, LIMIT)
+        psi = psi + record.dt * r
+        r = np.clip(r + record.dt * push, -LIMIT, LIMIT)
         found[k] = psi - (record.psi[now + 1] - record.psi[at])
     return np.degrees(found)
 
 
 def by_hand(runs: Sequence[Trial], seconds: float = 5.0) -> HandFit:
     """Fit every structure to all runs but one, in turn, and return the error on that one."""
-    ahead = round(seconds / INTERVAL)
-    records = {run.name: record for run in runs if (record := _record(run)) is not None}
+    dt = max(INTERVAL, seconds / STEPS)
+    ahead = round(seconds / dt)
+    records = {run.name: record for run in runs if (record := _record(run, dt)) is not None}
+    if len(records) == 1:
+        name, whole = next(iter(records.items()))
+        records = {f"{name}, part {k}": part for k, part in enumerate(whole.parts(PARTS), start=1)}
     records = {name: r for name, r in records.items() if len(r.starts(ahead)) > 1}
     found: dict[str, dict[str, float]] = {}
     for structure, names in STRUCTURES.items():
-        terms = [TERMS[n] for n in names]
+        terms, squares = [TERMS[n] for n in names], []
         for left_out in records:
             others = [r for n, r in records.items() if n != left_out]
             if not others:
                 continue
             theta = _fitted(others, terms, ahead)
-            last = _errors(records[left_out], theta, terms, ahead)[-1]
-            found.setdefault(structure, {})[left_out] = float(np.sqrt(np.mean(last**2)))
+            squares.append(_errors(records[left_out], theta, terms, ahead)[-1] ** 2)
+            found.setdefault(structure, {})[left_out] = float(np.sqrt(np.mean(squares[-1])))
+        if squares:
+            found[structure][ALL] = float(np.sqrt(np.mean(np.concatenate(squares))))
     return HandFit(seconds, found)
 
 

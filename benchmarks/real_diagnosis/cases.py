@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from benchmarks.real_diagnosis.clones import FERRY, KVLCC2, READERS, TANK, clone_of
 from gcs_autotune.trial import Trial, load_trial
 
 __all__ = ["CASES", "DATA", "Case"]
@@ -27,6 +28,7 @@ class Case:
     """Runs of one craft: file names without ending, degrees of freedom as for ``--dof``, heads to be renamed.
 
     Without ``unseen`` ones the runs are left out in turn. ``full``: channel -> its number at full output.
+    ``folder``: below :data:`DATA`, or a repository that is read from a clone (:mod:`.clones`).
     """
 
     folder: str
@@ -36,12 +38,21 @@ class Case:
     columns: Mapping[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def lacking(self) -> str:
+        """Where the data should lie and does not, in words; empty where it does."""
+        if self.folder in READERS:
+            return "" if clone_of(self.folder) else f"a clone of {self.folder} below $REAL_DIAGNOSIS_CLONES"
+        return "" if (DATA / self.folder).is_dir() else str(DATA / self.folder)
+
     def load(self) -> tuple[list[Trial], list[Trial]]:
         """Return the runs to diagnose and those to foretell."""
         found = [[self._load(name) for name in names] for names in (self.runs, self.unseen)]
         return found[0], found[1]
 
     def _load(self, name: str) -> Trial:
+        if self.folder in READERS:
+            return READERS[self.folder](name)
         run = load_trial(DATA / self.folder / f"{name}.csv", self.columns)
         shares = {n: replace(run[n], values=run[n].values / full) for n, full in self.full.items()}
         return replace(run, channels={**run.channels, **shares})
@@ -68,5 +79,9 @@ CASES: Mapping[str, Case] = {
         SUB_DEPTH,
         SUB_DEPTH_FULL,
     ),
+    "milliampere-yaw": Case(FERRY, "yaw", ("maneuvering1",), ()),
+    "tank-yaw": Case(TANK, "yaw", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
+    "tank-surge": Case(TANK, "surge", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
+    "kvlcc2-marin-yaw": Case(KVLCC2, "yaw", ("10", "-10", "20", "-20"), ()),
 }
 """Name -> case. More runs of the same craft exist elsewhere; these are for looking at, not for tuning to."""

@@ -33,6 +33,7 @@ __all__ = [
     "quickest",
     "redrawn",
     "steers",
+    "with_other",
 ]
 
 Array = NDArray[np.float64]
@@ -149,6 +150,27 @@ def redrawn(drive: Drive, name: str, t: Array, values: Array) -> Drive:
     together = np.union1d(drive.t, t)
     at = np.maximum(np.searchsorted(t, together, side="right") - 1, 0)
     return drive.on(together).with_channel(name, values[at])
+
+
+def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array] | None:
+    """Return stamps (k,), the commands *name* and the commands *other*, each held from stamp to stamp.
+
+    *other* is what other effects have made of it where it drives something, else the recorded one. None where either is
+    not there.
+    """
+    if name not in drive.channels:
+        return None
+    if other in drive.channels:
+        return drive.t, drive.channels[name], drive.channels[other]
+    if other not in drive.measured:
+        return None
+    own = drive.measured[other]
+    known = np.isfinite(own.values)
+    if not known.any():
+        return None
+    t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
+    beside = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
+    return t, drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1], beside
 
 
 LEAST_LIMIT = 0.05
@@ -303,12 +325,19 @@ class RudderStall(Characteristic):
         return np.where(size <= effect["angle"], u, np.sign(u) * beyond)
 
 
+SHARED = "N+X"
+"""Place of what two thrusters do that steering (half their difference) and throttle (half their sum) share."""
+
 BOTH = 0.02
 """Commands go both ways when the smaller side reaches this share of the larger."""
 
 
 class AsymmetricThrust(Characteristic):
-    """Negative commands act times ``ratio``. Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``."""
+    """Negative commands act times ``ratio``. Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``.
+
+    At ``"N+X"`` two thrusters side by side are commanded ``X + N`` and ``X - N``, and each is weaker astern: a turn
+    harder than the way ahead takes the inner one astern. Both commands are shares of full output there.
+    """
 
     slug = "asymmetric-thrust"
     title = "Thrust ahead and astern"
@@ -325,12 +354,20 @@ class AsymmetricThrust(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that was used both ways."""
-        return tuple(
+        """Every input that was used both ways, and the two thrusters that steering and throttle share."""
+        alone = tuple(
             place
             for place in super().places(data)
             if all(_both_ways(data.extent.get(n, (-1.0, 1.0))) for n in columns_of(place))
         )
+        return (*alone, *(place for place in (SHARED,) if self._is_shared(data)))
+
+    def _is_shared(self, data: DataSummary) -> bool:
+        """Whether some turns were harder than the way ahead and others were not: of either alone this is a gain."""
+        steering, throttle = columns_of(SHARED)
+        slow, fast = data.usual.get(throttle, (0.0, 0.0))
+        used = data.inputs.get(steering) == "1" and data.inputs.get(throttle, "1") == "1"
+        return used and max(abs(slow), abs(fast)) > 0.0 and data.amplitude[steering] > min(abs(slow), abs(fast))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Weaker and stronger astern."""
@@ -343,6 +380,28 @@ class AsymmetricThrust(Characteristic):
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Scale what is negative."""
         return np.where(u < 0.0, effect["ratio"] * u, u)
+
+    def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
+        """Scale what is negative of every command, or of what each of two thrusters gets of both."""
+        if effect.place != SHARED:
+            return super().drive(effect, drive)
+        steering, throttle = columns_of(SHARED)
+        both = with_other(drive, steering, throttle)
+        if both is None:
+            return drive
+        t, N, X = both
+        left, right = self.acting(effect, X + N), self.acting(effect, X - N)
+        if throttle in drive.channels:
+            drive = drive.with_channel(throttle, 0.5 * (left + right))
+        return redrawn(drive, steering, t, 0.5 * (left - right))
+
+    def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
+        """Acting over commanded; of two thrusters that of each."""
+        if effect.place != SHARED:
+            return super().curve(effect, data)
+        u = np.linspace(-1.0, 1.0, 201)
+        labels = ("each thruster commanded [1]", "each thruster acting [1]")
+        return EffectCurve(u, self.acting(effect, u), *labels, self.title, plain=u)
 
 
 def _both_ways(extent: tuple[float, float]) -> bool:

@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, redrawn
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, with_other
 from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES
@@ -54,17 +54,8 @@ class CommandCoupling(ActuatorEffect):
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Add the other command, or what other effects have made of it where it drives something."""
         name, other = columns_of(effect.place)
-        if name not in drive.channels:
-            return drive
-        if other in drive.channels:
-            acting = drive.channels[name] + effect["gain"] * drive.channels[other]
-            return drive.with_channel(name, acting)
-        own = drive.measured[other]
-        known = np.isfinite(own.values)
-        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
-        held = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
-        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
-        return redrawn(drive, name, t, u + effect["gain"] * held)
+        both = with_other(drive, name, other)
+        return drive if both is None else redrawn(drive, name, both[0], both[1] + effect["gain"] * both[2])
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """What acts here over the other command."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers
+from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers, with_other
 from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
@@ -173,21 +173,8 @@ class PropellerWash(ActuatorEffect):
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Scale the commands with the thrust commanded, or with what other effects have made of it."""
         name, other = columns_of(effect.place)
-        if name not in drive.channels:
-            return drive
-        if other in drive.channels:
-            acting = drive.channels[name] * self._gain(effect, drive.channels[other])
-            return drive.with_channel(name, acting)
-        if other not in drive.measured:
-            return drive
-        own = drive.measured[other]
-        known = np.isfinite(own.values)
-        if not known.any():
-            return drive
-        t = np.union1d(drive.t, own.t[known & (own.t > drive.t[0])])
-        thrust = own.values[known][np.maximum(np.searchsorted(own.t[known], t, side="right") - 1, 0)]
-        u = drive.channels[name][np.searchsorted(drive.t, t, side="right") - 1]
-        return redrawn(drive, name, t, u * self._gain(effect, thrust))
+        both = with_other(drive, name, other)
+        return drive if both is None else redrawn(drive, name, both[0], both[1] * self._gain(effect, both[2]))
 
     def _gain(self, effect: EffectInstance, thrust: Array) -> Array:
         gain: Array = (1.0 - effect["share"]) + effect["share"] * thrust * np.abs(thrust) / effect["X_ref"] ** 2

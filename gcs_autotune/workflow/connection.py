@@ -68,11 +68,17 @@ def connect(
             _pass_words_on(session, watcher)
             session.discover(system_id=connection.system_id)
             watcher.say(f"vehicle: {session.vehicle}")
-            try:
+            with _reporting_refusals(session, watcher):
                 yield session
-            finally:
-                if session.port.refusals:
-                    watcher.say(session.port.refusals)
+
+
+@contextmanager
+def _reporting_refusals(session: Session, watcher: Watcher) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        if session.port.refusals:
+            watcher.say(session.port.refusals)
 
 
 @contextmanager

@@ -107,18 +107,6 @@ class SimulatedRudderStall(OnInput):
         return u if beyond <= 0.0 else math.copysign(max(self["angle"] - self["drop"] * beyond, 0.0), u)
 
 
-class SimulatedAsymmetricThrust(OnInput):
-    """Weaker (or stronger) one way than the other."""
-
-    slug = "asymmetric-thrust"
-    meaning = "a negative command has less effect than a positive one"
-    parameters = (EffectParameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
-
-    def act(self, t: float, dt: float, u: float) -> float:
-        """Scale what is negative."""
-        return u * self["ratio"] if u < 0.0 else u
-
-
 class TwoInputs(HiddenEffect):
     """An effect of another input on one: placed as ``N+X``."""
 
@@ -133,6 +121,35 @@ class TwoInputs(HiddenEffect):
             known = ", ".join(there) or "none"
             raise BadEffect(f"{self.slug} needs two inputs, e.g. N+X; this craft has {known}")
         self._here, self._other = names
+
+
+class SimulatedAsymmetricThrust(TwoInputs):
+    """Weaker (or stronger) one way than the other; ``"N+X"``: each of two thrusters that share both commands."""
+
+    slug = "asymmetric-thrust"
+    meaning = "a negative command has less effect than a positive one"
+    on_vehicles = f"{OnInput.on_vehicles}; steering+throttle: each of two thrusters that share both"
+    parameters = (EffectParameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
+
+    def begin(self, setting: Setting) -> None:
+        """Find the input, or both."""
+        self._here, self._other = "", ""
+        if "+" in self.place:
+            super().begin(setting)
+        else:
+            self._here = find_input(self, setting)
+
+    def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
+        """Scale what is negative."""
+        u = inputs[self._here]
+        if not self._other:
+            inputs[self._here] = self._act(u)
+            return
+        left, right = self._act(inputs[self._other] + u), self._act(inputs[self._other] - u)
+        inputs[self._here], inputs[self._other] = 0.5 * (left - right), 0.5 * (left + right)
+
+    def _act(self, u: float) -> float:
+        return u * self["ratio"] if u < 0.0 else u
 
 
 class SimulatedCommandCoupling(TwoInputs):

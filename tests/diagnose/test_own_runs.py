@@ -83,6 +83,36 @@ def test_steering_by_the_propeller_s_wash_is_identified_and_no_change_of_mass() 
     assert found.verdict == "effect-found"
 
 
+def turned(largest: float, astern: float, seed: int) -> Trial:
+    """Return a run of a boat with two thrusters that are weaker astern, at 0.4 of full throttle."""
+    steering, ahead = np.clip(1.6 * helm(400, seed), -largest, largest), np.full(400, 0.4)
+
+    def push(u: Array) -> Array:
+        return np.where(u < 0.0, astern * u, u)
+
+    acting = np.asarray(0.5 * (push(ahead + steering) - push(ahead - steering)), dtype=np.float64)
+    run = steered(ahead, acting, steers=0.0, trim=0.005, seed=seed)
+    return replace(run, channels={**run.channels, "N": Channel("N", "1", run["N"].t, steering)})
+
+
+def found_of_thrusters(largest: float, seed: int) -> dict[tuple[str, str], float]:
+    runs = [turned(largest, 0.5, 10 * seed + k) for k in range(2)]
+    slugs = ["input-bias", "asymmetric-thrust", "saturation", "quadratic-actuator", "actuator-lag", "time-offset"]
+    found = diagnose(runs, dof="yaw", effects=slugs)
+    return {(c.effect.slug, c.effect.place): next(iter(c.effect.values.values())) for c in found.causes}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_thrusters_that_are_weaker_astern_are_identified_where_hard_turns_take_one_there(seed: int) -> None:
+    found = found_of_thrusters(0.8, seed)
+    assert set(found) == {("input-bias", "yaw"), ("asymmetric-thrust", "N+X")}
+    assert found["asymmetric-thrust", "N+X"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_two_thrusters_that_never_went_astern_do_not_show_which_way_they_are_weaker() -> None:
+    assert set(found_of_thrusters(0.4, 4)) == {("input-bias", "yaw")}
+
+
 def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
     falling = thrusts([0.9, 0.7], 400)
     runs = [steered(falling, helm(400, k), seed=k) for k in (3, 4)]
