@@ -1,6 +1,6 @@
 """What any fit is of: segments and a form with limits, and the free numbers of a model in a row.
 
-Both problems (:class:`.Problem`, :class:`.WanderingProblem` with process noise) and their objectives build on these.
+Both problems (:class:`.Problem`, :class:`.NoisyProblem` with process noise) and their objectives build on these.
 """
 
 from __future__ import annotations
