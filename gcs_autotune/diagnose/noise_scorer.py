@@ -104,7 +104,7 @@ class WithProcessNoise:
             if fit is not None:
                 rough.append((own[0], fit))
             self.say(self.stage, k + 1, len(choices))
-        return sorted(rough, key=lambda f: -(f[1].total - _price(f[1], self.present)))
+        return sorted(rough, key=lambda f: -(f[1].total - f[1].price(f[1].unknowns - self.present.unknowns)))
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
         """Fit to the end what was fitted roughly, from several starts of the process noise."""
@@ -160,7 +160,7 @@ class WithProcessNoise:
         for k, (effect, fit) in enumerate(ends):
             self.say(f"{self.stage}: runs left out", k, len(ends))
             found.append(self._sound(self.score(effect, fit)))
-        return sorted(found, key=lambda a: -(a.gained - _price(a.fit, self.present)))
+        return sorted(found, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
 
     def score(self, effect: EffectInstance, fit: NoisyFit) -> Score:
         """Return the score of a fit with *effect*."""
@@ -170,7 +170,7 @@ class WithProcessNoise:
         before = densities_of(self.left_out, self.left_out)
         after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-        foretold, samples = float(parts.sum()), sum(len(t) for t, _, _ in fit.innovations)
+        foretold = float(parts.sum())
         found = CandidateScore(
             now,
             fit,
@@ -178,7 +178,7 @@ class WithProcessNoise:
             needed,
             numbers=sum(fit.effects[i] is now for i, _ in fit.free_effects),
             evidence=2.0 * foretold,
-            gain=1.0 - math.exp(-max(foretold, -50.0) / max(samples, 1)),
+            gain=1.0 - math.exp(-max(foretold, -50.0) / max(fit.samples, 1)),
             p=min(1.0, tried * math.exp(-max(min(foretold, 700.0), 0.0))),
             parts=parts,
             interval=interval_of(before, after),
@@ -313,7 +313,8 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
     return [
         a
         for a in judged
-        if a.gained > enough and (a.foretold > WORTH or a.gained - _price(a.fit, winner.fit) > winner.gained)
+        if a.gained > enough
+        and (a.foretold > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
     ]
 
 
@@ -327,12 +328,6 @@ def _lasts(effect: EffectInstance, data: DataSummary) -> float:
         elif q.unit == f"{INPUT}/s":
             times.append(data.amplitude.get(effect.place, math.inf) / max(value, 1e-300))
     return min(times)
-
-
-def _price(fit: NoisyFit, present: NoisyFit) -> float:
-    """Return what additional parameters cost (Schwarz), as log-likelihood."""
-    samples = sum(len(e) for _, e, _ in fit.innovations)
-    return 0.5 * (fit.unknowns - present.unknowns) * math.log(max(samples, 2))
 
 
 def _rough(

@@ -341,9 +341,11 @@ def _over_constants(problem: NoisyProblem, fit: NoisyFit) -> float:
         if problem.fit(fit.theta, effects, noise, rounds=0) is None:
             continue
         fits = [problem.fit(fit.theta, effects, replace(noise, sensor=noise.sensor * k)) for k in (1.0, 10.0)]
-        best = max([best, *[f.total - _price_of_effects(f, fit) for f in fits if f is not None]])
+        best = max(
+            [best, *[f.total - f.price(len(f.free_effects) - len(fit.free_effects)) for f in fits if f is not None]]
+        )
     noisy = [f for own in constants if (f := _beside(problem, fit, own)) is not None]
-    return max([fit.total, *[f.total - _price_of_effects(f, fit) for f in noisy]]) - best
+    return max([fit.total, *[f.total - f.price(len(f.free_effects) - len(fit.free_effects)) for f in noisy]]) - best
 
 
 def _beside(problem: NoisyProblem, fit: NoisyFit, own: EffectInstance) -> NoisyFit | None:
@@ -427,9 +429,3 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
         folds.append((tuple(segments), tuple(held)))
         words += ", and the runs kept apart"
     return tuple(folds), words
-
-
-def _price_of_effects(fit: NoisyFit, present: NoisyFit) -> float:
-    """Return what the additional numbers of effects alone cost (Schwarz), as log-likelihood."""
-    samples = sum(len(e) for _, e, _ in fit.innovations)
-    return 0.5 * (len(fit.free_effects) - len(present.free_effects)) * math.log(max(samples, 2))

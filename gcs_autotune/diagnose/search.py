@@ -53,7 +53,7 @@ Cause = tuple[str, str]
 
 
 class Search(Protocol):
-    """What a search came to, in the base model's units, whichever scorer it used.
+    """A search, and what it came to in the base model's units, whichever scorer it uses.
 
     ``words``: what was left out in turn. ``order``: the causes that are reported, in the order found.
     """
@@ -61,6 +61,9 @@ class Search(Protocol):
     @property
     def steps(self) -> Sequence[SearchStep[Any]]:
         """All steps, those without a winner included."""
+
+    def stopped(self, over: OutOfTime) -> Self:
+        """Return the search as it is, stopped."""
 
     @property
     def tried(self) -> int:
@@ -96,26 +99,15 @@ class Search(Protocol):
         """Return groups of names that these runs do not distinguish."""
 
 
-class Growing(Protocol):
-    """The state of a search, to which causes are added one by one."""
-
-    @property
-    def steps(self) -> Sequence[SearchStep[Any]]:
-        """All steps, those without a winner included."""
-
-    def stopped(self, over: OutOfTime) -> Self:
-        """Return the state as it is, stopped."""
-
-
-GrowingT = TypeVar("GrowingT", bound=Growing)
+SearchT = TypeVar("SearchT", bound=Search)
 
 
 def add_one_by_one(
-    state: GrowingT,
+    state: SearchT,
     most: int,
-    one_more: Callable[[GrowingT], GrowingT],
-    reconsidered: Callable[[GrowingT], GrowingT],
-) -> GrowingT:
+    one_more: Callable[[SearchT], SearchT],
+    reconsidered: Callable[[SearchT], SearchT],
+) -> SearchT:
     """Take one step after the other, *most* in all, until none has a winner, or the search is stopped.
 
     reconsidered : called after each winner: every earlier cause defends its place beside it.

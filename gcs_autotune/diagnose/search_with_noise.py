@@ -164,8 +164,7 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
     if other is None:
         return False
-    samples = sum(len(e) for _, e, _ in other.innovations)
-    price = 0.5 * (other.unknowns - search.fit.unknowns) * math.log(max(samples, 2))
+    price = other.price(other.unknowns - search.fit.unknowns)
     if search.fit.theta[0] < 0.0 < other.theta[0]:
         # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
         return other.total - price > search.fit.total - 0.5 * ALIKE

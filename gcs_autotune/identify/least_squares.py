@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import check_effort
 
-__all__ = ["Local", "Minimum", "Place", "Rules", "ToTheEnd", "ToWithin", "descend", "inverse_of", "step_of"]
+__all__ = ["Local", "Minimum", "Place", "Rules", "descend", "inverse_of", "step_of"]
 
 Array = NDArray[np.float64]
 
@@ -48,80 +48,48 @@ class Place(Protocol):
         """Half its Hessian (p, p), approximately."""
 
 
-class Rules(Protocol):
-    """How the damping of steps follows from them, and what ends the search."""
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How the damping of steps follows from them, and what ends a descent.
+
+    To a relative decrease of ``tolerance``, the damping by how well the last decrease was foretold (Nielsen1999). With
+    ``enough``: until a step lowers the cost by less, with fixed factors, where slopes are expensive.
+    """
+
+    tolerance: float = TOLERANCE
+    enough: float = 0.0
 
     @property
-    def first(self) -> float:
-        """The damping to begin with."""
-
-    @property
-    def most(self) -> float:
-        """The damping at which a search ends."""
+    def limits(self) -> tuple[float, float]:
+        """The damping to begin with, and that at which the descent ends."""
+        return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
 
     def eased(self, damping: float, foretold: float) -> float:
         """Return the damping after a decrease, so many times the one *foretold*."""
-
-    def raised(self, damping: float, refused: int) -> float:
-        """Return the damping after a step that was no decrease; *refused*: how many were before it in a row."""
-
-    def is_there(self, gain: float, expected: float, cost: float) -> bool:
-        """Whether a decrease by *gain* from *cost* is the last."""
-
-    def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
-        """Whether no decrease is to be had, where *step* brought none."""
-
-
-@dataclass(frozen=True, slots=True)
-class ToTheEnd:
-    """To a relative decrease of ``tolerance``, damped by how well the last decrease was foretold (Nielsen1999)."""
-
-    tolerance: float = TOLERANCE
-    first: float = 1e-6
-    most: float = 1e12
-
-    def eased(self, damping: float, foretold: float) -> float:
-        """See :class:`Rules`."""
+        if self.enough:
+            return max(0.2 * damping, 1e-6)
         return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
 
     def raised(self, damping: float, refused: int) -> float:
-        """See :class:`Rules`."""
-        return max(1e-6, damping * 4.0 * 2.0**refused)
+        """Return the damping after a step that was no decrease; *refused*: how many were before it in a row."""
+        return max(6.0 * damping, 1e-3) if self.enough else max(1e-6, damping * 4.0 * 2.0**refused)
 
     def is_there(self, gain: float, expected: float, cost: float) -> bool:
-        """See :class:`Rules`."""
+        """Whether a decrease by *gain* from *cost* is the last."""
+        if self.enough:
+            return gain < self.enough
         return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300
 
     def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
-        """See :class:`Rules`."""
+        """Whether no decrease is to be had, where *step* brought none."""
+        if self.enough:
+            # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
+            return 2.0 * float(np.abs(here.gradient) @ np.abs(step)) < self.enough
         return expected <= self.tolerance * here.cost
 
 
-@dataclass(frozen=True, slots=True)
-class ToWithin:
-    """To a cost ``enough`` near the least, where slopes are expensive."""
-
-    enough: float
-    first: float = 1e-3
-    most: float = 1e8
-
-    def eased(self, damping: float, foretold: float) -> float:
-        """See :class:`Rules`."""
-        return max(0.2 * damping, 1e-6)
-
-    def raised(self, damping: float, refused: int) -> float:
-        """See :class:`Rules`."""
-        return max(6.0 * damping, 1e-3)
-
-    def is_there(self, gain: float, expected: float, cost: float) -> bool:
-        """See :class:`Rules`."""
-        return gain < self.enough
-
-    def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
-        """See :class:`Rules`."""
-        # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
-        return 2.0 * float(np.abs(here.gradient) @ np.abs(step)) < self.enough
-
+TO_THE_END = Rules()
+"""To the last digit that matters."""
 
 PlaceT = TypeVar("PlaceT", bound=Place)
 
@@ -144,7 +112,7 @@ def descend(
     high: Array,
     *,
     trials: int = ITERATIONS,
-    rules: Rules = ToTheEnd(),
+    rules: Rules = TO_THE_END,
     rounds: float = math.inf,
     reach: Array | None = None,
 ) -> Minimum[PlaceT] | None:
@@ -162,7 +130,8 @@ def descend(
     here = local(x)
     if here is None:
         return None
-    damping, refused, converged, trial, lowered = rules.first, 0, False, 0, 0
+    damping, most = rules.limits
+    refused, converged, trial, lowered = 0, False, 0, 0
     while trial < trials and lowered < rounds:
         check_effort()
         trial += 1
@@ -181,7 +150,7 @@ def descend(
                 converged = True
                 break
             damping, refused = rules.raised(damping, refused), refused + 1
-            if damping >= rules.most:
+            if damping >= most:
                 break
     return Minimum(x, here.cost, trial, converged, here)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.identify.free_numbers import ModelFit, ModelProblem
-from gcs_autotune.identify.least_squares import ToTheEnd, descend, inverse_of
+from gcs_autotune.identify.least_squares import Rules, descend, inverse_of
 from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
@@ -151,13 +151,13 @@ class Problem(ModelProblem):
         if learns:
             objective.learn(x, self.floors)
         cost = partial(objective.concentrated, floors=self.floors)
-        minimum = descend(cost, x, low, high, trials=trials, rules=ToTheEnd(TOLERANCE))
+        minimum = descend(cost, x, low, high, trials=trials, rules=Rules(TOLERANCE))
         if minimum is None:
             return None
         if learns:
             for _ in range(LESSONS if trials > 1 else 0):
                 objective.learn(minimum.x, self.floors)
-                again = descend(cost, minimum.x, low, high, trials=trials, rules=ToTheEnd(TOLERANCE))
+                again = descend(cost, minimum.x, low, high, trials=trials, rules=Rules(TOLERANCE))
                 if again is None:
                     break
                 minimum = again

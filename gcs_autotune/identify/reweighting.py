@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, ToTheEnd, descend
+from gcs_autotune.identify.least_squares import Local, Minimum, Rules, descend
 from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.noise import NoiseModel
 
@@ -76,7 +76,7 @@ def alternate(
         if effort is None or (last and effort.exact):
             nearer = descend(at, x, low, high)
         else:
-            nearer = descend(at, x, low, high, trials=effort.trials, rules=ToTheEnd(LOOSE))
+            nearer = descend(at, x, low, high, trials=effort.trials, rules=Rules(LOOSE))
         residuals = None if nearer is None else cost.residuals(nearer.x)
         if nearer is None or residuals is None:
             break

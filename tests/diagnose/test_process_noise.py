@@ -364,7 +364,7 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     problem = SimpleNamespace(data_summary=data, interval=0.1)
     told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
-    fits = [SimpleNamespace(unknowns=n, total=t, innovations=(), free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
+    fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
     scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
     score = scorer.score(effect, cast(Any, fits[1]))

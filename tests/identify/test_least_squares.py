@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.least_squares import Local, ToTheEnd, descend, inverse_of, step_of
+from gcs_autotune.identify.least_squares import Local, Rules, descend, inverse_of, step_of
 
 A = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 2.0]])
 BEST = np.array([1.0, -2.0, 0.5])
@@ -120,7 +120,7 @@ def test_a_coarse_tolerance_ends_sooner() -> None:
         return Local(float(x[0] ** 4) + 1.0, 2.0 * x**3, np.array([[6.0 * x[0] ** 2]]))
 
     fine, coarse = (
-        descend(quartic, np.array([3.0]), np.array([-9.0]), np.array([9.0]), rules=ToTheEnd(t)) for t in (1e-12, 1e-2)
+        descend(quartic, np.array([3.0]), np.array([-9.0]), np.array([9.0]), rules=Rules(t)) for t in (1e-12, 1e-2)
     )
     assert fine is not None
     assert coarse is not None

@@ -66,6 +66,15 @@ class NoisyFit(ModelFit):
         """How many numbers were fitted."""
         return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
+    @property
+    def samples(self) -> int:
+        """How many samples were predicted."""
+        return sum(len(e) for _, e, _ in self.innovations)
+
+    def price(self, more: int) -> float:
+        """Return what so many numbers more cost (Schwarz), as log-likelihood."""
+        return 0.5 * more * math.log(max(self.samples, 2))
+
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
         """Return the standard errors of those of an effect's numbers that were fitted, where they are known."""
         return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}

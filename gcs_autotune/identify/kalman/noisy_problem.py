@@ -29,7 +29,7 @@ from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point, ProcessNoise
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
 from gcs_autotune.identify.kalman.waves import waves_ahead
-from gcs_autotune.identify.least_squares import Local, ToWithin, descend, step_of
+from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
 from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
@@ -345,7 +345,7 @@ class NoisyProblem(ModelProblem):
     ) -> NoisyFit | None:
         objective = NoisyObjective(self, theta, effects, noise)
         x = objective.clipped(objective.pack())
-        rules, reach = ToWithin(2.0 * ENOUGH), objective.reach
+        rules, reach = Rules(enough=2.0 * ENOUGH), objective.reach
         rounds = 0 if only_log_likelihood else rounds
         end = descend(
             objective.local,
