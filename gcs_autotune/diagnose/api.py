@@ -9,7 +9,7 @@ from dataclasses import replace
 from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
-from gcs_autotune.diagnose.intake import taken_in, within_manoeuvre, without_repeats
+from gcs_autotune.diagnose.intake import is_one_flight, taken_in, within_manoeuvre, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
 from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
@@ -37,9 +37,6 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
-
-PAIR = 2
-"""Runs of our own of which each alone teaches too little of the other: a tune flies a step and a relay."""
 
 WORK = 1e9
 """Chosen: samples that a diagnosis may pass over, ten minutes or so of one core: see docs/diagnose.md."""
@@ -141,9 +138,9 @@ def _diagnosed(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    one_flight = len(together) == PAIR and all("manoeuvre" in run.meta for run in together)
+    one = is_one_flight(together)
     question = Question(
-        base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one_flight
+        base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one
     )
     strategies = (*SEARCH, look_at_all_runs, look_with_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))

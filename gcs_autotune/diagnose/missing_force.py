@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.process_noise import NoiseSearch
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import Day, NoisyFit, ProcessNoise
+from gcs_autotune.identify import Day, NoisyFit, ProcessNoise, moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_noise"]
@@ -26,9 +26,6 @@ BINS, FEWEST = 9, 8
 
 WAY_ON = 0.1
 """Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
-
-MOVES = 2.0
-"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """What the missing force is told over -> its unit."""
@@ -191,19 +188,13 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
             if name in original.measured and name != d.velocity:
                 own = original.measured[name]
                 known = np.isfinite(own.values)
-                if known.sum() > FEWEST and _moves(own.values[known]):
+                if known.sum() > FEWEST and moves(own.values[known]):
                     beside[name] = np.interp(t, own.t[known], own.values[known])
         if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
             beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
         found.append(_Estimate(original.run, t, force, std, beside))
     return found
-
-
-def _moves(values: Array) -> bool:
-    """Whether a measured velocity (n,) ranges beyond its own noise: a motion that did not happen explains nothing."""
-    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
-    return float(np.std(values)) > MOVES * noise
 
 
 def _places(x: Array) -> tuple[Array, Array]:

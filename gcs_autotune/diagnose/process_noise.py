@@ -29,6 +29,7 @@ from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
 __all__ = [
+    "CONSTANT",
     "PRESENT",
     "NoiseSearch",
     "above_the_command",

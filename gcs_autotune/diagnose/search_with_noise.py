@@ -211,5 +211,8 @@ def _as_fitted(state: SearchState, search: NoiseSearch) -> Fitted | None:
     names = base.form.parameters
     theta = np.array([values.get(n, v) for n, v in zip(names, base.theta.tolist(), strict=True)])
     effects = in_order([search.in_base_units(e) for e in search.fit.effects])
+    # The states of a base that is lost may be no craft's.
+    starts = (base.initial, state.problem.first_states(state.problem.segments))
     with np.errstate(all="ignore"):
-        return state.problem.states(theta, effects, base.initial)
+        fits = [state.problem.states(theta, effects, initial) for initial in starts]
+    return min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)

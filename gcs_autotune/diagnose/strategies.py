@@ -28,6 +28,7 @@ from gcs_autotune.diagnose.adequacy import (
 )
 from gcs_autotune.diagnose.candidates import RUNNERS, best_of_each
 from gcs_autotune.diagnose.heldout import parts_of
+from gcs_autotune.diagnose.process_noise import above_the_command
 from gcs_autotune.diagnose.score import (
     ALIKE,
     SIGNIFICANCE,
@@ -64,6 +65,9 @@ DONE = 0.5
 
 RESTARTS = 3
 """Better fits of the same model that a winner may lead to, at most."""
+
+CALM = 0.2
+"""Chosen: size of a drifting force over that of what is commanded up to which a free run may still be explained."""
 
 FOLLOWED, FARTHEST = 3, 3
 """Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
@@ -259,7 +263,10 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is not None and kept.cost - rival.fit.cost - bic_penalty(rival.fit, kept) > ALIKE:
+    if rival is None:
+        return state
+    likelihood = (kept.cost - rival.fit.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival.fit, kept) > ALIKE:
         return state.with_model(rival.fit, rival.unseen)
     return state
 
@@ -311,7 +318,8 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         return None
     state, adrift = wanders(state)
     search = None if state.noise_search is None else state.noise_search[1]
-    if adrift and search is not None and search.accepted and _is_all(search.dof, state.problem):
+    rough = adrift and search is not None and above_the_command(search) > CALM
+    if rough and search is not None and search.accepted and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)
@@ -364,7 +372,7 @@ def _as_likely(
                 continue
             effects = tuple(other if e is effect else e for e in now.effects)
             fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
-            if fit is not None and fit.cost < now.cost + ALIKE:
+            if fit is not None and (fit.cost - now.cost) / correlation_of(now) < ALIKE:
                 return other, fit
     return None
 

@@ -422,6 +422,7 @@ class Backlash(ActuatorEffect):
     grows_with = ("width",)
     shown_by = "residual against command makes a loop: above the line while the command falls, below it while it rises"
     mistaken_for = ("dead-zone", "input-delay", "actuator-lag", "rate-limit", "input-bias")
+    yields_to = ("dead-zone",)  # to a relay, which always goes from end to end, both are the same
     separated_by = (
         "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
         "speed is steady: with play the same command gives another speed on the way down than on the way up; with a "

@@ -56,7 +56,7 @@ class SpeedDependentSteering(ActuatorEffect):
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that turns the craft, when a speed is recorded and varies."""
         name = _speed(data.channels)
-        if name is None or data.rms.get(name, 0.0) <= 0.0:
+        if name is None or name in data.still or data.rms.get(name, 0.0) <= 0.0:
             return ()
         low, high = data.extent.get(name, (0.0, 0.0))
         if high - low < VARIES * data.rms[name]:

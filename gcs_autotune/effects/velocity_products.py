@@ -217,12 +217,12 @@ MASSES = frozenset({"X_vr", "Y_ur", "N_uv"})
 
 
 def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
-    """Whether the model has every velocity of *term*, or it was measured and changes."""
+    """Whether the model has every velocity of *term*, or it was measured and changes by more than its noise."""
     for letter, _ in term.factors:
         if DOF_OF[letter] in data.form.dofs:
             continue
         low, high = data.extent.get(letter, (0.0, 0.0))
-        if letter not in LOOKED_AT or not high - low > VARIES * max(abs(low), abs(high)):
+        if letter not in LOOKED_AT or letter in data.still or not high - low > VARIES * max(abs(low), abs(high)):
             return False
     return True
 

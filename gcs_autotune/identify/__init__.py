@@ -39,7 +39,7 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
-from gcs_autotune.identify.cleaning import clean, noise_of, quantum
+from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
@@ -257,6 +257,7 @@ __all__ = [
     "motion_of",
     "moved_besides",
     "moved_too",
+    "moves",
     "noise_of",
     "nomoto_of",
     "overlooked",

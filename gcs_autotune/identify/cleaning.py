@@ -25,6 +25,7 @@ __all__ = [
     "continuous",
     "holes_of",
     "jumps_back",
+    "moves",
     "noise_of",
     "noted",
     "outside",
@@ -173,6 +174,16 @@ def noise_of(values: Array) -> float:
     """Return the standard deviation of the noise of *values* (n,), from second differences: slow motion drops out."""
     second = np.diff(values, n=2)
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
+
+
+MOVES = 2.0
+"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
+
+
+def moves(values: Array) -> bool:
+    """Return whether a measured velocity (n,) ranges beyond its own noise: no force goes with one that does not."""
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    return float(np.std(values)) > MOVES * noise
 
 
 def quantum(values: Array) -> float:

@@ -171,3 +171,33 @@ def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     steps = (SearchStep(named.fit, (named,), named), SearchStep(named.fit, (named, other), None))
     search = SimpleNamespace(steps=steps, tried=10, names={name_of(named.effect)}, refused=())
     assert [w.one.effect.place for w in weak_among(cast(NoiseSearch, search))] == ["N_|v|r"]
+
+
+def weak(slug: str, place: str, name: str, gain: float) -> CandidateScore[NoisyFit]:
+    """A candidate that gains a little of what it gains on each of three parts left out."""
+    one = scored(EffectInstance(slug, place, {name: 1.0}), gain, [0.3 * gain] * 3, 7.0, (-1.0, 9.0))
+    return replace(one, lacks="weak")
+
+
+def hinted(*judged: CandidateScore[NoisyFit], tried: int = 30) -> list[tuple[str, tuple[str, ...]]]:
+    steps = (SearchStep(judged[0].fit, judged, None),)
+    search = SimpleNamespace(steps=steps, names=(), refused=(), tried=tried)
+    return [(w.one.effect.slug, w.alike) for w in weak_among(cast(NoiseSearch, search))]
+
+
+def test_what_noise_gives_one_of_so_many_candidates_is_no_hint() -> None:
+    drag = weak("quadratic-drag", "yaw", "coefficient", 4.0)
+    assert hinted(drag, tried=30) == []
+    assert hinted(drag, tried=5) == [("quadratic-drag", ())]
+
+
+def test_hints_that_the_runs_do_not_distinguish_name_each_other() -> None:
+    thrust = weak("quadratic-actuator", "N", "share", 7.0)
+    dead, late = weak("dead-zone", "N", "width", 4.5), weak("input-delay", "N", "delay", 3.5)
+    assert hinted(thrust, dead, late) == [("quadratic-actuator", ("dead-zone",))]
+
+
+def test_a_force_from_outside_needs_more_beside_a_drifting_force() -> None:
+    assert hinted(weak("tether-pull", "yaw", "stiffness", 7.0)) == []
+    assert hinted(weak("tether-pull", "yaw", "stiffness", 11.0)) == [("tether-pull", ())]
+    assert hinted(weak("input-bias", "yaw", "bias", 7.0)) == [("input-bias", ())]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -15,12 +16,17 @@ from runs_in_the_tank import towed
 from test_process_noise import as_from_a_log, nobody, weathered
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.intake import within_manoeuvre
-from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, _moves, words_of
+from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
+from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import NoisyFit, ProcessNoise
+from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
+from gcs_autotune.link import MemoryLink
+from gcs_autotune.logs import load_runs
 from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
+from sitl import open_vehicle
 
 Array = NDArray[np.float64]
 
@@ -113,6 +119,51 @@ def test_two_thrusters_that_never_went_astern_do_not_show_which_way_they_are_wea
     assert set(found_of_thrusters(0.4, 4)) == {("input-bias", "yaw")}
 
 
+def test_runs_that_are_each_flown_once_complete_each_other() -> None:
+    run = steered(np.full(60, 0.8), helm(60, 1))
+    relays = [replace(run, meta={"manoeuvre": "relay", "C": size}) for size in (0.15, 0.3, 0.9)]
+    assert is_one_flight([run, *relays])
+    assert not is_one_flight([*relays, relays[0]])
+    assert not is_one_flight([run])
+    assert not is_one_flight([*relays, Trial("lake", run.channels)])
+
+
+@pytest.mark.parametrize(("way", "still"), [(0.0, True), (0.5, False)])
+def test_nothing_goes_with_a_velocity_that_is_noise(way: float, still: bool) -> None:
+    rng, run = np.random.default_rng(1), steered(np.full(300, 0.8), helm(300, 1))
+    u = Channel("u", "m/s", run["psi"].t, way + 0.02 * rng.normal(size=300))
+    run = replace(run, channels={**run.channels, "u": u})
+    form = plain_form([run], "yaw")
+    data = data_summary_of(form, prepare_as_recorded([run], form, None)[0])
+    assert ("u" in data.still) is still
+    assert any("u" in place for place in EFFECTS["velocity-product"].places(data)) is not still
+
+
+def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -> None:
+    runs = []
+    for k, size in enumerate((0.15, 0.3, 0.9)):
+        command = np.asarray(size * np.where(np.arange(300) // 15 % 2, 1.0, -1.0), dtype=np.float64)
+        command[:5] = 0.0
+        acting = np.sign(command) * np.maximum(np.abs(command) - 0.08, 0.0)
+        run = steered(np.zeros(300), acting, steers=0.0, trim=0.0, seed=k)
+        meta = {"manoeuvre": "relay", "C": size}
+        runs.append(replace(run, meta=meta, channels={**run.channels, "N": Channel("N", "1", run["N"].t, command)}))
+    found = diagnose(runs, dof="yaw", effects=["backlash", "dead-zone", "input-bias"])
+    assert [c.effect.slug for c in found.causes] == ["dead-zone"]
+    assert any({"dead-zone", "backlash"} <= set(group) for group in found.indistinguishable)
+
+
+@pytest.mark.slow
+def test_a_tune_whose_thrusters_have_a_dead_band_is_explained(tmp_path: Path) -> None:
+    """No linear model follows such a run at all; its causes are found beside process noise, then without."""
+    link = MemoryLink(open_vehicle("bluerov2", seed=1, parameters={"SCHED_LOOP_RATE": 100.0}))
+    link.is_simulated = True
+    settings = TuneSettings("heading", Connection("memory", opened=link), tmp_path / "run")
+    tune(settings, Unattended(), SilentWatcher(), "")
+    found = diagnose(load_runs(tmp_path / "run"))
+    assert {c.effect.slug for c in found.causes} == {"dead-zone", "input-bias", "quadratic-drag"}
+
+
 def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
     falling = thrusts([0.9, 0.7], 400)
     runs = [steered(falling, helm(400, k), seed=k) for k in (3, 4)]
@@ -173,8 +224,8 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
 
 def test_a_motion_that_did_not_happen_explains_no_force() -> None:
     noise = 0.02 * np.random.default_rng(1).normal(size=600)
-    assert not _moves(noise)
-    assert _moves(noise + 0.2 * np.sin(0.05 * np.arange(600)))
+    assert not moves(noise)
+    assert moves(noise + 0.2 * np.sin(0.05 * np.arange(600)))
 
 
 def test_a_curve_whose_band_holds_a_constant_varies_with_nothing() -> None:
