@@ -158,9 +158,10 @@ def test_a_tune_whose_thrusters_have_a_dead_band_is_explained(tmp_path: Path) ->
     """No linear model follows such a run at all; its causes are found beside process noise, then without."""
     link = MemoryLink(open_vehicle("bluerov2", seed=1, parameters={"SCHED_LOOP_RATE": 100.0}))
     link.is_simulated = True
-    settings = TuneSettings("heading", Connection("memory", opened=link), tmp_path / "run")
+    settings = TuneSettings(Connection("memory", opened=link), tmp_path / "run", axis="heading")
     tune(settings, Unattended(), SilentWatcher(), "")
-    found = diagnose(load_runs(tmp_path / "run"))
+    slugs = ["dead-zone", "input-bias", "quadratic-drag", "backlash", "saturation", "actuator-lag"]
+    found = diagnose(load_runs(tmp_path / "run"), effects=slugs)
     assert {c.effect.slug for c in found.causes} == {"dead-zone", "input-bias", "quadratic-drag"}
 
 
