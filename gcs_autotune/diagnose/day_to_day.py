@@ -109,7 +109,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
         Doubt(
             "day-to-day",
             f"the runs differ in {dof} beside what they were commanded ({'; '.join(told)})",
-            "note battery, load and wind of each run: what differs from day to day is no cause of the craft's",
+            "note battery, load and wind of each run: run-to-run differences are not attributed to the craft",
         )
     ]
 

@@ -45,7 +45,15 @@ from gcs_autotune.models import Form
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
 
-__all__ = ["WeatherSearch", "asked_of", "may_be_told", "refits_of", "search_under_process_noise", "weathered_form"]
+__all__ = [
+    "CONSTANT",
+    "WeatherSearch",
+    "asked_of",
+    "may_be_told",
+    "refits_of",
+    "search_under_process_noise",
+    "weathered_form",
+]
 
 Array = NDArray[np.float64]
 

@@ -200,7 +200,7 @@ def _own_gains(
 
 
 def _reversed(state: SearchState) -> list[Doubt]:
-    """Return a doubt where commands act the other way than their names say: thruster labels exchanged, say."""
+    """Return a doubt where commands act opposite to their names: thruster labels exchanged, say."""
     final, weather = state.fitted, state.weather
     form, model = final.model.base.form, final.model.base
     values = {n: model[n] for n in form.parameters}

@@ -394,7 +394,7 @@ class Diagnosis:
             for n in self.wrong_numbers
         ]
         if wrong:
-            tables.append(html_table(("wrong number", "meaning", "given", "the runs say", "unit"), wrong))
+            tables.append(html_table(("wrong number", "meaning", "given", "from these runs", "unit"), wrong))
         gains = [
             f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
             for g in self.gains

@@ -157,3 +157,33 @@ def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     named, other = product("N_|u|r", 1), product("N_|v|r", 2)
     search = SimpleNamespace(judged=(named, other), alike=(), named=(named,), tried=10)
     assert [w.one.effect.place for w in weak_under(cast(WeatherSearch, search))] == ["N_|v|r"]
+
+
+def weak(slug: str, place: str, name: str, gain: float) -> Attested:
+    """A candidate that gains a little of what it gains on each of three parts left out."""
+    effect = EffectInstance(slug, place, {name: 1.0})
+    fit = cast(WanderingFit, SimpleNamespace(effects=(effect,), free_effects=((0, name),)))
+    return Attested(effect, fit, gain, np.array([0.3, 0.3, 0.3]) * gain, 7.0, 1, (-1.0, 9.0))
+
+
+def hinted(*judged: Attested, tried: int = 30) -> list[tuple[str, tuple[str, ...]]]:
+    search = SimpleNamespace(judged=judged, alike=(), named=(), tried=tried)
+    return [(w.one.effect.slug, w.alike) for w in weak_under(cast(WeatherSearch, search))]
+
+
+def test_what_noise_gives_one_of_so_many_candidates_is_no_hint() -> None:
+    drag = weak("quadratic-drag", "yaw", "coefficient", 4.0)
+    assert hinted(drag, tried=30) == []
+    assert hinted(drag, tried=5) == [("quadratic-drag", ())]
+
+
+def test_hints_that_the_runs_do_not_distinguish_name_each_other() -> None:
+    thrust = weak("quadratic-actuator", "N", "share", 7.0)
+    dead, late = weak("dead-zone", "N", "width", 4.5), weak("input-delay", "N", "delay", 3.5)
+    assert hinted(thrust, dead, late) == [("quadratic-actuator", ("dead-zone",))]
+
+
+def test_a_force_from_outside_needs_more_beside_a_drifting_force() -> None:
+    assert hinted(weak("tether-pull", "yaw", "stiffness", 7.0)) == []
+    assert hinted(weak("tether-pull", "yaw", "stiffness", 11.0)) == [("tether-pull", ())]
+    assert hinted(weak("input-bias", "yaw", "bias", 7.0)) == [("input-bias", ())]

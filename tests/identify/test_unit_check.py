@@ -70,7 +70,7 @@ def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
 def test_gross_factors_of_lengths_are_refused(factor: float, unit: str) -> None:
-    with pytest.raises(BadFile, match=f"is in {unit} and its head says otherwise; correct"):
+    with pytest.raises(BadFile, match=f"is in {unit} and its head states another unit; correct"):
         check_units(run(z=ANGLE * factor, w=RATE))
     with pytest.raises(BadFile, match=f"is in {unit}"):
         check_units(run(z=-ANGLE * factor, w=RATE))

@@ -12,7 +12,7 @@ from page_reader import Page
 
 from gcs_autotune.diagnose import ErrorReduction, Hint, Number, Numbers, Value
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.report import diagnosis_document, hint_notes
+from gcs_autotune.report import diagnosis_document, hint_notes, hint_title
 from gcs_autotune.report.diagnosis.cause_wording import cause_title, evidence_notes
 from gcs_autotune.report.diagnosis.lead import FILLED, lead_sentence, plain_sentence
 from gcs_autotune.report.toolkit.terminal import render_text
@@ -124,3 +124,9 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
         assert said[:60] in page.replace("\u00a0", " ")
     assert told.to_dict()["hints"][0]["needed"] == 800.0
     assert "A constant push acts on your boat in turning" in lead_sentence(told)
+
+
+def test_a_hint_is_titled_with_all_of_its_group() -> None:
+    alone, group = hint_title(replace(HINT, alike=())), hint_title(replace(HINT, alike=("dead-zone", "backlash")))
+    assert alone.endswith(f"({HINT.place})")
+    assert group == f"{alone} or dead zone or backlash"

@@ -155,8 +155,8 @@ LACKS: Mapping[Lack, str] = {
 
 
 def hint_title(hint: Hint) -> str:
-    """Return the effect and its place."""
-    return _begun(f"{effect_words(hint.cause)} ({hint.place})")
+    """Return the effect and its place, with the others of its group: those these runs do not distinguish from it."""
+    return _begun(" or ".join([f"{effect_words(hint.cause)} ({hint.place})", *map(effect_words, hint.alike)]))
 
 
 def hint_notes(diagnosis: Diagnosis, hint: Hint) -> tuple[Note, ...]:
