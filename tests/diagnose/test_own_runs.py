@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -21,12 +20,7 @@ from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, word
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
-from gcs_autotune.link import MemoryLink
-from gcs_autotune.logs import load_runs
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
-from sitl import open_vehicle
 
 Array = NDArray[np.float64]
 
@@ -151,17 +145,6 @@ def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -
     found = diagnose(runs, dof="yaw", effects=["backlash", "dead-zone", "input-bias"])
     assert [c.effect.slug for c in found.causes] == ["dead-zone"]
     assert any({"dead-zone", "backlash"} <= set(group) for group in found.indistinguishable)
-
-
-@pytest.mark.slow
-def test_a_tune_whose_thrusters_have_a_dead_band_is_explained(tmp_path: Path) -> None:
-    """No linear model follows such a run at all; its causes are found beside process noise, then without."""
-    link = MemoryLink(open_vehicle("bluerov2", seed=1, parameters={"SCHED_LOOP_RATE": 100.0}))
-    link.is_simulated = True
-    settings = TuneSettings("heading", Connection("memory", opened=link), tmp_path / "run")
-    tune(settings, Unattended(), SilentWatcher(), "")
-    found = diagnose(load_runs(tmp_path / "run"))
-    assert {c.effect.slug for c in found.causes} == {"dead-zone", "input-bias", "quadratic-drag"}
 
 
 def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
