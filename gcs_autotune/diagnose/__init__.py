@@ -31,13 +31,14 @@ from __future__ import annotations
 from gcs_autotune.diagnose.api import WORK, diagnose
 from gcs_autotune.diagnose.craft_changes import CHANGES, CraftChange, CraftComparison, compare_craft
 from gcs_autotune.diagnose.heldout import METRIC
-from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce
 from gcs_autotune.diagnose.result import (
     Cause,
     Diagnosis,
     ErrorReduction,
     Hint,
     Lack,
+    MissingCurve,
+    MissingForce,
     Number,
     Numbers,
     Portrait,

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.process_noise import NoiseSearch
+from gcs_autotune.diagnose.result import MissingCurve, MissingForce, Waves
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import Day, NoisyFit, ProcessNoise, moves
+from gcs_autotune.identify import NoisyFit, ProcessNoise, moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_noise"]
+__all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
 
 Array = NDArray[np.float64]
 
@@ -32,85 +32,6 @@ UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row
 
 TOLD = 0.1
 """Share of the missing force that must go with something, foretold from other runs, to be told."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MissingCurve:
-    """The missing force (n,) over ``over`` with a 95 % band between runs.
-
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power about its mean, predicted
-    by the other runs' curve; below 0 when that curve predicts less than their mean. ``others``: what predicts it, the
-    ``runs`` besides, or of a single run the other ``half``.
-    """
-
-    over: str
-    unit: str
-    x: Array
-    force: Array
-    band: Array
-    share: float
-    others: Literal["runs", "half"] = "runs"
-
-    @property
-    def predicted_by(self) -> str:
-        """Return what of the data predicts the share, in words."""
-        return "the other runs" if self.others == "runs" else "the other half of the run"
-
-    @property
-    def varies(self) -> bool:
-        """Whether no constant lies within the band everywhere: else it goes with nothing."""
-        return bool(np.max(self.force - self.band) > np.min(self.force + self.band))
-
-
-@dataclass(frozen=True, slots=True)
-class Waves:
-    """Waves beneath which the runs were: period [s], damping ratio of their band; standard deviations of the swing of
-    what is seen [m, rad] and of the force.
-    """
-
-    period: float
-    damping: float
-    swing: float
-    force: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MissingForce:
-    """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
-
-    ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
-    commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
-    own besides, none where runs are alike. ``waves``: beneath which they were, None for none. ``size95`` and
-    ``memory95``: 95 % intervals. ``longest`` [s]: the longest run; a memory that may be longer is a constant's.
-    """
-
-    dof: str
-    unit: str
-    size: float
-    memory: float
-    share: float
-    curves: Mapping[str, MissingCurve]
-    days: tuple[Day, ...] = ()
-    waves: Waves | None = None
-    size95: tuple[float, float] = (0.0, math.inf)
-    memory95: tuple[float, float] = (0.0, math.inf)
-    longest: float = math.inf
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        curves = {
-            n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
-            for n, c in self.curves.items()
-        }
-        own = {"dof": self.dof, "unit": self.unit, "size": self.size}
-        days = [asdict(day) for day in self.days]
-        waves = None if self.waves is None else asdict(self.waves)
-        intervals = {
-            name: [low, high if math.isfinite(high) else None]
-            for name, (low, high) in (("size95", self.size95), ("memory95", self.memory95))
-        }
-        told = {"memory": self.memory, "share": self.share, **intervals}
-        return {**own, **told, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

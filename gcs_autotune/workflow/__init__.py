@@ -26,9 +26,9 @@ from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.self_planned import first_run
-from gcs_autotune.workflow.settings import CommonSettings, Connection, TuneSettings
-from gcs_autotune.workflow.study import StudySettings, study
-from gcs_autotune.workflow.supplied_gains import SuppliedGains, load_gains
+from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
+from gcs_autotune.workflow.study import study
+from gcs_autotune.workflow.supplied_gains import load_gains
 from gcs_autotune.workflow.tune import tune
 
 __all__ = [

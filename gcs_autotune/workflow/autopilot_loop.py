@@ -25,8 +25,9 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, res
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
 from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
+from gcs_autotune.workflow.settings import SuppliedGains
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
-from gcs_autotune.workflow.supplied_gains import SuppliedGains, step_of
+from gcs_autotune.workflow.supplied_gains import step_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop
 from gcs_autotune.workflow.tune_log import TuneLog

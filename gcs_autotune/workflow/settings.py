@@ -1,23 +1,22 @@
-"""The settings of jobs on a vehicle; SI units and radians."""
+"""The settings of jobs, on a vehicle and at the desk; SI units and radians."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Literal
 
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import ModelFile, Structure
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import Transport, open_link
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
+from gcs_autotune.models import Form
 
-if TYPE_CHECKING:
-    from gcs_autotune.workflow.supplied_gains import SuppliedGains
-
-__all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "TuneSettings"]
+__all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
 
 SETTLED = "settled"
 STOP_RULES = ("design", SETTLED)
@@ -111,6 +110,20 @@ class CommonSettings:
         _check_limits(self, _COMMON_NUMBERS)
 
 
+@dataclass(frozen=True, slots=True)
+class SuppliedGains:
+    """Values by the vehicle's own parameter names, the ``file`` they are from, and the ``step`` flown in its run.
+
+    ``step`` is None where the file does not lie in the directory of a run that has flown one. ``noise``: standard
+    deviation per signal (SI) that the model identified in that run has left, as far as there is one.
+    """
+
+    file: Path
+    values: Mapping[str, float]
+    step: StepSettings | None
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuneSettings(CommonSettings):
     """One tune, or one experiment, which uses the settings of its first half.
@@ -163,3 +176,30 @@ class TuneSettings(CommonSettings):
     def ends_early(self) -> bool:
         """Whether relays, steps and waits end once they have shown enough; else a boat also turns before each stage."""
         return self.stop_rule != SETTLED
+
+
+@dataclass(frozen=True, slots=True)
+class StudySettings:
+    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
+
+    ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
+    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds;
+    ``profile``: parameters whose intervals are to be found by profile likelihood; ``compare``: a model, or a method
+    whose model of the same runs, what is found is to be compared with.
+    """
+
+    dof: str | None = None
+    structure: str | Path | Form | None = None
+    method: str = "output-error"
+    delay: Literal["auto"] | float = "auto"
+    use: tuple[str, ...] | None = None
+    loss: Literal["linear", "soft_l1"] = "linear"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+    begin: ExtendedModel | None = None
+    check: bool = True
+    choose: bool = False
+    plan_next: float | None = None
+    profile: tuple[str, ...] = ()
+    compare: ModelFile | str | None = None

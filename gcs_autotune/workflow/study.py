@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
@@ -32,6 +32,7 @@ from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.settings import StudySettings
 from gcs_autotune.workflow.study_sections import (
     Intervals,
     Proposed,
@@ -46,7 +47,7 @@ from gcs_autotune.workflow.study_sections import (
     response_pictures,
 )
 
-__all__ = ["StudySettings", "study", "study_of"]
+__all__ = ["study", "study_of"]
 
 HELD_BACK = 0.3
 """Share of a single run held back for the check on unseen data: its end."""
@@ -55,33 +56,6 @@ MOST_FOLDS = 8
 """Runs left out in turn; with more of them they are left out in groups."""
 
 ALL = "all"
-
-
-@dataclass(frozen=True, slots=True)
-class StudySettings:
-    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
-
-    ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
-    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds;
-    ``profile``: parameters whose intervals are to be found by profile likelihood; ``compare``: a model, or a method
-    whose model of the same runs, what is found is to be compared with.
-    """
-
-    dof: str | None = None
-    structure: str | Path | Form | None = None
-    method: str = "output-error"
-    delay: Literal["auto"] | float = "auto"
-    use: tuple[str, ...] | None = None
-    loss: Literal["linear", "soft_l1"] = "linear"
-    options: Mapping[str, Any] = field(default_factory=dict)
-    known: Mapping[str, float] = field(default_factory=dict)
-    effects: tuple[str, ...] = ()
-    begin: ExtendedModel | None = None
-    check: bool = True
-    choose: bool = False
-    plan_next: float | None = None
-    profile: tuple[str, ...] = ()
-    compare: ModelFile | str | None = None
 
 
 Stage = Callable[[str, int, int], None]

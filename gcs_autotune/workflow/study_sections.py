@@ -33,11 +33,11 @@ from gcs_autotune.identify import (
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.settings import StudySettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gcs_autotune.workflow.study import StudySettings
 
 __all__ = [
     "Intervals",

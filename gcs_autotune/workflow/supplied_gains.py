@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +17,9 @@ from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.record import PROPOSED
+from gcs_autotune.workflow.settings import SuppliedGains
 
-__all__ = ["SuppliedGains", "changes_of", "load_gains", "step_of"]
-
-
-@dataclass(frozen=True, slots=True)
-class SuppliedGains:
-    """Values by the vehicle's own parameter names, the ``file`` they are from, and the ``step`` flown in its run.
-
-    ``step`` is None where the file does not lie in the directory of a run that has flown one. ``noise``: standard
-    deviation per signal (SI) that the model identified in that run has left, as far as there is one.
-    """
-
-    file: Path
-    values: Mapping[str, float]
-    step: StepSettings | None
-    noise: Mapping[str, float] = field(default_factory=dict)
+__all__ = ["changes_of", "load_gains", "step_of"]
 
 
 def load_gains(path: Path, axis: str) -> SuppliedGains:
