@@ -148,7 +148,7 @@ def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlH
 @pytest.mark.slow
 def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[SitlHarness, Any]) -> None:
     _, result = flown
-    first, *others = [s.outlook.foretold for s in result.steps]
+    first, *others = [s.outlook.predicted for s in result.steps]
     assert math.isnan(first)
     assert min(others) > 90.0
 
