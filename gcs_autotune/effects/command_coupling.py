@@ -31,7 +31,7 @@ class CommandCoupling(ActuatorEffect):
     """
 
     slug = "command-coupling"
-    meaning = "the command of another axis acts here too: thrust beside the centre, or thrusters that are not equal"
+    meaning = "the command of another axis acts here too: thrust off the centre, or unequal thrusters"
     plain = "On your {craft} another command also acts on {motion}; in {simulation} it does not."
     parameters = (Quantity("gain", f"{INPUT} per unit of the other", "what the other command adds to this one"),)
     grows_with = ("gain",)

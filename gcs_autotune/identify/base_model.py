@@ -140,8 +140,8 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{', '.join(missing)} was asked for and not looked at: nothing recorded drives and shows it",
-                f"record what is wanted of it ({columns})",
+                f"{', '.join(missing)} was requested but not examined: no recorded channel drives it and shows it",
+                f"record what is needed for it ({columns})",
             )
         )
     compared = {n for s in segments for n in s.signals}
@@ -329,8 +329,8 @@ def given_base(
     best = _best_from(problem, chain([own], starts), effects)
     if best is None:
         raise NotInformative(
-            f"the model '{form.title}' runs away on these runs, whatever its numbers: is it about this craft, in these "
-            "units?"
+            f"the model '{form.title}' diverges on these runs for all parameter values: check that it describes this "
+            "craft, in these units"
         )
     return _known(form, segments, limits, best), given, best
 

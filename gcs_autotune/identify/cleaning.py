@@ -116,7 +116,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             Doubt(
                 "late-samples",
                 f"{int(late.sum())} samples of {channel.name} in run '{run}' are older than the one before them",
-                "log with the vehicle's own time stamps; they were put in order, or left out when far too old",
+                "log with the vehicle's own timestamps; they were sorted, or left out if far too old",
             )
         )
     if repeated > 0.02 * len(t):
@@ -133,7 +133,7 @@ def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
             if name not in others:
                 notes[i] = replace(note, cause=f"{start}{', '.join([*others, name])}{end}")
             return
-    cure = "log with the vehicle's own time stamps, digits enough to tell them apart; the first sample of each was kept"
+    cure = "log with the vehicle's own timestamps, with enough digits; the first sample of each was kept"
     notes.append(Doubt("repeated-stamps", f"{start}{name}{end}", cure))
 
 
@@ -274,7 +274,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
             Doubt(
                 "input-gaps",
                 f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in found):.1f} s",
-                "fly within good radio range; what the craft did meanwhile was left out",
+                "stay within good radio range; the motion during the gap was left out",
             )
         )
     return found
