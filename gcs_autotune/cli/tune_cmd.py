@@ -175,7 +175,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     )
 
 
-DROPPED = {"axis", "command", "whole", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
     *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
 """Options without effect when supplied gains are proved."""
