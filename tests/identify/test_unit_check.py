@@ -130,8 +130,8 @@ def sawtooth(height: float, turns: float = 4.0) -> Array:
 @pytest.mark.parametrize(
     ("height", "words"),
     [
-        (360.0, "its head says radians but the numbers are degrees"),
-        (2.0 * math.pi / (180.0 / math.pi), "its head says degrees but the numbers are radians"),
+        (360.0, "its head states radians, but the numbers are degrees"),
+        (2.0 * math.pi / (180.0 / math.pi), "its head states degrees, but the numbers are radians"),
     ],
 )
 def test_a_heading_tells_its_unit_where_it_wraps(height: float, words: str) -> None:
