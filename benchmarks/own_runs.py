@@ -181,7 +181,8 @@ def _weaker_astern(dof: str, runs: Sequence[Trial]) -> Iterator[Fact]:
         X = np.concatenate([run["X"].values for run in both]) if both else np.zeros(1)
         yield Fact(dof, slugs, min(-X.min(), X.max()) > 0.1 * np.abs(X).max(), frozenset({"X", "N+X"}))
     elif hard.any() and not hard.all():
-        yield Fact(dof, slugs, 0.1 < float(np.mean(hard)) < 0.9, frozenset({"N+X"}))
+        shown = 0.1 < float(np.mean(hard)) < 0.9 and _levels("N", runs) > 1
+        yield Fact(dof, slugs, shown, frozenset({"N+X"}))
 
 
 def _harder(run: Trial) -> NDArray[np.bool_]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,15 +17,10 @@ from test_process_noise import as_from_a_log, nobody, weathered
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
-from gcs_autotune.diagnose.process_noise import PRESENT, search_under_process_noise
+from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import WanderingFit, Water, data_summary_of, moves, plain_form, prepare_as_recorded
-from gcs_autotune.link import MemoryLink
-from gcs_autotune.logs import load_runs
+from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.watch import SilentWatcher
-from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
-from sitl import open_vehicle
 
 Array = NDArray[np.float64]
 
@@ -153,17 +147,6 @@ def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -
     assert any({"dead-zone", "backlash"} <= set(group) for group in found.indistinguishable)
 
 
-@pytest.mark.slow
-def test_a_tune_whose_thrusters_have_a_dead_band_is_explained(tmp_path: Path) -> None:
-    """No linear model follows such a run at all; its causes are found beside process noise, then without."""
-    link = MemoryLink(open_vehicle("bluerov2", seed=1, parameters={"SCHED_LOOP_RATE": 100.0}))
-    link.is_simulated = True
-    settings = TuneSettings("heading", Connection("memory", opened=link), tmp_path / "run")
-    tune(settings, Unattended(), SilentWatcher(), "")
-    found = diagnose(load_runs(tmp_path / "run"))
-    assert {c.effect.slug for c in found.causes} == {"dead-zone", "input-bias", "quadratic-drag"}
-
-
 def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
     falling = thrusts([0.9, 0.7], 400)
     runs = [steered(falling, helm(400, k), seed=k) for k in (3, 4)]
@@ -185,7 +168,7 @@ def test_inertia_that_follows_a_command_is_a_rival_of_every_change_in_time() -> 
 def test_a_constant_force_is_no_process_noise(seed: int) -> None:
     """A drifting force with a long memory is a constant, and stood in its place."""
     problem, base = as_from_a_log(towed(("input-bias", "yaw", {"bias": 0.3}), seed=seed))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
     assert found.calm < PRESENT
 
@@ -193,27 +176,27 @@ def test_a_constant_force_is_no_process_noise(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0, days=[(0.15, 0.0)] * 3))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None and found.calm > PRESENT
-    assert [a.effect.slug for a in found.named] == ["input-bias"]
-    assert found.named[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
+    assert [a.effect.slug for a in found.accepted] == ["input-bias"]
+    assert found.accepted[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_process_noise_alone_has_no_constant(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
-    assert found.named == ()
+    assert found.accepted == ()
 
 
 def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
-    water, covariance = Water(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
-    fit = WanderingFit(cast(Any, None), np.ones(2), (), water, np.ones(1), (), covariance, ())
+    noise, covariance = ProcessNoise(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
+    fit = NoisyFit(cast(Any, None), np.ones(2), (), noise, np.ones(1), (), covariance, ())
     assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
     assert fit.interval_of("memory") == pytest.approx((5.07, 78.9), abs=0.1)
     assert fit.interval_of("smoothing") == (0.0, math.inf)
-    nothing = cast(Any, SimpleNamespace(named=(), judged=()))
+    nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
         "within 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it from a constant"

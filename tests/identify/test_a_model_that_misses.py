@@ -53,7 +53,7 @@ def test_runs_that_a_model_without_sway_cannot_reconcile_are_no_other_craft():
     told = {d.slug: d.cause for d in found.doubts}
     assert "run-apart" not in told
     assert "does not indicate another craft" in told["runs-disagree"]
-    assert "sway moved too" in told["runs-disagree"]
+    assert "also moved in sway" in told["runs-disagree"]
 
 
 def pushed_about(seed, drift):

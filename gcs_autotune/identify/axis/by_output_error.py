@@ -350,7 +350,7 @@ def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
     besides = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
     option = dof_option(runs, (dof,), besides) if besides else ""
     names = ", ".join(f"'{o.run}' by {o.sigmas:.0f} standard errors" for o in odd)
-    moved = f"; {' and '.join(besides)} moved too, and are not in it" if besides else ""
+    moved = f"; the craft also moved in {' and '.join(besides)}, which the model does not have" if besides else ""
     return Doubt(
         "runs-disagree",
         f"the runs give different numbers ({names}), and the model misses more than noise in most of them{moved}: this "
