@@ -19,13 +19,14 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta as beta_law
 
 from benchmarks.every_manoeuvre import QUICK, cases, tunes
@@ -36,6 +37,7 @@ from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import load_model
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.logs import load_runs
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import (
@@ -65,12 +67,30 @@ SEEN = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
-    """What a vehicle file has of one run: ``allowed`` slugs, and ``demanded`` ones, any of each set."""
+class Fact:
+    """What a vehicle file has of a degree of freedom: the slugs it may be named by, each of which is right.
 
-    allowed: frozenset[str]
-    demanded: tuple[frozenset[str], ...]
-    sways: bool
+    ``shown``: whether these runs must show it; ``where``: the columns it may be at, any of its degree of freedom where
+    none are listed.
+    """
+
+    dof: str
+    slugs: frozenset[str]
+    shown: bool = False
+    where: frozenset[str] = frozenset()
+
+    def covers(self, slugs: Iterable[str], place: str) -> bool:
+        """Whether a cause of one of these names (those of a group) at *place* is this."""
+        here = place in self.where if self.where else dof_of(place) == self.dof
+        return here and bool(self.slugs & set(slugs))
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """All facts about the degrees of freedom looked at, and those in which the hull can move."""
+
+    facts: tuple[Fact, ...]
+    moves: frozenset[str]
 
 
 def file_of(vehicle: str) -> dict[str, Any]:
@@ -91,52 +111,99 @@ LETTERS = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 SPEEDS = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
+def dof_of(place: str) -> str:
+    """Return the degree of freedom that a cause's place is about: ``yaw`` of ``N``, ``N+X``, ``N_|u|r``, ``psi``."""
+    head = place.partition("+")[0].partition("_")[0].partition("@")[0]
+    own = (d.name for d in DOFS.values() if head in (d.name, d.force, d.velocity, d.position))
+    return next(own, head)
+
+
 def truth_of(vehicle: str, dofs: Sequence[str], runs: Sequence[Trial]) -> Truth:
-    """Return what may, and what must, be named of *dofs*; why stands beside each row."""
+    """Return what may, and what must, be named of *dofs*.
+
+    Commands in a record are the outputs of the servos and both they and the motion are dated by the vehicle's clock, so
+    the delays of the link are in no record.
+    """
     file = file_of(vehicle)
-    boat, allowed, demanded = file["actuators"] in ("rudder", "twin-thruster"), set(), []
-    sways = "sway" in file
+    facts = [fact for dof in dofs for fact in _facts(file, dof, runs)]
+    couplings = file.get("coupling", {})
+    if couplings.get("coriolis") or any(isinstance(v, float) and v for v in couplings.values()):
+        slides = _most("v", runs) > 2.0 * SPEED_NOISE * file["sensors"]["speed_noise"]
+        facts += [Fact(dof, SLIDING, slides and dof == "yaw") for dof in dofs]
+    boat = file["actuators"] in ("rudder", "twin-thruster")
+    moves = {"surge", "yaw"} | {"sway"} & set(file) | (set() if boat else {"heave"})
+    return Truth(tuple(facts), frozenset(moves))
 
-    def most(name: str) -> float:
-        sizes = [np.nanmax(np.abs(r[name].values)) for r in runs if name in r and len(r[name])]
-        return float(max(sizes, default=0.0))
 
-    for dof in dofs:
-        table, command = file.get(dof, {}), most(LETTERS[dof])
-        full = _authority(file, dof)
-        constant = "net-buoyancy" if dof == "heave" else "input-bias"
-        if table.get("bias"):  # trim, or weight less buoyancy
-            allowed.add(constant)
-            if abs(table["bias"]) > SEEN * full * max(command, 1e-9):
-                demanded.append(frozenset({constant}))
-        if np.max(table.get("beta2", 0.0)) > 0.0:
-            allowed.add("quadratic-drag")
-            if table["beta2"] * most(SPEEDS[dof]) > 0.5 * table["beta"] and most(SPEEDS[dof]) > 0.0:
-                demanded.append(frozenset({"quadratic-drag"}))
-    if file["actuators"] == "rudder":
-        if "yaw" in dofs:  # inertia and drag per rudder angle go with the propeller's speed (table 7.12)
-            allowed.add("propeller-wash")
-        if "surge" in dofs:  # thrust goes with n|n|
-            allowed.add("quadratic-actuator")
-            if _levels("X", runs) > 1:  # one size of command shows no curve
-                demanded.append(frozenset({"quadratic-actuator"}))
+SPEED_NOISE = 3.0
+"""Standard deviations of a sensor's noise within which all but a few of its samples lie."""
+
+
+def _facts(file: Mapping[str, Any], dof: str, runs: Sequence[Trial]) -> Iterator[Fact]:
+    table, command, speed = file.get(dof, {}), _most(LETTERS[dof], runs), _most(SPEEDS[dof], runs)
+    # Trim, or weight less buoyancy. Along the heave axis both are the same force.
+    bias, full = abs(table.get("bias", 0.0)), _authority(file, dof)
+    if bias:
+        slugs = {"net-buoyancy", "input-bias"} if dof == "heave" else {"input-bias"}
+        yield Fact(dof, frozenset(slugs), bias > SEEN * full * max(command, 1e-9))
+    beta2 = float(np.max(table.get("beta2", 0.0)))
+    if beta2 > 0.0:
+        yield Fact(dof, frozenset({"quadratic-drag"}), speed > 0.0 and beta2 * speed > 0.5 * table["beta"])
+    if file["actuators"] == "rudder" and dof == "yaw":
+        # Inertia and drag per rudder angle go with the propeller's speed (table 7.12).
+        yield Fact(dof, frozenset({"propeller-wash"}))
+    if file["actuators"] == "rudder" and dof == "surge":
+        # Thrust goes with n|n|. One size of command shows no curve.
+        yield Fact(dof, frozenset({"quadratic-actuator"}), _levels("X", runs) > 1)
     if file["actuators"] == "twin-thruster" and file["thruster"]["astern"] != 1.0:
-        # Astern each is weaker: surge has a lighter side; a turn harder than the way ahead takes one astern.
-        allowed |= {"asymmetric-thrust", "saturation"}
-    if "odd" in file.get("thruster", {}):  # a curve with a dead band in its middle
-        allowed |= {"dead-zone", "quadratic-actuator", "saturation"}
-        demanded.append(frozenset({"dead-zone", "quadratic-actuator"}))
-    if file["link"]["up_delay"] or file["link"]["down_delay"]:
-        allowed |= {"input-delay", "measurement-delay"}
-    if file["sensors"].get("heading_quantum") or not boat:  # a depth sensor's rates come in whole centimetres
-        allowed.add("quantisation")
-    if sways:
-        terms = file.get("coupling", {})
-        if terms.get("coriolis") or any(n.startswith(("N_v", "N_u")) for n in terms):
-            allowed |= SLIDING
-        if "surge" in dofs or "sway" in dofs:
-            allowed |= {"coriolis-coupling", "sway-yaw-coupling"}
-    return Truth(frozenset(allowed), tuple(demanded), sways)
+        yield from _weaker_astern(dof, runs)
+    odd = file.get("thruster", {}).get("odd")
+    if odd:
+        # No force in the middle, then one that grows faster than the command: either is told by two sizes of command.
+        yield Fact(dof, frozenset({"dead-zone", "quadratic-actuator"}), _levels(LETTERS[dof], runs) > 1)
+        if command > _flattens(odd):
+            yield Fact(dof, frozenset({"saturation"}))
+    if file["sensors"].get("heading_quantum") and dof == "yaw":
+        yield Fact(dof, frozenset({"quantisation"}), where=frozenset({"psi"}))
+    if dof == "heave":  # MAVLink sends the rate of climb in whole centimetres a second
+        yield Fact(dof, frozenset({"quantisation"}), where=frozenset({"w"}))
+
+
+def _weaker_astern(dof: str, runs: Sequence[Trial]) -> Iterator[Fact]:
+    """Yield what two thrusters that are weaker astern do.
+
+    A turn harder than the way ahead takes the inner one astern; of surge the same, and the whole side astern is weaker.
+    """
+    both = [run for run in runs if "N" in run and "X" in run]
+    hard = np.concatenate([_harder(run) for run in both]) if both else np.zeros(0, dtype=bool)
+    slugs = frozenset({"asymmetric-thrust"})
+    if dof == "surge":
+        X = np.concatenate([run["X"].values for run in both]) if both else np.zeros(1)
+        yield Fact(dof, slugs, min(-X.min(), X.max()) > 0.1 * np.abs(X).max(), frozenset({"X", "N+X"}))
+    elif hard.any() and not hard.all():
+        shown = 0.1 < float(np.mean(hard)) < 0.9 and _levels("N", runs) > 1
+        yield Fact(dof, slugs, shown, frozenset({"N+X"}))
+
+
+def _harder(run: Trial) -> NDArray[np.bool_]:
+    """Return whether each turn commanded was harder than the way ahead."""
+    N, X = run["N"], run["X"]
+    ahead = X.values[np.maximum(np.searchsorted(X.t, N.t, side="right") - 1, 0)]
+    turning = (np.abs(N.values) > 0.0) & (np.abs(ahead) > 0.0)
+    return np.asarray(np.abs(N.values) > np.abs(ahead))[turning]
+
+
+def _flattens(odd: Sequence[float]) -> float:
+    """Return the command from which on a thruster's curve grows more slowly than up to there."""
+    u = np.linspace(0.0, 1.0, 201)
+    force = sum(c * u ** (2 * k + 1) for k, c in enumerate(odd))
+    slope = np.gradient(force, u)
+    return float(u[np.argmax(slope)])
+
+
+def _most(name: str, runs: Sequence[Trial]) -> float:
+    sizes = [np.nanmax(np.abs(r[name].values)) for r in runs if name in r and len(r[name])]
+    return float(max(sizes, default=0.0))
 
 
 def _levels(name: str, runs: Sequence[Trial]) -> int:
@@ -235,19 +302,22 @@ def played(case: Case, folder: Path) -> Outcome:
     seconds = time.process_time() - began
     told = json.loads(diagnosis.to_json())
     truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
+    groups = [set(group) for group in told["indistinguishable"]]
     found = [(f["cause"], f["place"]) for f in told["found"]]
-    groups = {s: set(g) for g in told["indistinguishable"] for s in g}
-    wrong = [f"{s} of {p}" for s, p in found if not ({s} | groups.get(s, set())) & truth.allowed]
-    named = {s for s, _ in found} | {r for s, _ in found for r in groups.get(s, ())}
-    lacking = [" or ".join(sorted(some)) for some in truth.demanded if not some & named]
-    claims = [] if truth.sways else [s for s, _ in found if s in SLIDING]
-    if not truth.sways:
-        told_of = " ".join(told["gave_away"]["findings"])
+    names = [{s}.union(*(g for g in groups if s in g)) for s, _ in found]
+    named = list(zip(names, (p for _, p in found), strict=True))
+    right = [any(fact.covers(*own) for fact in truth.facts) for own in named]
+    wrong = [f"{s} of {p}" for (s, p), good in zip(found, right, strict=True) if not good]
+    lacking = [f for f in truth.facts if f.shown and not any(f.covers(*own) for own in named)]
+    claims = [f"{s} of {p}" for s, p in found if dof_of(p) in DOFS and dof_of(p) not in truth.moves]
+    if "sway" not in truth.moves:
+        told_of = " ".join(told["gave_away"]["findings"] + told["left"]["findings"])
+        claims += [s for s, _ in found if s in SLIDING]
         claims += [w for w in ("speed sideways", "drift angle") if w in told_of]
     sizes = [" ".join(f"{v['value']:.3g}" for v in f["parameters"].values()) for f in told["found"]]
     numbers = ", ".join(f"{s}@{p}({own})" for (s, p), own in zip(found, sizes, strict=True))
     said = f"{told['verdict']}: {numbers or 'nothing'} {[d['slug'] for d in told['doubts']]}"
-    miss = "; ".join([*(f"names {w}" for w in wrong), *(f"lacks {w}" for w in lacking)])
+    miss = "; ".join([*(f"names {w}" for w in wrong), *(f"lacks {' or '.join(sorted(f.slugs))}" for f in lacking)])
     return Outcome(case, said, miss, ", ".join(claims), seconds=seconds)
 
 
@@ -277,7 +347,14 @@ def _numbers(case: Case, place: Path, runs: Sequence[Trial], began: float) -> Ou
     right = set(rows) - own_fault == set(changed)
     said = f"{told['verdict']}: wrong {rows}, causes {causes}"
     truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
-    false = [f["cause"] for f in told["found"] if f["cause"] not in truth.allowed]
+    groups = [set(group) for group in told["indistinguishable"]]
+    false = [
+        f["cause"]
+        for f in told["found"]
+        if not any(
+            x.covers({f["cause"]}.union(*(g for g in groups if f["cause"] in g)), f["place"]) for x in truth.facts
+        )
+    ]
     miss = "" if right and not false else f"wrong should be {changed}"
     return Outcome(case, said, miss, seconds=time.process_time() - began)
 

@@ -33,7 +33,7 @@ from gcs_autotune.workflow import (
     Connection,
     FlightPlan,
     FlightResult,
-    PlannedRun,
+    FlySettings,
     Precision,
     Unattended,
     first_run,
@@ -76,9 +76,8 @@ def flown(path: Path, seed: int, plan: FlightPlan, common: CommonSettings) -> Fl
     link.is_simulated = True
     common = replace(common, connection=Connection("memory", opened=link))
 
-    def here(run: PlannedRun) -> PlannedRun:
-        own = replace(run.settings.common, connection=common.connection)
-        return replace(run, settings=replace(run.settings, common=own))
+    def here(run: FlySettings) -> FlySettings:
+        return replace(run, common=replace(run.common, connection=common.connection))
 
     plan = replace(plan, runs=tuple(here(run) for run in plan.runs))
     return fly_plan(plan, common, Unattended(), SilentWatcher(), "")

@@ -10,10 +10,10 @@ from pathlib import Path
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
+    from gcs_autotune import executor
     from gcs_autotune.cli import main
-    from gcs_autotune.workflow import worker
-    from tests.conftest import in_few_evaluations
+    from tests.conftest import in_few_evaluations, serve_in_few_evaluations
 
-    worker._COMMAND = "import tests.conftest as c; w = c.in_few_evaluations(); w.__enter__(); " + worker._COMMAND
+    executor._serve_apart = serve_in_few_evaluations
     with in_few_evaluations():
         sys.exit(main(sys.argv[1:]))

@@ -16,6 +16,8 @@ from uuid import uuid4
 
 import pytest
 
+from gcs_autotune import executor
+
 ROOT = Path(__file__).parents[1]
 
 WARM_UP = (
@@ -97,6 +99,12 @@ def in_few_evaluations() -> Iterator[None]:
         for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
             patch.setattr(f"gcs_autotune.design.refinement.{name}", number)
         yield
+
+
+def serve_in_few_evaluations(pipe: Any) -> None:
+    """Serve as a kept process of the executor does, in few evaluations."""
+    with in_few_evaluations():
+        executor._serve_apart(pipe)
 
 
 @pytest.fixture(autouse=True)

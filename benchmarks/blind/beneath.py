@@ -26,9 +26,8 @@ from benchmarks.blind.scoring import bounds
 from benchmarks.blind.weather import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_under
-from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
-from gcs_autotune.diagnose.weathered import supported
+from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_among
+from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise, supported
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 
@@ -51,28 +50,28 @@ def _cases(kind: str, seeds: Sequence[int], only: Sequence[str]) -> Iterator[tup
                 yield from ((kind, seed, index, slug) for index in range(OFTEN.get(slug, 1)))
 
 
-def _searched(case: Case, slugs: Sequence[str]) -> WeatherSearch | None:
+def _searched(case: Case, slugs: Sequence[str]) -> NoiseSearch | None:
     form = plain_form(case.runs)
     held = prepare_as_recorded(case.unseen, form)[0] if case.unseen else []
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
-    return search_under_process_noise(problem, base, slugs, held, lambda *_: None)
+    return search_with_process_noise(problem, base, slugs, held, lambda *_: None)
 
 
-def _gain(found: WeatherSearch | None, slug: str) -> float | None:
+def _gain(found: NoiseSearch | None, slug: str) -> float | None:
     """Return what *slug* gained in the first step, None where it did not come so far."""
-    judged = () if found is None else found.judged
-    return max((a.gain for a in judged if a.step == 1 and a.effect.slug == slug), default=None)
+    judged = found.steps[0].judged if found is not None and found.steps else ()
+    return max((a.gained for a in judged if a.effect.slug == slug), default=None)
 
 
-def _answer(found: WeatherSearch | None) -> Row:
+def _answer(found: NoiseSearch | None) -> Row:
     """Return names, groups and hints of a search, as a diagnosis gives them, and how often chance gives a hint."""
     if found is None:
         return {"named": [], "groups": [], "hints": [], "chance": 0.0}
-    told, refused, _ = supported(found)
+    told = supported(found)
     return {
-        "named": [a.effect.slug for a in told.named],
-        "groups": [list(g) for g in told.alike],
-        "hints": [w.one.effect.slug for w in weak_under(told, refused)],
+        "named": [a.effect.slug for a in told.accepted],
+        "groups": [list(g) for g in told.alike()],
+        "hints": [w.one.effect.slug for w in weak_among(told)],
         "chance": chance_of(FAINT, 1, found.tried),
     }
 
@@ -81,7 +80,7 @@ def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
     """Return what the search, or the *whole* diagnosis, says of one case."""
     case = draw_case(kind, seed, index, slug)
     begun = time.process_time()
-    found: WeatherSearch | None = None
+    found: NoiseSearch | None = None
     if whole:
         told = diagnose(list(case.runs), unseen=list(case.unseen))
         answer: Row = {

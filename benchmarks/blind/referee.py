@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.blind.case import GIVEN, Case, NoCase, draw_case
 from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
-from gcs_autotune.diagnose.process_noise import search_under_process_noise
+from gcs_autotune.diagnose.process_noise import search_with_process_noise
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import fit_base, prepare_as_recorded
@@ -227,9 +227,9 @@ def _worth(case: Case) -> float:
     runs = list(case.runs)
     form = plain_form(runs)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
-    found = search_under_process_noise(problem, base, list(case.truth), (), lambda *_: None)
-    judged = [] if found is None else [a for a in found.judged if a.effect.slug in case.truth]
-    return max((a.gain for a in judged), default=0.0)
+    found = search_with_process_noise(problem, base, list(case.truth), (), lambda *_: None)
+    judged = [] if found is None else [a for step in found.steps for a in step.judged if a.effect.slug in case.truth]
+    return max((a.gained for a in judged), default=0.0)
 
 
 def _pulls(slug: str, found: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, list[float]]:

@@ -134,5 +134,5 @@ def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:
         sub = verbs.add_parser(command.name, help=command.help, description=command.description)
         command.add_arguments(sub)
     config.apply(parser)
-    parser.set_defaults(whole=parser)
+    verbs.choices[completion_cmd.COMMAND.name].set_defaults(whole=parser)
     return parser

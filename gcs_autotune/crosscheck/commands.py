@@ -79,7 +79,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
         return Contradiction(pair, "sign", factor, std, "", columns, cause, _used(cure, ""))
     if max(map(abs, cosines)) < APART:
         cause = f"{output.name} does not follow {command.name} (run '{run}')"
-        cure = "check SERVOn_FUNCTION, and that nobody else was steering"
+        cure = "check SERVOn_FUNCTION, and that no other station was steering"
         return Contradiction(pair, "unrelated", math.nan, math.nan, "", columns, cause, _used(cure, ""))
     if same_unit and rho > 0.95 and abs(math.log(abs(factor))) > math.log1p(FACTOR):
         size = f"{factor:.2g} times as far as {command.name} commands (+- {max(std, 0.01):.1g})"

@@ -166,7 +166,7 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
         f"{', or x and y are exchanged' if exchanged else '. psi is more likely wrong'}"
     )
     cure = (
-        f"{'see that x is north and y is east; ' if exchanged else ''}check COMPASS_ORIENT and AHRS_ORIENTATION"
+        f"{'check that x is north and y is east; ' if exchanged else ''}check COMPASS_ORIENT and AHRS_ORIENTATION"
         f"{', and that the propellers drive it ahead (SERVOn_REVERSED)' if degrees > 120.0 else ''}; look before any "
         f"GPS mode{'' if 'X' in trial else '. If it went that way on purpose (astern, sideways), record its X and Y'}"
     )
@@ -180,7 +180,7 @@ def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
         f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that "
         "fit its headings with x and y exchanged only"
     )
-    cure = "see that x is north and y is east"
+    cure = "check that x is north and y is east"
     return Contradiction("psi against track", "exchanged", math.nan, math.nan, "x", ("x", "y", "psi"), cause, cure)
 
 

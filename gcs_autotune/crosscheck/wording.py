@@ -48,7 +48,7 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
     cause = f"{said} (run '{run}')"
     if unit:
-        sure = f"so one of the columns is in {unit} and its head says otherwise"
+        sure = f"so one of the columns is in {unit} and its head states another unit"
         perhaps = f"so perhaps one of the columns is in {unit}"
         cause += f": {factor:.3g} is the factor of {unit}, {sure if factor > MISTAKABLE else perhaps}"
     elif suspect and kind == "still":

@@ -279,9 +279,9 @@ def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
-def explains_all(problem: Problem, found: SearchStep) -> bool:
+def explains_all(problem: Problem, found: SearchStep[Fitted]) -> bool:
     """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
-    return any(leaves_nothing(problem, j.fitted) for j in found.judged if j.evidence > 0.0)
+    return any(leaves_nothing(problem, j.fit) for j in found.judged if j.evidence > 0.0)
 
 
 TRIALS = 30

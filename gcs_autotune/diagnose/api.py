@@ -9,15 +9,16 @@ from dataclasses import replace
 from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, check_effort, limited_to
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.diagnose.excitation_check import check_alive, check_excitation
-from gcs_autotune.diagnose.intake import taken_in, within_manoeuvre, without_repeats
+from gcs_autotune.diagnose.intake import is_one_flight, taken_in, within_manoeuvre, without_repeats
 from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
+from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
+from gcs_autotune.diagnose.search_with_noise import look_with_process_noise
 from gcs_autotune.diagnose.second_looks import foretells, look_at_all_runs, look_in_pieces
 from gcs_autotune.diagnose.simulation import surrogate_of
-from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin
+from gcs_autotune.diagnose.state import begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.weathered import look_under_process_noise
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
@@ -36,9 +37,6 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
 __all__ = ["diagnose"]
-
-PAIR = 2
-"""Runs of our own of which each alone teaches too little of the other: a tune flies a step and a relay."""
 
 WORK = 1e9
 """Chosen: samples that a diagnosis may pass over, ten minutes or so of one core: see docs/diagnose.md."""
@@ -140,14 +138,14 @@ def _diagnosed(
     whole = held or segments
     if horizon is not None:
         segments, held = within_horizon(segments, horizon), within_horizon(held, horizon)
-    one_flight = len(together) == PAIR and all("manoeuvre" in run.meta for run in together)
+    one = is_one_flight(together)
     question = Question(
-        base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one_flight
+        base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one
     )
-    strategies = (*SEARCH, look_at_all_runs, look_under_process_noise, look_in_pieces)
+    strategies = (*SEARCH, look_at_all_runs, look_with_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:
-        chosen = state.pieces is not None or (state.weather is not None and bool(state.weather.named))
+        chosen = state.pieces is not None or (state.with_noise is not None and bool(state.with_noise.accepted))
         try:
             check_effort("what is left over")
             sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.score import bic_penalty
 from gcs_autotune.diagnose.undo_data_errors import turned
-from gcs_autotune.effects import EFFECTS, Effect, EffectInstance, EffectResidual, ExtendedSimulator, Observed, in_order
+from gcs_autotune.effects import (
+    EFFECTS,
+    DataSummary,
+    Effect,
+    EffectInstance,
+    EffectResidual,
+    ExtendedSimulator,
+    Observed,
+    in_order,
+)
 from gcs_autotune.executor import Executor, SerialExecutor
 from gcs_autotune.identify import Fitted, Problem, judged_by
 from gcs_autotune.kept_results import recalled
@@ -63,18 +72,23 @@ class EffectCandidate:
     also: tuple[EffectInstance, ...] = ()
 
 
-def candidates(problem: Problem, present: Sequence[EffectInstance], slugs: Sequence[str]) -> list[list[EffectInstance]]:
-    """Return for every effect and place not *present* the values to begin from."""
-    data_summary = problem.data_summary
+def candidates(
+    data: DataSummary,
+    present: Sequence[EffectInstance],
+    slugs: Sequence[str],
+    starts: Callable[[Effect, str], Sequence[Mapping[str, float]]] | None = None,
+) -> list[list[EffectInstance]]:
+    """Return for every effect and place not *present* the values to begin from; *starts*: others than its own."""
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
         entry = EFFECTS[slug]
-        for place in entry.places(data_summary):
+        for place in entry.places(data):
             if (slug, place) in taken:
                 continue
-            constants = dict(entry.constants(place, data_summary))
-            found.append([EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, data_summary)])
+            constants = dict(entry.constants(place, data))
+            own = entry.starts(place, data) if starts is None else starts(entry, place)
+            found.append([EffectInstance(slug, place, dict(s), constants) for s in own])
     return found
 
 
@@ -221,7 +235,7 @@ class _TangentSpace:
         return (
             None
             if tried is None
-            else EffectCandidate(_of(tried, own), self.fitted, tried.cost, np.zeros(len(self.back)))
+            else EffectCandidate(tried.own(own), self.fitted, tried.cost, np.zeros(len(self.back)))
         )
 
     def _residual_with(self, own: EffectInstance) -> Array | None:
@@ -277,11 +291,6 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> boo
     bounds = entry.bounds(own.place, ground.problem.data_summary)
     growing = [n for n in entry.grows_with if n in own.values]
     return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
-
-
-def _of(fitted: Fitted, own: EffectInstance) -> EffectInstance:
-    """Return the effect of *fitted* at the place of *own*."""
-    return next(e for e in fitted.effects if (e.slug, e.place) == (own.slug, own.place))
 
 
 Attempt = tuple[EffectCandidate, Fitted]
@@ -346,7 +355,7 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
 
 def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
     """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
-    now = next(e for e in best.effects if (e.slug, e.place) == (own.slug, own.place))
+    now = best.own(own)
     others = []
     for k in range(1, MOMENTS + 1):
         for moment in (

@@ -9,20 +9,27 @@ at most. Hints within three nats of each other are one group, for these runs do 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from gcs_autotune import chi_square
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.heldout import HeldOut, gains_of
-from gcs_autotune.diagnose.process_noise import CONSTANT, WeatherSearch
-from gcs_autotune.diagnose.result import ErrorReduction, Hint, Lack, Value
-from gcs_autotune.diagnose.sampling_interval import stands
-from gcs_autotune.diagnose.score import LUCK, Judged, is_material, is_needed
-from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.diagnose.process_noise import CONSTANT
+from gcs_autotune.diagnose.result import Hint, Lack
+from gcs_autotune.diagnose.score import CandidateScore, key_of
+from gcs_autotune.diagnose.search import Search
 from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
+from gcs_autotune.identify import Segment
 
-__all__ = ["ENOUGH", "FAINT", "WeakCandidate", "chance_of", "hints_of", "own_gain", "surest", "weak_under", "worth"]
+__all__ = [
+    "ENOUGH",
+    "FAINT",
+    "WeakCandidate",
+    "chance_of",
+    "hints_of",
+    "weak_among",
+    "worth",
+]
 
 FAINT, ENOUGH = 3.0, 10.0
 """Log-likelihood gained by one number from which on a candidate is a hint, and from which on it is named where it also
@@ -37,20 +44,6 @@ ALIKE = 3.0
 """Chosen: log-likelihood within which two hints are not distinguished, odds of twenty to one."""
 
 MOST_HINTS = 3
-
-Candidate = Attested | Judged
-
-
-def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
-    """Return the gain on data left out of one cause, for the signal that surely gains most; None where unknown."""
-    if after is None or len(before.rests) != len(after.rests):
-        return None
-    return surest(gains_of(before, after, words))
-
-
-def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
-    """Return the gain with the smallest upper end of its interval."""
-    return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)
 
 
 def chance_of(gained: float, numbers: int, tried: int) -> float:
@@ -67,63 +60,41 @@ def worth(gained: float, numbers: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeakCandidate:
-    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, and the rest of what a hint has.
+    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, its ``chance``, what it lacks.
 
     ``alike``: slugs of the others within :data:`ALIKE`, hints themselves or not.
     """
 
-    one: Candidate
+    one: CandidateScore[Any]
     size: float
-    gained: float
-    unseen: tuple[float, ...]
     chance: float
     lacks: Lack
     alike: tuple[str, ...] = ()
 
 
-def hints_of(
-    state: SearchState, causes: Sequence[EffectInstance], values_of: Callable[[Candidate], Mapping[str, Value]]
-) -> tuple[Hint, ...]:
-    """Return the hints of a finished search, the likeliest first; *causes*: those that are identified."""
-    weak = _weak(state) if state.weather is None else weak_under(state.weather, state.refused)
-    known = {(e.slug, e.place) for e in causes}
-    best = [w for w in weak if _key(w.one) not in known][:MOST_HINTS]
-    return tuple(_hint(state, w, values_of(w.one)) for w in best)
+def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequence[Segment]) -> tuple[Hint, ...]:
+    """Return the hints of a finished search over *segments*, the likeliest first; *causes*: those identified."""
+    known = {key_of(e) for e in causes}
+    weak = [w for w in weak_among(search) if key_of(w.one.effect) not in known][:MOST_HINTS]
+    return tuple(_hint(search, w, segments) for w in weak)
 
 
-def weak_under(search: WeatherSearch, refused: Sequence[tuple[Attested, Lack]] = ()) -> list[WeakCandidate]:
-    """Return the candidates of the last step under process noise that are hints, and names that were *refused*.
+def weak_among(search: Search) -> list[WeakCandidate]:
+    """Return the candidates of a search's last step that are hints, and causes refused in the end.
 
     Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
     left out.
     """
-    last_step = max((a.step for a in search.judged), default=0)
-    told = {name for group in search.alike for name in group} | {name_of(a.effect) for a in search.named}
-    beside = [(a, _lack(search, a)) for a in search.judged if a.step == last_step and name_of(a.effect) not in told]
-    own = {(a.effect.slug, a.effect.place): (a, why) for a, why in (*beside, *refused) if not a.uncertain}
+    last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
+    beside = [a for a in last if name_of(a.effect) not in search.names]
     found = []
-    for one, lacks in own.values():
-        if one.foretold > 0.0:
-            here = [i for i, e in enumerate(one.fit.effects) if (e.slug, e.place) == _key(one)]
-            numbers = sum(i in here for i, _ in one.fit.free_effects)
-            chance = chance_of(one.gain, numbers, search.tried)
-            unseen = tuple(one.unseen.tolist())
-            found.append(WeakCandidate(one, worth(one.gain, numbers), one.gain, unseen, chance, lacks))
+    for one in {key_of(a.effect): a for a in (*beside, *search.refused)}.values():
+        if one.gain > 0.0 and one.lacks is not None and one.lacks != "uncertain":
+            chance = chance_of(one.gained, one.numbers, search.tried)
+            found.append(WeakCandidate(one, worth(one.gained, one.numbers), chance, one.lacks))
     ranked = _ranked(found)
-    held = [w for w in ranked if any(w.one is a for a, _ in refused)]
+    held = [w for w in ranked if any(w.one is a for a in search.refused)]
     return [*held, *(w for w in ranked if w not in held)]
-
-
-def _weak(state: SearchState) -> list[WeakCandidate]:
-    """Return the candidates of the last step, where nothing was accepted, that are hints."""
-    last = state.steps[-1] if state.steps else None
-    found = []
-    for one in () if last is None or last.accepted is not None else last.judged:
-        if one.unseen is not None and one.gain > 0.0:
-            numbers, gained = one.fitted.parameters - state.fitted.parameters, 0.5 * one.likelihood
-            chance = chance_of(gained, numbers, state.tried)
-            found.append(WeakCandidate(one, worth(gained, numbers), gained, (), chance, _lack_of(state, one)))
-    return _ranked(found)
 
 
 def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
@@ -146,22 +117,18 @@ def _least(effect: EffectInstance) -> float:
     return ENOUGH if outside else FAINT
 
 
-def _key(one: Candidate) -> tuple[str, str]:
-    return one.effect.slug, one.effect.place
-
-
-def _hint(state: SearchState, own: WeakCandidate, values: Mapping[str, Value]) -> Hint:
-    seconds = sum(float(s.stamps[-1]) - s.start for s in state.problem.segments)
-    runs = max(1, len({s.run for s in state.problem.segments}))
+def _hint(search: Search, own: WeakCandidate, segments: Sequence[Segment]) -> Hint:
+    seconds = sum(float(s.stamps[-1]) - s.start for s in segments)
+    runs = max(1, len({s.run for s in segments}))
     effect = own.one.effect
     return Hint(
         effect.slug,
         effect.place,
         EFFECTS[effect.slug].meaning,
-        values,
-        own.gained,
-        own.unseen,
-        state.parts.words if state.weather is None else state.weather.parts,
+        search.values(effect, own.one.fit),
+        own.one.gained,
+        tuple(own.one.parts.tolist()),
+        search.words,
         own.chance,
         own.lacks,
         own.alike,
@@ -170,21 +137,3 @@ def _hint(state: SearchState, own: WeakCandidate, values: Mapping[str, Value]) -
         seconds * (ENOUGH / own.size if own.size < ENOUGH else 1.0 + 1.0 / runs),
         EFFECTS[effect.slug].separated_by,
     )
-
-
-def _lack(search: WeatherSearch, one: Attested) -> Lack:
-    if one.brief:
-        return "brief"
-    if one.unsound:
-        return "no-gain" if stands(search.problem, one.fit) else "no-model"
-    if one.gain <= one.needed:
-        return "weak"
-    return "not-sure" if one.interval[0] < 0.0 else "not-on-each"
-
-
-def _lack_of(state: SearchState, one: Judged) -> Lack:
-    if not is_needed(one.likelihood, one.fitted, state.fitted, state.tried):
-        return "weak"
-    if not is_material(one):
-        return "no-gain"
-    return "not-sure" if one.p >= LUCK else "weak"

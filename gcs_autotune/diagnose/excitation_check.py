@@ -48,7 +48,7 @@ def check_alive(runs: Sequence[Trial]) -> None:
         still = "" if _vary(runs, motions) or not motions else f", nor does any motion ({', '.join(motions)})"
         raise NotInformative(
             f"no input ({', '.join(inputs)}) ever changes{still}: without commands a simulation's errors cannot be "
-            "told from its initial state; fly steps both ways, a zig-zag or a relay"
+            "separated from its initial state; fly steps both ways, a zig-zag or a relay"
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
@@ -66,13 +66,13 @@ def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] |
     Raises
     ------
     NotInformative
-        Too few samples; inputs that never change, or once; motion that has nothing to do with the inputs.
+        Too few samples; inputs that never change, or once; motion that is unrelated to the inputs.
     """
     there = [n for n in (signals or signals_of(form)) if any(n in run for run in runs)]
     samples = max((sum(len(run[n]) for run in runs if n in run) for n in there), default=0)
     if samples < FEWEST:
         raise NotInformative(
-            f"{samples} samples in all are too few to tell one cause from another: at least {FEWEST}, better 500; "
+            f"{samples} samples in all are too few to distinguish causes: at least {FEWEST}, better 500; "
             "fly longer or log faster"
         )
     _check_commands(runs, form)
@@ -134,7 +134,7 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
                 best = max(best, coherence(y, u), coherence(y, u, integrated=True))
     if samples and best < max(ANSWER, 10.0 / samples):
         raise NotInformative(
-            f"the motion ({', '.join(signals)}) has nothing to do with the inputs ({', '.join(form.inputs)}): they "
+            f"the motion ({', '.join(signals)}) is unrelated to the inputs ({', '.join(form.inputs)}): they "
             f"account for {100 * best:.0f} % of it; are the columns of one craft and one clock?"
         )
 

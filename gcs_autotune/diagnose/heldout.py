@@ -24,10 +24,12 @@ __all__ = [
     "blocks",
     "gains_of",
     "held_out",
+    "own_gain",
     "p_value",
     "parts_of",
     "ratio_interval",
     "rms_of",
+    "surest",
 ]
 
 Array = NDArray[np.float64]
@@ -256,3 +258,15 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReductio
             ErrorReduction(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words)
         )
     return tuple(found)
+
+
+def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
+    """Return the gain on data left out of one cause, for the signal that surely gains most; None where unknown."""
+    if after is None or len(before.rests) != len(after.rests):
+        return None
+    return surest(gains_of(before, after, words))
+
+
+def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
+    """Return the gain with the smallest upper end of its interval."""
+    return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)

@@ -23,7 +23,7 @@ from gcs_autotune.models import FORCES
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["taken_in", "within_manoeuvre", "without_repeats"]
+__all__ = ["is_one_flight", "taken_in", "within_manoeuvre", "without_repeats"]
 
 Array = NDArray[np.float64]
 
@@ -221,6 +221,15 @@ def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
         return run
     channels = {n: c if n in driven else c.between(begins, ends) for n, c in run.channels.items()}
     return replace(run, channels=channels)
+
+
+def is_one_flight(runs: Sequence[Trial]) -> bool:
+    """Whether *runs* are our own and complete each other: a step, and relays of several sizes, each flown once.
+
+    None of them predicts another: each holds one size of command, or none that is steady.
+    """
+    flown = [(run.meta.get("manoeuvre"), run.meta.get("C", run.meta.get("size"))) for run in runs]
+    return len(runs) > 1 and all("manoeuvre" in run.meta for run in runs) and len(set(flown)) == len(flown)
 
 
 def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:

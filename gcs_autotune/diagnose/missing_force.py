@@ -10,13 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.day_to_day import days_of
-from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.identify import Day, Water
+from gcs_autotune.diagnose.process_noise import NoiseSearch
+from gcs_autotune.diagnose.run_to_run import days_of
+from gcs_autotune.diagnose.score import CandidateScore, key_of
+from gcs_autotune.effects import force_unit
+from gcs_autotune.identify import Day, NoisyFit, ProcessNoise, moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_water"]
+__all__ = ["MissingCurve", "MissingForce", "missing_of", "next_of", "words_of", "words_of_noise"]
 
 Array = NDArray[np.float64]
 
@@ -25,9 +26,6 @@ BINS, FEWEST = 9, 8
 
 WAY_ON = 0.1
 """Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
-
-MOVES = 2.0
-"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """What the missing force is told over -> its unit."""
@@ -126,17 +124,19 @@ class _Estimate:
     beside: Mapping[str, Array]
 
 
-def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce | None:
-    """Return the force that wanders beside the model found, times *inertia*, over everything recorded."""
+def missing_of(search: NoiseSearch) -> MissingForce | None:
+    """Return the force that drifts beside the model found, in the base model's units, over everything recorded."""
+    data = search.problem.data_summary if search.whole is None else search.whole.data_summary
+    unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
     if not estimates:
         return None
-    water = search.fit.water
+    noise = search.fit.noise
     pushed = np.concatenate([e.beside["command"] for e in estimates])
     commanded = float(np.sqrt(np.mean(pushed**2)))
-    size = water.size * abs(inertia)
+    size = noise.size * abs(inertia)
     curves = {}
-    units = {**UNITS, **search.problem.data.inputs}
+    units = {**UNITS, **search.problem.data_summary.inputs}
     for name in dict.fromkeys(n for e in estimates for n in e.beside):
         curve = _curve_over(name, units.get(name, ""), [e for e in estimates if name in e.beside])
         if curve is not None:
@@ -147,19 +147,19 @@ def missing_of(search: WeatherSearch, unit: str, inertia: float) -> MissingForce
     low, high = search.fit.interval_of("size")
     size95 = low * abs(inertia), high * abs(inertia)
     longest = max(float(s.stamps[-1]) - s.start for s in search.problem.segments)
-    own = (days, _waves_of(water, inertia), size95, search.fit.interval_of("memory"), longest)
-    return MissingForce(search.dof, unit, size, water.memory, share, curves, *own)
+    own = (days, _waves_of(noise, inertia), size95, search.fit.interval_of("memory"), longest)
+    return MissingForce(search.dof, unit, size, noise.memory, share, curves, *own)
 
 
-def _waves_of(water: Water, inertia: float) -> Waves | None:
-    if not water.wavy:
+def _waves_of(noise: ProcessNoise, inertia: float) -> Waves | None:
+    if not noise.wavy:
         return None
-    period = 2.0 * math.pi / water.wave_frequency
-    return Waves(period, water.wave_damping, water.wave_swing, water.wave_force * abs(inertia))
+    period = 2.0 * math.pi / noise.wave_frequency
+    return Waves(period, noise.wave_damping, noise.wave_swing, noise.wave_force * abs(inertia))
 
 
-def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
-    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.water, full=True)
+def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
+    done = search.problem.run(search.fit.theta, search.fit.effects, search.fit.noise, full=True)
     if done is None:
         return []
     bank, result, levels = done
@@ -188,19 +188,13 @@ def _estimated(search: WeatherSearch, inertia: float) -> list[_Estimate]:
             if name in original.measured and name != d.velocity:
                 own = original.measured[name]
                 known = np.isfinite(own.values)
-                if known.sum() > FEWEST and _moves(own.values[known]):
+                if known.sum() > FEWEST and moves(own.values[known]):
                     beside[name] = np.interp(t, own.t[known], own.values[known])
         if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
             beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
         found.append(_Estimate(original.run, t, force, std, beside))
     return found
-
-
-def _moves(values: Array) -> bool:
-    """Whether a measured velocity (n,) ranges beyond its own noise: a motion that did not happen explains nothing."""
-    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
-    return float(np.std(values)) > MOVES * noise
 
 
 def _places(x: Array) -> tuple[Array, Array]:
@@ -279,15 +273,15 @@ TELLING: Mapping[str, str] = {
 """Quantity the missing force goes with -> the manoeuvre that would tell why."""
 
 
-def words_of_water(search: WeatherSearch) -> str:
-    """Return size and memory of the force that wanders."""
-    water = search.fit.water
+def words_of_noise(search: NoiseSearch) -> str:
+    """Return size and memory of the drifting force."""
+    noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
-    bursts = "" if math.isinf(water.freedom) else ", in bursts"
-    return f"{water.size:.3g} {unit} of standard deviation, remembered for {water.memory:.3g} s{bursts}"
+    bursts = "" if math.isinf(noise.freedom) else ", in bursts"
+    return f"{noise.size:.3g} {unit} of standard deviation, remembered for {noise.memory:.3g} s{bursts}"
 
 
-def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, ...]:
+def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
     """Return in words what the missing force looks like, and which names did not hold."""
     found = []
     if missing is not None:
@@ -312,9 +306,10 @@ def words_of(search: WeatherSearch, missing: MissingForce | None) -> tuple[str, 
         if not told:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
             found.append(f"it goes with nothing recorded{others}: it is the water, or something that was not recorded")
-    named = {(a.effect.slug, a.effect.place) for a in search.named}
-    last = {(a.effect.slug, a.effect.place): a for a in search.judged}  # beside all that was named before it
-    found += [_shortfall_of(a) for who, a in last.items() if a.falls_short and who not in named]
+    accepted = {key_of(a.effect) for a in search.accepted}
+    last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
+    short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
+    found += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
     return tuple(found)
 
 
@@ -343,10 +338,10 @@ def _of(missing: MissingForce) -> str:
     return "of full output" if missing.unit == "1" else missing.unit
 
 
-def _shortfall_of(unnamed: Attested) -> str:
+def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     """Return in words why a candidate that fits the given runs is not named."""
     fits = (
-        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gain:+.1f} in log-likelihood)"
+        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gained:+.1f} in log-likelihood)"
     )
     if unnamed.unsound:
         return f"{fits}, but {unnamed.unsound}: not named"

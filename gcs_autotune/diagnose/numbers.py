@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.heldout import HeldOut, gains_of, p_value
 from gcs_autotune.diagnose.plain_numbers import CONSTANT, LATE, PLAIN, PlainNumber, command_sizes, plain_numbers
+from gcs_autotune.diagnose.question import Key, ModelInQuestion
 from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
-from gcs_autotune.diagnose.state import Key, ModelInQuestion, SearchState
+from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of

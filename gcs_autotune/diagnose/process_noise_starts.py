@@ -1,8 +1,8 @@
-"""Where a search under process noise begins: the plain model beneath the weather, from several starts.
+"""Where a search with process noise begins: the plain model, fitted from several starts.
 
-A fit without weather may be lost altogether in rough water, its gain and its time constant of another craft. So the fit
-beneath it begins at several paces besides, with the gain that the record itself shows there, and the runs are looked at
-anew, more or less closely, where that found another craft than the one it began with.
+In rough water a fit without process noise may have the gain and the time constant of another craft. So the fit with it
+begins at several time constants as well, each with the gain that the record shows there. Where it finds another craft
+than it began with, the runs are thinned again to suit that one.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.diagnose.attested import WORTH
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
+from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
     LEAST_DAMPING,
     LONGEST_WAVE,
     MOST_DAMPING,
     Fitted,
+    Limits,
+    NoisyFit,
+    NoisyProblem,
     Problem,
-    WanderingFit,
-    WanderingProblem,
-    Water,
+    ProcessNoise,
     data_summary_of,
     thinned_to,
 )
@@ -40,7 +41,7 @@ __all__ = [
     "errs_after_commands",
     "momentary",
     "per_inertia_of",
-    "plain_under_process_noise",
+    "plain_with_process_noise",
 ]
 
 Array = NDArray[np.float64]
@@ -83,13 +84,13 @@ FEWEST_TO_COMPARE = 30
 """Samples from which on innovations are compared: just after commands with elsewhere, or with the commands."""
 
 SLOWER = (1.0, 0.3, 3.0)
-"""Chosen: shares of the numbers fitted without weather at which a fit beneath it begins."""
+"""Chosen: shares of the numbers fitted without it at which a fit with process noise begins."""
 
 PACES = (3.0, 10.0, 40.0)
 """Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
 end anywhere."""
 
-WATERS = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
+NOISES = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
 """Chosen: time constants of the craft that the force is remembered for, and noise of the sensor in shares of the usual,
 at which a fit begins: waves that turn the bow are noise far above any sensor's. Without the last a craft of 18 s came
 out as one of 0.7, 17 nats short (rough water, seed 275, quadratic actuator)."""
@@ -102,7 +103,7 @@ FREQUENCIES = 8
 """Chosen: of waves, at which a fit with them begins."""
 
 PERIODS = 10.0
-"""Chosen: periods of the longest run from which on a band of frequencies is told from a force that wanders."""
+"""Chosen: periods of the longest run from which on a band of frequencies is told from a drifting force."""
 
 WAVES = 8.0
 """Log-likelihood by which waves must beat none to be there: four numbers more, and the best of several frequencies."""
@@ -111,56 +112,56 @@ LOOKS = 3
 """Chosen: times the runs are looked at anew, at most: a first fit may be lost, the second ruled by a smoother."""
 
 FAR_OFF = 1.5
-"""Factor between the interval that suited the fit without weather and the one that suits it beneath, from which on the
-runs are looked at anew."""
+"""Factor between the interval that suited the fit without process noise and the one that suits it with it, from which
+on the runs are looked at again."""
 
 
-def plain_under_process_noise(
+def plain_with_process_noise(
     problem: Problem, base: Fitted, form: Form, signal: str, say: Say
-) -> tuple[WanderingProblem, WanderingFit] | None:
-    """Return the runs with *signal* alone, as closely as suits the craft, and her plain model beneath the weather.
+) -> tuple[NoisyProblem, NoisyFit] | None:
+    """Return the runs with *signal* alone, as closely as suits the craft, and the plain model with process noise.
 
     form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
     """
     theta = per_inertia_of(base, form)
     pace = _pace_of(theta)
     limits = _limits(form)
-    wandering = _thinned(problem, form, signal, theta, pace, limits, pace / PACE)
-    plain = None if wandering is None else _best_of_starts(wandering, theta, pace, say)
-    if wandering is None or plain is None:
+    noisy = _thinned(problem, form, signal, theta, pace, limits, pace / PACE)
+    plain = None if noisy is None else _best_of_starts(noisy, theta, pace, say)
+    if noisy is None or plain is None:
         return None
     # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
     # by one that knows of weather.
-    looks = [(wandering, plain)]
+    looks = [(noisy, plain)]
     for _ in range(LOOKS):
         pace = _pace_of(plain.theta)
         interval = pace / PACE
-        if errs_after_commands(wandering, plain):
-            interval = max(interval, float(np.clip(BLUR * plain.water.smoothing, pace, WIDEST * pace)))
-        elif plain.water.smoothing > 0.0:
+        if errs_after_commands(noisy, plain):
+            interval = max(interval, float(np.clip(BLUR * plain.noise.smoothing, pace, WIDEST * pace)))
+        elif plain.noise.smoothing > 0.0:
             least = min(SPACED * problem.data_summary.interval, NARROWEST * pace)
             # Too close for its smoother a fit knows neither pace nor width: what is seen from further off tells.
-            interval = least if wandering.interval < least / FAR_OFF else max(interval, least)
+            interval = least if noisy.interval < least / FAR_OFF else max(interval, least)
         else:
-            interval = min(interval, wandering.interval)  # what was seen closer by without harm tells more
+            interval = min(interval, noisy.interval)  # what was seen closer by without harm tells more
         again = _thinned(problem, form, signal, plain.theta, pace, limits, interval)
-        if again is None or 1.0 / FAR_OFF < again.interval / wandering.interval < FAR_OFF:
+        if again is None or 1.0 / FAR_OFF < again.interval / noisy.interval < FAR_OFF:
             break
         found = _best_of_starts(again, plain.theta, pace, say)
         if found is None:
             break
-        wandering, plain = again, found
-        looks.append((wandering, plain))
+        noisy, plain = again, found
+        looks.append((noisy, plain))
     if _inertia_shown(looks[-1]) < 1.0:
         # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
-        wandering, plain = max(looks, key=_inertia_shown)
-    return wandering, _with_waves(wandering, plain, say)
+        noisy, plain = max(looks, key=_inertia_shown)
+    return noisy, _with_waves(noisy, plain, say)
 
 
 def at_the_right_interval(
     problem: Problem, form: Form, signal: str, begun: Plain, slugs: Sequence[str], say: Say
-) -> tuple[Plain, WanderingFit | None, str]:
-    """Return what :func:`plain_under_process_noise` found, at another interval where that is needed, the best fit with
+) -> tuple[Plain, NoisyFit | None, str]:
+    """Return what :func:`plain_with_process_noise` found, at another interval where that is needed, the best fit with
     one term more where that was looked for, and words on it.
 
     See :func:`.judged_at`. slugs : effects that may be tried.
@@ -177,12 +178,12 @@ def at_the_right_interval(
     return judged_at(begun, at, slugs, WORTH)
 
 
-def _limits(form: Form) -> tuple[Array, Array]:
+def _limits(form: Form) -> Limits:
     """Return the limits of gain and damping: behind a rudder either sign, else damping damps."""
-    return np.full(2, -np.inf), np.array([np.inf, np.inf if "delta" in form.inputs else 0.0])
+    return Limits({}, {} if "delta" in form.inputs else {form.free[1]: 0.0})
 
 
-def _inertia_shown(look: tuple[WanderingProblem, WanderingFit]) -> float:
+def _inertia_shown(look: tuple[NoisyProblem, NoisyFit]) -> float:
     """Return the craft's time constant in intervals between the samples judged."""
     problem, plain = look
     return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
@@ -194,9 +195,9 @@ def _thinned(
     signal: str,
     theta: Array,
     pace: float,
-    limits: tuple[Array, Array],
+    limits: Limits,
     interval: float,
-) -> WanderingProblem | None:
+) -> NoisyProblem | None:
     """Return the runs with *signal* alone, no closer than *interval* [s] where they are long enough; None where none
     has it. pace : the craft's time constant [s].
     """
@@ -206,7 +207,7 @@ def _thinned(
         return None
     own = dict(zip(form.free, theta.tolist(), strict=True))
     data = replace(data_summary_of(form, segments, own), time_constant=pace, interval=problem.data_summary.interval)
-    return WanderingProblem(form, segments, data, limits)
+    return NoisyProblem(form, segments, data, limits)
 
 
 def _pace_of(theta: Array) -> float:
@@ -228,51 +229,51 @@ def per_inertia_of(base: Fitted, form: Form) -> Array:
     return np.array([gain / inertia, damping])
 
 
-def _best_of_starts(problem: WanderingProblem, theta: Array, pace: float, say: Say) -> WanderingFit | None:
+def _best_of_starts(problem: NoisyProblem, theta: Array, pace: float, say: Say) -> NoisyFit | None:
     """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
     own = [next(iter(s.signals.values())) for s in problem.segments]
     rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
-    noise = 0.02 * rate * problem.interval
+    sensor = 0.02 * rate * problem.interval
     rough = []
     starts = [(theta * share, pace / share) for share in SLOWER]
     for samples in PACES:
-        other = samples * problem.data.interval
+        other = samples * problem.data_summary.interval
         if all(not 0.5 < other / known < 2.0 for _, known in starts):
             # A fit that was lost knows the gain no better than the pace.
             starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
     for k, (begun, own_pace) in enumerate(starts):
-        for memory, more in WATERS:
+        for memory, more in NOISES:
             say("process noise", k, len(starts))
-            water = Water(0.2 * rate / own_pace, memory * own_pace, more * noise)
-            fit = problem.fit(begun, (), water, rounds=ROUGH)
+            noise = ProcessNoise(0.2 * rate / own_pace, memory * own_pace, more * sensor)
+            fit = problem.fit(begun, (), noise, rounds=ROUGH)
             rough += [] if fit is None else [fit]
     best = _to_the_end(problem, rough, say)
     return None if best is None else _shaped(problem, best, say)
 
 
-def _to_the_end(problem: WanderingProblem, rough: list[WanderingFit], say: Say) -> WanderingFit | None:
+def _to_the_end(problem: NoisyProblem, rough: list[NoisyFit], say: Say) -> NoisyFit | None:
     """Return the best of the two most promising, fitted to the end."""
     ends = []
     for k, f in enumerate(sorted(rough, key=lambda f: -f.total)[:2]):
         say("process noise: fitting to the end", k, 2)
-        ends.append(problem.fit(f.theta, (), f.water))
+        ends.append(problem.fit(f.theta, (), f.noise))
     return max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
 
 
-def _shaped(problem: WanderingProblem, best: WanderingFit, say: Say) -> WanderingFit:
+def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
     """Return *best* with the law that suits its innovations, and a smoother of the signal, where these pay."""
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: law of the innovations", k, len(FREEDOMS))
-        tailed = problem.fit(best.theta, (), replace(best.water, freedom=freedom))
+        tailed = problem.fit(best.theta, (), replace(best.noise, freedom=freedom))
         if tailed is None or tailed.total <= best.total + WORTH or errs_after_commands(problem, best):
             break
         best = tailed
     say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
-    blurred = problem.fit(best.theta, (), replace(best.water, smoothing=problem.data.interval))
+    blurred = problem.fit(best.theta, (), replace(best.noise, smoothing=problem.data_summary.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
 
 
-def _with_waves(problem: WanderingProblem, calm: WanderingFit, say: Say) -> WanderingFit:
+def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
     """Return *calm*, or the fit with waves where it is likelier by :data:`WAVES`.
 
     It begins at several frequencies, and at several paces: waves that turn the bow may have had a fit without them lose
@@ -283,35 +284,35 @@ def _with_waves(problem: WanderingProblem, calm: WanderingFit, say: Say) -> Wand
     quickest = 0.9 * math.pi / problem.interval
     if quickest <= slowest:
         return calm
-    own = replace(calm.water, smoothing=0.0, freedom=math.inf)
-    others = [samples * problem.data.interval for samples in PACES]
+    own = replace(calm.noise, smoothing=0.0, freedom=math.inf)
+    others = [samples * problem.data_summary.interval for samples in PACES]
     thetas = [calm.theta, *(np.array([_gain_at(problem, pace), -1.0 / pace]) for pace in others)]
     rough = []
     for k, omega in enumerate(np.geomspace(slowest, quickest, FREQUENCIES).tolist()):
         say("process noise: waves", k, FREQUENCIES)
         for theta in thetas:
-            water = replace(own, wave_swing=4.0 * own.noise, wave_force=0.5 * own.size, wave_frequency=omega)
-            fit = problem.fit(theta, (), water, rounds=ROUGH)
+            noise = replace(own, wave_swing=4.0 * own.sensor, wave_force=0.5 * own.size, wave_frequency=omega)
+            fit = problem.fit(theta, (), noise, rounds=ROUGH)
             rough += [] if fit is None else [fit]
     found = _to_the_end(problem, rough, say)
     if found is None:
         return calm
     found = _shaped(problem, found, say)
-    within = 1.01 * LEAST_DAMPING < found.water.wave_damping < 0.99 * MOST_DAMPING
-    # At a limit these are no waves: a tone in step with the commands, or a force that wanders in another way.
-    inside = within and found.water.wave_frequency > 1.01 * slowest and not momentary(problem, found)
+    within = 1.01 * LEAST_DAMPING < found.noise.wave_damping < 0.99 * MOST_DAMPING
+    # At a limit these are no waves: a tone in step with the commands, or a drifting force in another way.
+    inside = within and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
     return found if inside and found.total > calm.total + WAVES else calm
 
 
-def momentary(problem: WanderingProblem, fit: WanderingFit) -> bool:
+def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:
     """Whether what wanders is forgotten so soon that it is no weather."""
-    return fit.water.memory <= 1.01 * MOMENTARY * problem.data.interval
+    return fit.noise.memory <= 1.01 * MOMENTARY * problem.data_summary.interval
 
 
-def _gain_at(problem: WanderingProblem, pace: float) -> float:
+def _gain_at(problem: NoisyProblem, pace: float) -> float:
     """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
 
-    From one sample to the next, for what a force that wanders did before adds up in the position itself.
+    From one sample to the next, for what a drifting force did before adds up in the position itself.
     """
     told, drawn = 0.0, 0.0
     for segment in problem.segments:
@@ -334,7 +335,7 @@ def _gain_at(problem: WanderingProblem, pace: float) -> float:
     return told / drawn if drawn > 0.0 else 0.0
 
 
-def errs_after_commands(problem: WanderingProblem, fit: WanderingFit) -> bool:
+def errs_after_commands(problem: NoisyProblem, fit: NoisyFit) -> bool:
     """Whether a model errs just after its commands far more than elsewhere: no wind waits for these."""
     window = 2.0 * max(_pace_of(fit.theta), problem.interval)
     squares: list[list[Array]] = [[], []]

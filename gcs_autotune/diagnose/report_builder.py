@@ -11,26 +11,17 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import Budget
 from gcs_autotune.diagnose.adequacy import WHITE, correlation_of, nonparametric_rivals
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.day_to_day import doubt_of_days
-from gcs_autotune.diagnose.evidence import hints_of, own_gain, surest
-from gcs_autotune.diagnose.heldout import gains_of, rms_of
-from gcs_autotune.diagnose.missing_force import next_of, words_of
+from gcs_autotune.diagnose.evidence import hints_of
+from gcs_autotune.diagnose.heldout import gains_of
+from gcs_autotune.diagnose.missing_force import missing_of, next_of, words_of
 from gcs_autotune.diagnose.residual_analysis import portraits_of, signature_of
-from gcs_autotune.diagnose.result import Cause, Diagnosis, ErrorReduction, Ranked, Signature, Value, Verdict
-from gcs_autotune.diagnose.score import ALIKE, HALF, LUCK, Judged, is_form_of
+from gcs_autotune.diagnose.result import Cause, Diagnosis, Ranked, Signature, Verdict
+from gcs_autotune.diagnose.run_to_run import doubt_of_days
+from gcs_autotune.diagnose.score import ALIKE, key_of
+from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import (
-    gains_under,
-    missing_under,
-    numbers_under,
-    order_under,
-    ranking_under,
-    shares_under,
-    values_under,
-)
-from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance, EffectResidual, name_of, twins_of
-from gcs_autotune.identify import Doubt, Fitted, Problem, reversed_input
+from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance
+from gcs_autotune.identify import Doubt, Fitted, reversed_input
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -59,7 +50,7 @@ SEEN_TO_SETTLE = 3.0
 """Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
 
 LIKE_SAMPLES = 10.0
-"""Chosen: samples within which a force that wanders may be taken for the craft's own pace, and that for its."""
+"""Chosen: samples within which a drifting force may be taken for the craft's own pace, and that for its."""
 
 
 def build_report(
@@ -82,9 +73,9 @@ def build_report(
     base = state.base if state.given is None else state.given
     left = signature_of(problem, final)[0]
     gave_away = signature_of(problem, base)[0]
-    weather = state.weather
+    weather = state.with_noise
     order = [effect for effect in _found_order(state) if effect in final.effects]
-    missing = None if weather is None else missing_under(weather, state)
+    missing = None if weather is None else missing_of(weather)
     # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
     rivals = nonparametric_rivals(problem, final) if weather is None else ()
     left = replace(left, findings=(*left.findings, *rivals))
@@ -93,33 +84,23 @@ def build_report(
     white = left.whiteness_p > WHITE and not rivals
     wrong = numbers is not None and bool(numbers.wrong)
     verdict = VERDICTS[wrong, bool(order), white and sure]
-    values = _values(problem, final) if weather is None else values_under(weather, state)
-    words = state.parts.words + ("" if state.pieces is None else f"; in pieces of {state.pieces:.3g} s")
-    if weather is None:
-        gains = gains_of(state.base_unseen, state.present_unseen, words) if order else ()
-        alike = _alike(state, order)
-        shares = {(e.slug, e.place): _share(state, e) for e in order}
-        own_gains = _own_gains(state, order, gains)
-    else:
-        # Of a single cause what it gains is known.
-        gains = tuple(state.own_gains.values()) if len(order) == 1 else gains_under(weather) if order else ()
-        alike = weather.alike
-        shares = shares_under(weather)
-        own_gains = dict(state.own_gains)
+    search: Search = state if weather is None else weather
+    gains, shares, alike = search.gains(order), search.shares(order), search.alike(order)
+    own_gains = search.gains_of_each(order, gains)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(
             Cause(
                 effect,
-                values[effect.slug, effect.place],
+                search.values(effect),
                 EFFECTS[effect.slug].meaning,
-                shares.get((effect.slug, effect.place), math.nan),
+                shares.get(key_of(effect), math.nan),
                 EFFECTS[effect.slug].curve(effect, problem.data_summary),
-                None if EFFECTS[effect.slug].is_disturbance else own_gains.get((effect.slug, effect.place)),
+                None if EFFECTS[effect.slug].is_disturbance else own_gains.get(key_of(effect)),
             )
             for effect in order
         ),
-        ranking=_ranking(state) if weather is None else ranking_under(weather, state),
+        ranking=_ranked(search),
         indistinguishable=alike,
         gain=min(gains, key=lambda g: g.ratio, default=None),
         gains=gains,
@@ -133,7 +114,7 @@ def build_report(
         used=tuple(r.name for r in runs),
         held_out=tuple(r.name for r in unseen),
         noise=dict(final.levels),
-        tried=state.tried if weather is None else weather.tried,
+        tried=search.tried,
         seconds=math.nan,
         doubts=(
             *doubts,
@@ -146,16 +127,8 @@ def build_report(
         ),
         numbers=numbers,
         missing=missing,
-        hints=hints_of(state, order, lambda one: _values_of(state, one)),
+        hints=hints_of(search, order, problem.segments),
     )
-
-
-def _values_of(state: SearchState, one: Attested | Judged) -> Mapping[str, Value]:
-    """Return the numbers of a candidate with their standard errors, in the base model's units."""
-    if isinstance(one, Attested):
-        assert state.weather is not None
-        return numbers_under(one, state.weather, state)
-    return _values(state.problem, one.fitted)[one.effect.slug, one.effect.place]
 
 
 def _without_useless(state: SearchState) -> SearchState:
@@ -163,7 +136,7 @@ def _without_useless(state: SearchState) -> SearchState:
 
     Each paid when it came; second thoughts, or other data left out since, may have taken that away.
     """
-    if state.weather is not None or not state.causes:
+    if state.with_noise is not None or not state.causes:
         return state
     if any(EFFECTS[e.slug].is_disturbance for e in state.causes):
         return state
@@ -181,27 +154,9 @@ def _without_useless(state: SearchState) -> SearchState:
     )
 
 
-def _own_gains(
-    state: SearchState, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
-) -> dict[tuple[str, str], ErrorReduction]:
-    """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
-    if len(order) == 1:
-        whole = surest(gains)
-        return {} if whole is None else {(order[0].slug, order[0].place): whole}
-    found, before = {}, state.base_unseen
-    for step in state.steps:
-        if step.accepted is None or step.accepted.unseen is None:
-            continue
-        own = own_gain(before, step.accepted.unseen, state.parts.words)
-        before = step.accepted.unseen
-        if own is not None:
-            found[step.accepted.effect.slug, step.accepted.effect.place] = own
-    return found
-
-
 def _reversed(state: SearchState) -> list[Doubt]:
-    """Return a doubt where commands act the other way than their names say: thruster labels exchanged, say."""
-    final, weather = state.fitted, state.weather
+    """Return a doubt where commands act opposite to their names: thruster labels exchanged, say."""
+    final, weather = state.fitted, state.with_noise
     form, model = final.model.base.form, final.model.base
     values = {n: model[n] for n in form.parameters}
     spread = np.sqrt(np.maximum(np.diag(final.covariance(correlation_of(final))), 0.0))
@@ -230,7 +185,9 @@ def _weightless(state: SearchState) -> list[Doubt]:
             if below > SEEN_TO_SETTLE * interval:
                 continue  # found so by chance: the runs allow an inertia that they would have shown
             bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"
-            memory = 0.0 if state.weather is None or state.weather.dof != dof else state.weather.fit.water.memory
+            memory = (
+                0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.noise.memory
+            )
             # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
             swapped = f" (or {memory:.2g} s, as long as what else drives it is remembered: the two may change places)"
             found.append(
@@ -248,7 +205,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
 
 def _by_interval(state: SearchState) -> list[Doubt]:
     """Return a doubt where the answer changes with the interval between the samples judged."""
-    search = None if state.beneath is None else state.beneath[1]
+    search = None if state.noise_search is None else state.noise_search[1]
     if search is None or not search.interval:
         return []
     return [
@@ -281,8 +238,8 @@ def unfinished_report(
     wanders, on whole runs. effort : what it used up.
     """
     problem, base = state.problem, state.base if state.given is None else state.given
-    search = None if state.beneath is None else state.beneath[1]
-    ranking = (*_ranking(state), *(() if search is None else ranking_under(search, state)))
+    search = None if state.noise_search is None else state.noise_search[1]
+    ranking = (*_ranked(state), *(() if search is None else _ranked(search)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
     unknown = Signature(("not looked at: the search was stopped",), math.nan)
     return Diagnosis(
@@ -326,10 +283,9 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
 
 def _found_order(state: SearchState) -> list[EffectInstance]:
     """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
-    if state.weather is not None:
-        return order_under(state.weather, state)
+    search: Search = state if state.with_noise is None else state.with_noise
     order: list[tuple[str, str]] = []
-    for step in state.steps:
+    for step in search.steps:
         if step.accepted is not None:
             key = (step.accepted.effect.slug, step.accepted.effect.place)
             order = [*(k for k in order if k != key), key]
@@ -343,86 +299,23 @@ def _found_order(state: SearchState) -> list[EffectInstance]:
     return kept
 
 
-def _values(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
-    covariance = fitted.covariance(correlation_of(fitted))
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    first = len(fitted.free)
-    column = {key: first + k for k, key in enumerate(fitted.free_effects)}
-    found = {}
-    left = [
-        EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
-        for r in fitted.rests
-        for own_level in (fitted.levels[r.signal],)
-    ]
-    for i, own in enumerate(fitted.effects):
-        entry = EFFECTS[own.slug]
-        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
-        found[own.slug, own.place] = {
-            n: Value(
-                v,
-                entry.unit_of(n, own.place, problem.data_summary),
-                float(std[column[i, n]]) if (i, n) in column else learnt.get(n, 0.0 if n in entry.fixed else math.nan),
-            )
-            for n, v in own.values.items()
-        }
-    return found
-
-
-def _ranking(state: SearchState) -> tuple[Ranked, ...]:
-    found = []
-    for k, step in enumerate(state.steps):
-        for judged in step.judged:
-            numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
-            found.append(
-                Ranked(judged.effect.slug, judged.effect.place, judged.gain, judged.p, judged.evidence, numbers, k + 1)
-            )
-    return tuple(found)
-
-
-def _alike(state: SearchState, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-    groups = []
-    for step in state.steps:
-        if step.accepted is None or step.accepted.effect.slug not in {e.slug for e in order}:
-            continue
-        best = step.accepted
-        same = [name_of(best.effect), *twins_of(best.effect, state.problem.data_summary)]
-        same += [name_of(j.effect) for j in step.judged if _is_alike(state, j, best)]
-        names = tuple(dict.fromkeys(same))
-        if len(names) > 1:
-            groups.append(names)
-    for usual, other in state.renamed:
-        known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
-        if known is None:
-            groups.append((usual, other))
-        else:
-            groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
-    return tuple(groups)
-
-
-def _is_alike(state: SearchState, other: Judged, best: Judged) -> bool:
-    """Whether these runs cannot tell *other* from *best*.
-
-    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
-    it is as likely and only pays for numbers that the runs say nothing about.
-    """
-    if other is best or other.gain <= 0.0 or other.p >= LUCK:
-        return False
-    if is_form_of(other.effect, best.effect):
-        return other.evidence > HALF * best.evidence
-    if best.evidence - other.evidence < ALIKE or delay_equivalence(
-        best, other, state.problem.data_summary.time_constant
-    ):
-        return True
-    return best.likelihood - other.likelihood < ALIKE and _is_vague(state, other)
-
-
-def _is_vague(state: SearchState, judged: Judged) -> bool:
-    """Whether some number of a candidate is less certain than its whole range."""
-    entry, data_summary = EFFECTS[judged.effect.slug], state.problem.data_summary
-    bounds = entry.bounds(judged.effect.place, data_summary)
-    numbers = _values(state.problem, judged.fitted)[judged.effect.slug, judged.effect.place]
-    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
-    return any(numbers[n].std > span for n, span in spans.items())
+def _ranked(search: Search) -> tuple[Ranked, ...]:
+    """Return every candidate scored in a search."""
+    return tuple(
+        Ranked(
+            one.effect.slug,
+            one.effect.place,
+            one.gain,
+            one.p,
+            one.evidence,
+            search.values(one.effect, one.fit),
+            k + 1,
+            tuple(one.parts.tolist()),
+            one.interval,
+        )
+        for k, step in enumerate(search.steps)
+        for one in step.judged
+    )
 
 
 def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[Doubt]:
@@ -436,7 +329,7 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
         if won is None or not any((e.slug, e.place) == (won.effect.slug, won.effect.place) for e in order):
             continue
         same = [j for j in step.judged if j.effect.slug == won.effect.slug and j.effect.place != won.effect.place]
-        alike = [j.effect for j in same if abs(j.fitted.cost - won.fitted.cost) < ALIKE]
+        alike = [j.effect for j in same if abs(j.fit.cost - won.fit.cost) < ALIKE]
         if alike:
             found.append(_elsewhere(won.effect, alike))
     return found
@@ -455,26 +348,6 @@ def _digits(effect: EffectInstance) -> str:
     return "".join(f", {name} {value:.4g}" for name, value in effect.values.items())
 
 
-def _share(state: SearchState, own: EffectInstance) -> float:
-    """Return the share of the mean square error above the noise, over all signals, that this step removed."""
-    for k, step in enumerate(state.steps):
-        if step.accepted is None or (step.accepted.effect.slug, step.accepted.effect.place) != (own.slug, own.place):
-            continue
-        earlier = [s.accepted for s in state.steps[:k] if s.accepted is not None and s.accepted.unseen is not None]
-        before = earlier[-1].unseen if earlier and earlier[-1].unseen is not None else state.base_unseen
-        after = step.accepted.unseen
-        if after is None:
-            return math.nan
-        base, old, new = (rms_of(h.rests) for h in (state.base_unseen, before, after))
-        shares = []
-        for n, level in state.fitted.levels.items():
-            above = base.get(n, 0.0) ** 2 - level**2
-            if above > 0.05 * level**2 and n in old and n in new:
-                shares.append((old[n] ** 2 - new[n] ** 2) / above)
-        return float(np.clip(max(shares, default=math.nan), 0.0, 1.0)) if shares else math.nan
-    return math.nan
-
-
 def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
     """Return the manoeuvre worth flying next."""
     if alike:
@@ -487,27 +360,3 @@ def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdi
     if order:
         return EFFECTS[order[0].slug].separated_by
     return "nothing more is needed for this model; a run with larger commands would try it harder"
-
-
-LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
-"""Slug -> by how much things are late [s]."""
-
-
-def delay_equivalence(one: Judged, other: Judged, slowest: float) -> bool:
-    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
-    *pace* [s] of the craft, in which it forgets where it began.
-    """
-    if one.effect.slug not in LATE or other.effect.slug not in LATE:
-        return False
-    late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
-    left = [_left_after(j.fitted, late, one.fitted.levels) for j in (one, other)]
-    return abs(left[0] - left[1]) < ALIKE
-
-
-def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
-    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
-    total = 0.0
-    for rest in fitted.rests:
-        known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
-        total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
-    return total

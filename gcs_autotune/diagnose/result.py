@@ -53,14 +53,15 @@ the causes found nothing is. ``partly-explained``: numbers or causes pay on unse
 FELT = 0.95
 """Chosen: held-out error with a cause over the error without it, below which a user notices the difference."""
 
-Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model"]
+Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model", "uncertain"]
 """What a hint lacks to be identified as a cause.
 
 ``weak``: it is supported by less than is needed of so many tried; ``not-on-each``: it loses on too many of the parts
 left out; ``not-sure``: its gain there may be luck; ``no-gain``: it does not lower the error of a prediction there;
-``brief``: its time is shorter than the samples, where a sensor's filter or the craft's inertia looks the same;
-``no-model``: no model of the craft stands with it, for a drifting force is about as large as what is commanded, or the
-craft is quicker than a sample."""
+``brief``: its time, or the craft's own beside it, is shorter than the samples, where a sensor's filter or the craft's
+inertia looks the same; ``no-model``: no model of the craft stands with it, for a drifting force is about as large as
+what is commanded, or the craft is quicker than a sample; ``uncertain``: the 95 % intervals of its numbers contain no
+effect, so that it is no hint either."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -394,7 +395,7 @@ class Diagnosis:
             for n in self.wrong_numbers
         ]
         if wrong:
-            tables.append(html_table(("wrong number", "meaning", "given", "the runs say", "unit"), wrong))
+            tables.append(html_table(("wrong number", "meaning", "given", "from these runs", "unit"), wrong))
         gains = [
             f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
             for g in self.gains

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import WanderingFit, WanderingProblem
+from gcs_autotune.diagnose.candidates import candidates
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify import Limits, NoisyFit, NoisyProblem
 
 __all__ = [
     "Look",
@@ -33,7 +34,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-Plain = tuple[WanderingProblem, WanderingFit]
+Plain = tuple[NoisyProblem, NoisyFit]
 """The runs at some interval, and the plain model fitted there."""
 
 OF_THE_COMMAND = 1.0
@@ -71,7 +72,7 @@ PACES, PACED = 2.0, 6
 """Chosen: factor between the time constants tried for such a refit, and scoring rounds at each."""
 
 
-def commanded(problem: WanderingProblem) -> float:
+def commanded(problem: NoisyProblem) -> float:
     """Return the rms of the command that drives the equation, in the unit of the inputs, over all records."""
     total, weight = 0.0, 0.0
     for segment in problem.segments:
@@ -81,7 +82,7 @@ def commanded(problem: WanderingProblem) -> float:
     return math.sqrt(total / weight) if weight > 0.0 else 0.0
 
 
-def _command_of(problem: WanderingProblem, names: Sequence[str], inputs: Array) -> Array:
+def _command_of(problem: NoisyProblem, names: Sequence[str], inputs: Array) -> Array:
     force = np.zeros(len(inputs))
     for name, column in zip(names, inputs.T, strict=True):
         for _, share in problem.form.inputs.get(name, ()):
@@ -89,19 +90,19 @@ def _command_of(problem: WanderingProblem, names: Sequence[str], inputs: Array) 
     return force
 
 
-def stands(problem: WanderingProblem, fit: WanderingFit) -> bool:
+def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
     """Whether a fit is a model of the craft that a name may stand on.
 
     It is none where its time constant is below the record's sample, or where the force that drifts is nearly as large
     as what is commanded.
     """
     gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
-    if damping * problem.data.interval > 1.0:
+    if damping * problem.data_summary.interval > 1.0:
         return False
-    return fit.water.size < OF_THE_COMMAND * gain * commanded(problem)
+    return fit.noise.size < OF_THE_COMMAND * gain * commanded(problem)
 
 
-def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
+def foresight(problem: NoisyProblem, fit: NoisyFit) -> float | None:
     """Return how far ahead [s] predictions are to be compared; None where the runs are too short.
 
     Three time constants of the craft, and no less than two correlation times of the commands: of a fit that takes a
@@ -109,7 +110,7 @@ def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
     """
     times = []
     for segment in problem.segments:
-        grid = np.arange(float(segment.t_in[0]), float(segment.stamps[-1]), problem.data.interval)
+        grid = np.arange(float(segment.t_in[0]), float(segment.stamps[-1]), problem.data_summary.interval)
         if len(grid) < FEWEST:
             continue
         row = np.maximum(np.searchsorted(segment.t_in, grid, side="right") - 1, 0)
@@ -118,13 +119,13 @@ def foresight(problem: WanderingProblem, fit: WanderingFit) -> float | None:
         power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
         correlation = np.fft.irfft(power)[: len(x)]
         below = np.flatnonzero(correlation < correlation[0] / math.e)
-        times += [float(below[0]) * problem.data.interval] if len(below) else []
+        times += [float(below[0]) * problem.data_summary.interval] if len(below) else []
     settled = 3.0 / max(abs(float(fit.theta[1])), 1e-3)
     goal = max(settled, LEGS * float(np.median(times))) if times else settled
     return _nearest(problem, goal)
 
 
-def horizons(problem: WanderingProblem, fit: WanderingFit) -> tuple[float, ...]:
+def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
     """Return how far ahead [s] a cause is to lower the error: :func:`foresight`, or one time constant of the craft.
 
     What acts at once (a saturation, backlash) shows in the first time constant; later the drifting force hides it.
@@ -133,37 +134,37 @@ def horizons(problem: WanderingProblem, fit: WanderingFit) -> tuple[float, ...]:
     return tuple(dict.fromkeys(s for s in found if s is not None))
 
 
-def _nearest(problem: WanderingProblem, goal: float) -> float | None:
+def _nearest(problem: NoisyProblem, goal: float) -> float | None:
     """Return the round number of seconds nearest to *goal* [s] that these runs can show, if any."""
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     usable = [s for s in NICE if 3.0 * problem.interval < s < longest / 4.0]
     return min(usable, key=lambda s: abs(math.log(s / goal)), default=None)
 
 
-def rms_ahead(problem: WanderingProblem, fit: WanderingFit, seconds: float) -> float:
+def rms_ahead(problem: NoisyProblem, fit: NoisyFit, seconds: float) -> float:
     """Return the rms error *seconds* [s] ahead of samples all along the records, inf where the model runs away."""
     errors = problem.ahead(fit, seconds)
     return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.all(np.isfinite(errors)) else math.inf
 
 
-def refitted(problem: WanderingProblem, fit: WanderingFit, rounds: int, seconds: float | None) -> WanderingFit | None:
+def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float | None) -> NoisyFit | None:
     """Return *fit*, made on more runs, refitted to those of *problem*; None where the filter runs away.
 
     The likelihood is that of the next sample. Of fewer runs it may prefer another craft, quicker than a sample of the
     record, whose drifting force follows each sample: its error *seconds* [s] ahead tells. So where the time constant of
     the refit is another, several are tried, and that with the smallest error ahead on the runs of *problem* is taken.
     """
-    again = problem.fit(fit.theta, fit.effects, fit.water, rounds=rounds)
+    again = problem.fit(fit.theta, fit.effects, fit.noise, rounds=rounds)
     if again is None or seconds is None:
         return again
     before, after = (1.0 / max(abs(float(f.theta[1])), 1e-9) for f in (fit, again))
     if 1.0 / OTHER_CRAFT < after / before < OTHER_CRAFT:
         return again
-    best, least = again, math.inf if after < problem.data.interval else rms_ahead(problem, again, seconds)
+    best, least = again, math.inf if after < problem.data_summary.interval else rms_ahead(problem, again, seconds)
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     pace, slowest = min(before, after) / PACES, min(max(before, after) * PACES, longest)
     while pace <= 1.001 * slowest:
-        if pace >= problem.data.interval:
+        if pace >= problem.data_summary.interval:
             fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, float(fit.theta[1])))
             error = math.inf if fixed is None else rms_ahead(problem, fixed, seconds)
             if fixed is not None and error < least:
@@ -172,14 +173,14 @@ def refitted(problem: WanderingProblem, fit: WanderingFit, rounds: int, seconds:
     return best
 
 
-def _at_pace(problem: WanderingProblem, fit: WanderingFit, damping: float) -> WanderingFit | None:
+def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit | None:
     """Return the likeliest refit with that *damping* [1/s]."""
-    low, high = (limit.copy() for limit in problem.limits)
-    low[1] = high[1] = damping
-    held = WanderingProblem(problem.form, problem.segments, problem.data, (low, high))
+    name = problem.form.free[1]
+    limits = Limits({**problem.limits.low, name: damping}, {**problem.limits.high, name: damping})
+    held = NoisyProblem(problem.form, problem.segments, problem.data_summary, limits)
     share = damping / float(fit.theta[1] or damping)
     starts = [np.array([fit.theta[0] * k, damping]) for k in (1.0, share)]
-    fits = [held.fit(start, fit.effects, fit.water, rounds=PACED) for start in starts]
+    fits = [held.fit(start, fit.effects, fit.noise, rounds=PACED) for start in starts]
     return max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
 
 
@@ -191,9 +192,9 @@ class Look:
     sample, and may prefer a model that loses the craft some seconds ahead.
     """
 
-    problem: WanderingProblem
-    plain: WanderingFit
-    best: WanderingFit
+    problem: NoisyProblem
+    plain: NoisyFit
+    best: NoisyFit
     error: float
 
     @property
@@ -207,7 +208,7 @@ class Look:
         return mine.keys() == theirs.keys() and all(_alike(*mine[n], *theirs[n]) for n in mine)
 
 
-def _numbers(fit: WanderingFit) -> dict[str, tuple[float, float]]:
+def _numbers(fit: NoisyFit) -> dict[str, tuple[float, float]]:
     """Return name -> value, standard error."""
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     values = [*fit.theta.tolist(), *(fit.effects[i].values[n] for i, n in fit.free_effects)]
@@ -222,7 +223,7 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
-) -> tuple[Plain, WanderingFit | None, str]:
+) -> tuple[Plain, NoisyFit | None, str]:
     """Return the runs at the interval they are to be judged at, the plain model there, the best with a term more where
     it was looked for, and words where the interval matters.
 
@@ -254,12 +255,12 @@ def judged_at(
     return begun, None, words + _told(far[1])
 
 
-def _pairs(fit: WanderingFit) -> list[tuple[float, float]]:
+def _pairs(fit: NoisyFit) -> list[tuple[float, float]]:
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     return [(float(fit.theta[k]), float(std[k])) for k in range(2)]
 
 
-def _told(fit: WanderingFit) -> str:
+def _told(fit: NoisyFit) -> str:
     return f"a damping of {abs(float(fit.theta[1])):.2g} 1/s"
 
 
@@ -296,25 +297,22 @@ def _closest(
     return stretch[-1] if len(stretch) > 1 else None
 
 
-def _look(problem: WanderingProblem, plain: WanderingFit, slugs: Sequence[str], price: float, seconds: float) -> Look:
+def _look(problem: NoisyProblem, plain: NoisyFit, slugs: Sequence[str], price: float, seconds: float) -> Look:
     """Return the model with at most one hydrodynamic term that predicts best, of those that stand and gain *price*."""
     tangent = problem.tangent(plain)
-    rough: list[WanderingFit] = []
-    for slug in slugs:
-        entry = EFFECTS[slug]
-        if entry.family != "hydrodynamics" or not entry.is_structural or tangent is None:
-            continue
-        for place in entry.places(problem.data):
-            constants = dict(entry.constants(place, problem.data))
-            starts = [EffectInstance(slug, place, dict(s), constants) for s in entry.starts(place, problem.data)]
-            adapted = [problem.adapted(plain, own, tangent) for own in starts]
-            tried = [problem.fit(f.theta, f.effects, f.water, rounds=ROUGH) for f in adapted if f is not None]
-            tried += [problem.fit(plain.theta, (own,), plain.water, rounds=ROUGH) for own in starts]
-            fits = [f for f in tried if f is not None]
-            rough += [max(fits, key=lambda f: f.total)] if fits else []
+    rough: list[NoisyFit] = []
+    terms = [s for s in slugs if EFFECTS[s].family == "hydrodynamics" and EFFECTS[s].is_structural]
+    for starts in candidates(problem.data_summary, (), terms):
+        if tangent is None:
+            break
+        adapted = [problem.adapted(plain, own, tangent) for own in starts]
+        tried = [problem.fit(f.theta, f.effects, f.noise, rounds=ROUGH) for f in adapted if f is not None]
+        tried += [problem.fit(plain.theta, (own,), plain.noise, rounds=ROUGH) for own in starts]
+        fits = [f for f in tried if f is not None]
+        rough += [max(fits, key=lambda f: f.total)] if fits else []
     ends = [plain]
     for fit in sorted(rough, key=lambda f: -f.total)[:NEAREST]:
-        end = problem.fit(fit.theta, fit.effects, fit.water)
+        end = problem.fit(fit.theta, fit.effects, fit.noise)
         if end is not None and end.total > plain.total + price and stands(problem, end):
             ends.append(end)
     errors = [rms_ahead(problem, end, seconds) for end in ends]
@@ -322,9 +320,9 @@ def _look(problem: WanderingProblem, plain: WanderingFit, slugs: Sequence[str], 
     return Look(problem, plain, ends[best], errors[best])
 
 
-def changes_at(problem: WanderingProblem, fit: WanderingFit, other: WanderingProblem) -> list[str]:
+def changes_at(problem: NoisyProblem, fit: NoisyFit, other: NoisyProblem) -> list[str]:
     """Return in words the numbers of causes in *fit* that come out otherwise where runs are judged as in *other*."""
-    again = other.fit(fit.theta, fit.effects, fit.water)
+    again = other.fit(fit.theta, fit.effects, fit.noise)
     if again is None:
         return []
     before, after = _numbers(fit), _numbers(again)

@@ -14,10 +14,10 @@ import numpy as np
 
 from gcs_autotune.diagnose.adequacy import WHITE, explains_all, tests_of, whiteness_of
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
-from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material, is_needed
+from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material
+from gcs_autotune.diagnose.search_with_noise import NO_MODEL, look_with_process_noise, no_model_with_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.weathered import NO_MODEL, look_under_process_noise, no_model_beneath
 from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
 from gcs_autotune.sname import DOFS
 
@@ -49,14 +49,14 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     seconds = PACES * state.problem.data_summary.time_constant
     if (
         question.horizon is not None
-        or no_model_beneath(state)
-        or (state.weather is not None and (bool(state.weather.named) or len(question.form.dofs) == 1))
+        or no_model_with_noise(state)
+        or (state.with_noise is not None and (bool(state.with_noise.accepted) or len(question.form.dofs) == 1))
         or state.problem.data_summary.duration < FEWEST_PIECES * seconds
         or not _is_lost(state)
     ):
         return None
     segments, unseen = within_horizon(question.segments, seconds), within_horizon(question.unseen, seconds)
-    again = follow(begin(replace(question, segments=segments, unseen=unseen, weather=False)), SEARCH)
+    again = follow(begin(replace(question, segments=segments, unseen=unseen, with_noise=False)), SEARCH)
     if again.fitted.effects == again.base.effects or not (_surely_gains(again) and _holds_over(again, question.whole)):
         return replace(state, cut=(*state.cut, *again.cut))
     if _is_another_craft(again):
@@ -82,7 +82,7 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:
-        both = follow(both, (look_under_process_noise,))
+        both = follow(both, (look_with_process_noise,))
     if not both.fitted.effects:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
@@ -120,17 +120,17 @@ def _contradicted(state: SearchState) -> bool:
     if state.fitted.effects or not state.base_unseen.complete:
         return False
     if _is_lost(state):
-        return any(_refuted(state, step) or explains_all(state.problem, step) for step in state.steps)
+        return any(_refuted(step) or explains_all(state.problem, step) for step in state.steps)
     errors = rms_of(state.base_unseen.rests)
     return any(errors[n] > FAR * level for n, level in state.fitted.levels.items() if n in errors)
 
 
-def _refuted(state: SearchState, step: SearchStep) -> bool:
+def _refuted(step: SearchStep[Fitted]) -> bool:
     """Whether some candidate pays well on the runs fitted and foretells nothing of those kept apart.
 
     Runs of one size of command each know nothing of what the next size does: only together they tell the law.
     """
-    paying = [j for j in step.judged if j.evidence > 0.0 and is_needed(j.likelihood, j.fitted, state.base, state.tried)]
+    paying = [j for j in step.judged if j.evidence > 0.0 and j.gained > j.needed]
     return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
 
 

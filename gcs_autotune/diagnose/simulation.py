@@ -15,7 +15,8 @@ import numpy as np
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.plain_numbers import driven_by
-from gcs_autotune.diagnose.state import ModelInQuestion, Progress, Question, begin_with
+from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
+from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.diagnose.two_records import compared
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order

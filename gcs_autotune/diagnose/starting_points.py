@@ -194,7 +194,7 @@ def segment_starts(
         short, base = fit_base(problem.form, pieces)
     except AutotuneError:
         return []
-    choices = candidates(short, (), [s for s in slugs if _moves_the_craft(s)])
+    choices = candidates(short.data_summary, (), [s for s in slugs if _moves_the_craft(s)])
     listed = screen(short, [base], [], choices, executor=executor)[:SHORT_LIST]
     fits = executor.map(partial(fitted_roughly, short), listed)
     rough = [(c, f) for c, f in zip(listed, fits, strict=True) if f is not None and f.cost < base.cost]

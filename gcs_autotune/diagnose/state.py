@@ -1,123 +1,39 @@
 """The state of a search for causes: what was asked, the model so far, and what was judged on the way to it.
 
 A state never changes. Strategies (:mod:`.strategies`) make the next one from it, so that going back is keeping the old
-one. Here is what they all do with one: predict what is left out, judge a fit, and take one step: candidates are
-screened, the promising ones fitted, and the fits compared by likelihood less what their parameters cost; the winner
-must pay on data left out.
+one. Here is what they all do with one: predict what is left out, and take one step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
-from gcs_autotune.clock import OutOfTime, check_effort
-from gcs_autotune.diagnose.adequacy import correlation_of, tests_of, whiteness_of
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.candidates import (
-    RUNNERS,
-    Attempt,
-    EffectCandidate,
-    best_of_each,
-    candidates,
-    fitted_roughly,
-    fitted_to_the_end,
-    screen,
-)
-from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value, parts_of
-from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.result import ErrorReduction, Lack, Number, Numbers
-from gcs_autotune.diagnose.score import ALIKE, Judged, SearchStep, bic_penalty, error_ratio, ordered, winner_of
-from gcs_autotune.diagnose.starting_points import lost, merged, permuted_channels, without_one_signal
-from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
-from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, given_base
-from gcs_autotune.models import Form
+import numpy as np
 
-__all__ = [
-    "NOT_BEGUN",
-    "Key",
-    "LostBase",
-    "ModelInQuestion",
-    "Progress",
-    "Question",
-    "SearchState",
-    "begin",
-    "begin_with",
-    "mistaken_for",
-]
+from gcs_autotune.clock import OutOfTime
+from gcs_autotune.diagnose.adequacy import tests_of, whiteness_of
+from gcs_autotune.diagnose.candidates import Attempt, candidates
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, gains_of, held_out, own_gain, parts_of, rms_of, surest
+from gcs_autotune.diagnose.least_squares_scorer import SHORT_LIST, LeastSquares, is_alike, values_of
+from gcs_autotune.diagnose.process_noise import NoiseSearch
+from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.result import ErrorReduction, Numbers, Value
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
+from gcs_autotune.diagnose.search import fits_of, judge
+from gcs_autotune.diagnose.starting_points import lost, without_one_signal
+from gcs_autotune.effects import EffectInstance, name_of, twins_of
+from gcs_autotune.identify import Doubt, Fitted, Problem, fit_base, given_base
 
-Progress = Callable[[str, int, int], None]
-
-Key = tuple[str, str, str]
-"""A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
+__all__ = ["NOT_BEGUN", "LostBase", "SearchState", "begin", "begin_with"]
 
 NOT_BEGUN = "not begun: "
 """Begins the words for a part of the search that was not begun when it was stopped."""
 
-SHORT_LIST = 18
-"""Candidates fitted roughly."""
-
-FOLLOWING = 12
-"""Chosen: trials of a fit in which an effect follows a command."""
-
 ASTRAY = 0.05
 """Whiteness below which errors of the data are also looked for from fits that leave out one signal."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelInQuestion:
-    """The model in question, and how its owner knows it.
-
-    ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
-    number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
-    this model stands for; None for a model that was given itself. ``records``: what is wrong in the simulator's file
-    itself (clock, signs, units), and was set right before.
-    """
-
-    model: ExtendedModel
-    names: Mapping[Key, tuple[str, float]] = field(default_factory=dict)
-    std: Mapping[str, float] = field(default_factory=dict)
-    theirs: tuple[Problem, Fitted] | None = None
-    records: tuple[Number, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Question:
-    """What is asked: runs to explain, runs kept apart, the model in question, effects to try.
-
-    ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
-    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
-    ``executor``: does what can be done at the same time.
-    ``weather``: whether a force that wanders may be blamed. ``one_flight``: the runs complete each other (a step and a
-    relay of one tune), so that none of them predicts the other: blocks of all are left out in turn.
-    """
-
-    form: Form
-    segments: Sequence[Segment]
-    slugs: Sequence[str]
-    unseen: Sequence[Segment] = ()
-    whole: Sequence[Segment] = ()
-    given: ModelInQuestion | None = None
-    horizon: float | None = None
-    progress: Progress | None = None
-    executor: Executor = field(default_factory=SerialExecutor)
-    weather: bool = True
-    one_flight: bool = False
-
-    def say(self, stage: str, done: int, total: int) -> None:
-        """Report progress.
-
-        Raises
-        ------
-        OutOfTime
-            The work or the time given is used up.
-        """
-        if self.progress is not None:
-            self.progress(stage, done, total)
-        check_effort(f"{stage}, {done} of {total} done")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,10 +54,9 @@ class SearchState:
     ``..._unseen`` what each model leaves of it. ``former``: the base that a better one took the place of: the better
     may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
     for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
-    pieces were in which causes were found, where the search chose them itself. ``weather``: what a search under
-    process noise ended with, where it took the floor. ``beneath``: that search, once asked for, and the
-    problem it was asked about. ``refused``: names of that search that were taken back in the end, and why;
-    ``own_gains``: what each of those that stand gains on data left out, by slug and place. ``cut``: at what the search
+    pieces were in which causes were found, where the search chose them itself. ``with_noise``: what a search under
+    process noise ended with, where it took the floor. ``noise_search``: that search, once asked for, and the
+    problem it was asked about. ``cut``: at what the search
     was stopped, and what was not begun, in words.
     """
 
@@ -154,7 +69,7 @@ class SearchState:
     present_unseen: HeldOut
     given: Fitted | None = None
     given_unseen: HeldOut | None = None
-    steps: tuple[SearchStep, ...] = ()
+    steps: tuple[SearchStep[Fitted], ...] = ()
     renamed: tuple[tuple[str, str], ...] = ()
     tried: int = 0
     restarts: int = 0
@@ -164,10 +79,8 @@ class SearchState:
     doubts: tuple[Doubt, ...] = ()
     pieces: float | None = None
     numbers: Numbers | None = None
-    weather: WeatherSearch | None = None
-    beneath: tuple[Problem, WeatherSearch | None] | None = None
-    refused: tuple[tuple[Attested, Lack], ...] = ()
-    own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
+    with_noise: NoiseSearch | None = None
+    noise_search: tuple[Problem, NoiseSearch | None] | None = None
     cut: tuple[str, ...] = ()
 
     @property
@@ -175,6 +88,10 @@ class SearchState:
         """The effects found: those the base does not have."""
         had = {(e.slug, e.place) for e in self.base.effects}
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
+
+    def stopped(self, over: OutOfTime) -> SearchState:
+        """Return the state as it is, stopped."""
+        return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
 
@@ -212,7 +129,7 @@ class SearchState:
         slugs: Sequence[str] | None = None,
         quick: bool = False,
         most: int = SHORT_LIST,
-    ) -> tuple[SearchState, SearchStep]:
+    ) -> tuple[SearchState, SearchStep[Fitted]]:
         """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
 
         The state returned has the same model, or a better base found on the way. slugs : of candidates, all of the
@@ -223,108 +140,36 @@ class SearchState:
         now = self._with_others() if astray else self
         present = now.fitted if against is None else against
         begun = [present] if now.former is None or present.effects else [present, now.former]
-        choices = candidates(now.problem, present.effects, question.slugs if slugs is None else slugs)
+        choices = candidates(now.problem.data_summary, present.effects, question.slugs if slugs is None else slugs)
         choices = [c for c in choices if not _contradicts(present.effects, c[0])]
         now = replace(now, tried=max(now.tried, len(choices)))
-
-        def screened(done: int, total: int) -> None:
-            question.say(stage + ": screening", done, total)
-
-        screened(0, len(choices))
-        others = (now.alone or ()) if astray else ()
-        listed = screen(now.problem, begun, others, choices, screened, question.executor)
         is_lost = astray and lost(present, now.problem.data_summary.spread)
-        if is_lost and now.given is None:
-            listed = merged(listed, permuted_channels(now.problem, present, choices))
-        rough: list[Attempt] = []
-        fresh, passed_over = listed[:most], listed[most:]
-        while fresh:
-            rough = best_of_each([*rough, *now._rough(fresh, stage)], present)
-            better = bool(rough) and rough[0][1].cost < present.cost
-            fresh = mistaken_for(rough[0][0].effect, passed_over) if better else []
-            passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
-        ends = now.ends_of(rough[:RUNNERS], stage)
+        scorer = replace(
+            now.scorer(present, len(choices), stage=stage, quick=quick),
+            begun=begun,
+            others=(now.alone or ()) if astray else (),
+            exchanges=is_lost and now.given is None,
+            most=most,
+        )
+        ends = fits_of(scorer, choices)
         if is_lost and not quick and now.lost is None:
             now = replace(now, lost=LostBase(present, tuple(ends), len(choices)))
-        return now, now.judged_all(ends, present, len(choices), quick, stage)
+        return now, judge(scorer, ends)
 
-    def judged_all(
-        self, ends: Sequence[Attempt], present: Fitted, tried: int, quick: bool = False, stage: str = "causes"
-    ) -> SearchStep:
-        """Judge fits made on top of *present*, of so many *tried*."""
-        best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, present), default=present)
-        raised = correlation_of(best)
-
-        silent = replace(self, question=replace(self.question, progress=None))
-        judged_one = partial(_judged_by, silent, present, tried, raised, quick)
-
-        def told(done: int, total: int) -> None:
-            self.question.say(stage + ": runs left out", done, total)
-
-        executor = SerialExecutor() if quick else self.question.executor
-        judged = ordered(list(executor.map(judged_one, [(c.effect, fit) for c, fit in ends], told)))
-        return SearchStep(tuple(judged), None if quick else self.pick(judged, tried, present))
-
-    def pick(self, judged: Sequence[Judged], tried: int, present: Fitted) -> Judged | None:
-        """Return the winner; none that happens at a moment which a recorded command explains as well."""
-        left = list(judged)
-        while (winner := winner_of(left, tried, present)) is not None and self.follows_a_command(
-            winner.effect, winner.fitted
-        ):
-            left.remove(winner)
-        return winner
-
-    def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
-        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
-        others = tuple(e for e in fitted.effects if (e.slug, e.place) != (effect.slug, effect.place))
-        for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
-            if any((e.slug, e.place) == (own.slug, own.place) for e in others):
-                continue
-            fit = self.problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FOLLOWING, shift=fitted.shift)
-            if fit is not None and fit.cost + bic_penalty(fit, fitted) < fitted.cost + ALIKE:
-                return True
-        return False
-
-    def judged(
-        self,
-        effect: EffectInstance,
-        fitted: Fitted,
-        present: Fitted,
-        tried: int,
-        common: float | None = None,
-        *,
-        quick: bool = False,
-    ) -> Judged:
-        """Judge a fit: against its rivals with the *common* number of samples that make one independent one."""
-        raised = correlation_of(fitted)
-        likelihood = (present.cost - fitted.cost) / raised
-        evidence = (present.cost - fitted.cost) / (common or raised) - bic_penalty(fitted, present)
-        now = next(e for e in fitted.effects if (e.slug, e.place) == (effect.slug, effect.place))
-        if evidence <= 0.0 or quick:
-            return Judged(now, fitted, evidence, likelihood, 0.0, 1.0, None)
-        unseen, before = self.unseen(fitted), self.present_unseen
-        gain, p = 0.0, 1.0
-        if unseen.complete and before.rests:
-            gain = 1.0 - error_ratio(before, unseen)
-            p = p_value(before, unseen, fitted.levels, raised, present.parameters, tried)
-        return Judged(now, fitted, evidence, likelihood, gain, p, unseen)
-
-    def ends_of(self, rough: Sequence[Attempt], stage: str = "causes") -> list[Attempt]:
-        """Fit to the end what was fitted roughly."""
-
-        def told(done: int, total: int) -> None:
-            self.question.say(stage + ": fitting to the end", done, total)
-
-        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
-        return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
-
-    def _rough(self, listed: Sequence[EffectCandidate], stage: str) -> list[Attempt]:
-        def told(done: int, total: int) -> None:
-            self.question.say(stage + ": fitting", done, total)
-
-        told(0, len(listed))
-        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
-        return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
+    def scorer(
+        self, present: Fitted | None = None, tried: int | None = None, *, stage: str = "causes", quick: bool = False
+    ) -> LeastSquares:
+        """Return what fits and scores candidates added to *present* (the present model when None), *tried* in all."""
+        return LeastSquares(
+            self.question,
+            self.problem,
+            self.parts,
+            self.fitted if present is None else present,
+            self.present_unseen,
+            self.tried if tried is None else tried,
+            stage,
+            quick,
+        )
 
     def _with_others(self) -> SearchState:
         """Return the state with other places for errors of the data to begin; a better base on the way is the base."""
@@ -345,6 +190,86 @@ class SearchState:
             base_unseen=unseen,
             present_unseen=unseen,
         )
+
+    # -- for the report
+
+    @property
+    def words(self) -> str:
+        """What was left out in turn."""
+        return self.parts.words
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names that no hint has: none, for hints are of a last step without a winner."""
+        return frozenset()
+
+    @property
+    def refused(self) -> tuple[CandidateScore[Fitted], ...]:
+        """Causes accepted and taken back in the end: none of them is told as a hint."""
+        return ()
+
+    def values(self, effect: EffectInstance, fit: Fitted | None = None) -> Mapping[str, Value]:
+        """Return the numbers of an effect in *fit* (the present model when None) with their standard errors."""
+        return values_of(self.problem, self.fitted if fit is None else fit)[key_of(effect)]
+
+    def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
+        """Return the error on data left out, before and after all causes, of every signal."""
+        words = self.words + ("" if self.pieces is None else f"; in pieces of {self.pieces:.3g} s")
+        return gains_of(self.base_unseen, self.present_unseen, words) if order else ()
+
+    def gains_of_each(
+        self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
+    ) -> Mapping[tuple[str, str], ErrorReduction]:
+        """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
+        if len(order) == 1:
+            whole = surest(gains)
+            return {} if whole is None else {key_of(order[0]): whole}
+        found, before = {}, self.base_unseen
+        for won in (s.accepted for s in self.steps if s.accepted is not None):
+            if won.unseen is not None:
+                own = own_gain(before, won.unseen, self.words)
+                before = won.unseen
+                if own is not None:
+                    found[key_of(won.effect)] = own
+        return found
+
+    def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
+        """Return the share of the mean square error above the noise, over all signals, that each cause removed."""
+        found: dict[tuple[str, str], float] = {}
+        base, before = rms_of(self.base_unseen.rests), self.base_unseen
+        for won in (s.accepted for s in self.steps if s.accepted is not None):
+            key, unseen = key_of(won.effect), won.unseen
+            if unseen is None:
+                found.setdefault(key, math.nan)
+                continue
+            shares, old, new = [], rms_of(before.rests), rms_of(unseen.rests)
+            for n, level in self.fitted.levels.items():
+                above = base.get(n, 0.0) ** 2 - level**2
+                if above > 0.05 * level**2 and n in old and n in new:
+                    shares.append((old[n] ** 2 - new[n] ** 2) / above)
+            found.setdefault(key, float(np.clip(max(shares), 0.0, 1.0)) if shares else math.nan)
+            before = unseen
+        return found
+
+    def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
+        """Return groups of names that these runs do not distinguish."""
+        groups = []
+        for step in self.steps:
+            best = step.accepted
+            if best is None or best.effect.slug not in {e.slug for e in order}:
+                continue
+            same = [name_of(best.effect), *twins_of(best.effect, self.problem.data_summary)]
+            same += [name_of(j.effect) for j in step.judged if is_alike(self.problem, j, best)]
+            names = tuple(dict.fromkeys(same))
+            if len(names) > 1:
+                groups.append(names)
+        for usual, other in self.renamed:
+            known = next((k for k, names in enumerate(groups) if usual in names or other in names), None)
+            if known is None:
+                groups.append((usual, other))
+            else:
+                groups[known] = tuple(dict.fromkeys((usual, *groups[known], other)))
+        return tuple(groups)
 
 
 def begin(question: Question) -> SearchState:
@@ -373,28 +298,6 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen, cut=cut)
 
 
-def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:
-    """Return those of *passed_over* that *effect* is easily mistaken for, there: a screening may misjudge them."""
-    rivals = EFFECTS[effect.slug].mistaken_for
-    return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]
-
-
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
     """Whether an effect is already there in other words: the same slug at a place that overlaps."""
     return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)
-
-
-def _judged_by(
-    state: SearchState,
-    present: Fitted,
-    tried: int,
-    common: float,
-    quick: bool,
-    end: tuple[EffectInstance, Fitted],
-) -> Judged:
-    effect, fitted = end
-    return state.judged(effect, fitted, present, tried, common, quick=quick)
-
-
-def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
-    return fitted_to_the_end(problem, *attempt)

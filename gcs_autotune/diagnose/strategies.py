@@ -18,8 +18,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gcs_autotune.clock import OutOfTime, check_effort
 from gcs_autotune.diagnose.adequacy import (
     correlation_of,
@@ -30,20 +28,21 @@ from gcs_autotune.diagnose.adequacy import (
 )
 from gcs_autotune.diagnose.candidates import RUNNERS, best_of_each
 from gcs_autotune.diagnose.heldout import parts_of
+from gcs_autotune.diagnose.process_noise import above_the_command
 from gcs_autotune.diagnose.score import (
     ALIKE,
     SIGNIFICANCE,
-    Judged,
+    CandidateScore,
     SearchStep,
     bic_penalty,
     is_needed,
     may_be_none,
     ordered,
-    winner_of,
 )
+from gcs_autotune.diagnose.search import add_one_by_one, judge
+from gcs_autotune.diagnose.search_with_noise import wanders
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.diagnose.weathered import wanders
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.identify import Fitted, Problem
 from gcs_autotune.sname import DOFS
@@ -67,6 +66,9 @@ DONE = 0.5
 RESTARTS = 3
 """Better fits of the same model that a winner may lead to, at most."""
 
+CALM = 0.2
+"""Chosen: size of a drifting force over that of what is commanded up to which a free run may still be explained."""
+
 FOLLOWED, FARTHEST = 3, 3
 """Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
 
@@ -81,32 +83,24 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
             check_effort(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
             state = strategy(state) or state
         except OutOfTime as over:
-            state = replace(state, cut=(*state.cut, str(over)))
+            state = state.stopped(over)
     return state
 
 
 # -- cause after cause
 
 
-def add_causes(state: SearchState, first: SearchStep | None = None) -> SearchState:
+def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> SearchState:
     """Take one step after the other until none pays, or the search is stopped.
 
     first : the next step, judged already.
     """
-    found = True
-    try:
-        while found and len(state.steps) < MOST_CAUSES:
-            state, found = _one_more(state, first)
-            first = None
-            if found and len(state.steps) > 1:
-                state = backward_elimination(state)
-    except OutOfTime as over:
-        state = replace(state, cut=(*state.cut, str(over)))
-    return state
+    known = iter(() if first is None else (first,))
+    return add_one_by_one(state, MOST_CAUSES, lambda now: _one_more(now, next(known, None)), backward_elimination)
 
 
-def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchState, bool]:
-    """Take one more step (or several, where only causes together pay); whether anything was found."""
+def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchState:
+    """Return the state one step further, or several, where only causes together pay. judged : the step, if known."""
     stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
@@ -116,31 +110,31 @@ def _one_more(state: SearchState, judged: SearchStep | None) -> tuple[SearchStat
         step = judged
     if step.accepted is None:
         state, step = blocked_cv(state, step) or (state, step)
-    taken: tuple[SearchStep, ...] = (step,)
+    taken: tuple[SearchStep[Fitted], ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
-        # Beneath a force that wanders every pair looks as good as the next, and there are many; but two causes without
-        # any weather look like a force that wanders, too, and only they leave nothing when both are known.
+        # With a drifting force every pair looks as good as the next, and there are many. Two causes without any such
+        # force look like one, too, and only they leave nothing when both are known.
         state, adrift = wanders(state)
         try:
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
-            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fitted)):
+            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
                 taken = ahead
         except OutOfTime as over:  # what was asked about the water is kept: it is long
-            state = replace(state, cut=(*state.cut, str(over)))
+            state = state.stopped(over)
     accepted = taken[-1].accepted
     if accepted is None:
-        return replace(state, steps=(*state.steps, *taken)), False
-    better = _without(state, accepted.fitted)
+        return replace(state, steps=(*state.steps, *taken))
+    better = _without(state, accepted.fit)
     if better is not None:
         state = state.with_better(better)
-        again = state.judged(accepted.effect, accepted.fitted, better, state.tried)
-        if winner_of([again], state.tried, better) is not None:
+        again = state.scorer(better).score(accepted.effect, accepted.fit)
+        if again.lacks is None:
             accepted = again
             taken = (*taken[:-1], replace(taken[-1], accepted=again))
         elif state.restarts < RESTARTS:
             return _one_more(replace(state, restarts=state.restarts + 1), None)
     state = replace(state, steps=(*state.steps, *taken))
-    return state.with_model(accepted.fitted, accepted.unseen), True
+    return state.with_model(accepted.fit, accepted.unseen)
 
 
 def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
@@ -153,7 +147,7 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
     return again if again is not None and again.cost < present.cost - ALIKE else None
 
 
-def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, SearchStep] | None:
+def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchState, SearchStep[Fitted]] | None:
     """Judge a step again with blocks of every run left out instead of runs; None where that names nothing either.
 
     Where each run shows one size of command only, none tells of the next although one cause explains all of them.
@@ -165,9 +159,10 @@ def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, Searc
         return None
     now = state.with_parts(parts_of(state.problem, in_blocks=True))
     paying = [j for j in step.judged if j.evidence > 0.0]
-    again = ordered([now.judged(j.effect, j.fitted, present, now.tried) for j in paying])
-    winner = now.pick(again, now.tried, present)
-    return None if winner is None else (now, SearchStep(tuple(again), winner))
+    scorer = now.scorer(present)
+    again = ordered([scorer.score(j.effect, j.fit) for j in paying])
+    winner = scorer.winner(again)
+    return None if winner is None else (now, SearchStep(present, tuple(again), winner))
 
 
 # -- causes that only pay together
@@ -177,18 +172,18 @@ def blocked_cv(state: SearchState, step: SearchStep) -> tuple[SearchState, Searc
 class _Path:
     """Causes in order, and what was judged beside each."""
 
-    taken: tuple[Judged, ...]
-    steps: tuple[SearchStep, ...]
+    taken: tuple[CandidateScore[Fitted], ...]
+    steps: tuple[SearchStep[Fitted], ...]
 
     def price(self, present: Fitted) -> float:
         """Return the cost of its end, parameters paid for."""
-        end = self.taken[-1].fitted
+        end = self.taken[-1].fit
         return end.cost + bic_penalty(end, present)
 
 
 def _look_ahead(
-    state: SearchState, step: SearchStep, stage: str, farthest: int
-) -> tuple[SearchState, tuple[SearchStep, ...] | None]:
+    state: SearchState, step: SearchStep[Fitted], stage: str, farthest: int
+) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
     """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
 
     Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
@@ -196,7 +191,7 @@ def _look_ahead(
     pairs, if it does not pay either, by a third (up to *farthest*).
     """
     paths: list[_Path] = []
-    likely = [j for j in step.judged if j.evidence > 0.0 and not state.follows_a_command(j.effect, j.fitted)]
+    likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
     for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
@@ -204,8 +199,9 @@ def _look_ahead(
     while path is not None:
         length, end = len(path.taken), path.taken[-1]
         tried = math.comb(max(state.tried, length), length)
-        whole = state.judged(end.effect, end.fitted, state.fitted, tried)
-        if state.pick([whole], tried, state.fitted) is not None:
+        scorer = state.scorer(tried=tried)
+        whole = scorer.score(end.effect, end.fit)
+        if scorer.winner([whole]) is not None:
             return state, _accepted(path, whole)
         state, path = _followed(state, path, stage) if length < farthest else (state, None)
     return state, None
@@ -217,22 +213,22 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and another", path.taken[-1].fitted, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} and another", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
 
 
-def _accepted(path: _Path, whole: Judged) -> tuple[SearchStep, ...]:
+def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fitted], ...]:
     """Return the steps of a path with its causes accepted, their numbers those of its end."""
-    now = {(e.slug, e.place): e for e in whole.fitted.effects}
+    now = {(e.slug, e.place): e for e in whole.fit.effects}
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
         ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
-        steps.append(SearchStep(tuple(ended if j is taken else j for j in step.judged), ended))
+        steps.append(replace(step, judged=tuple(ended if j is taken else j for j in step.judged), accepted=ended))
     last = path.steps[-1]
     others = tuple(j for j in last.judged if j is not path.taken[-1])
-    return (*steps, SearchStep((whole, *others), whole))
+    return (*steps, replace(last, judged=(whole, *others), accepted=whole))
 
 
 # -- earlier causes reconsidered
@@ -267,14 +263,17 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is not None and kept.cost - rival.fitted.cost - bic_penalty(rival.fitted, kept) > ALIKE:
-        return state.with_model(rival.fitted, rival.unseen)
+    if rival is None:
+        return state
+    likelihood = (kept.cost - rival.fit.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival.fit, kept) > ALIKE:
+        return state.with_model(rival.fit, rival.unseen)
     return state
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
     """Leave out causes at a moment that, with all others known, a recorded command explains as well."""
-    effect = next((e for e in state.causes if state.follows_a_command(e, state.fitted)), None)
+    effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted
     without = None if effect is None else state.problem.fit(fit.theta, rest, fit.initial, shift=fit.shift)
@@ -302,10 +301,7 @@ def drop_insignificant(state: SearchState) -> SearchState | None:
 
 
 def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
-    i = fitted.effects.index(effect)
-    std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 0.0))
-    own = {n: float(std[len(fitted.free) + k]) for k, (j, n) in enumerate(fitted.free_effects) if j == i}
-    return may_be_none(effect, own)
+    return may_be_none(effect, fitted.errors_in(fitted.covariance(correlation_of(fitted)), effect))
 
 
 # -- causes found in pieces where whole runs are lost
@@ -321,20 +317,21 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
     state, adrift = wanders(state)
-    search = None if state.beneath is None else state.beneath[1]
-    if adrift and search is not None and search.named and _is_all(search.dof, state.problem):
+    search = None if state.noise_search is None else state.noise_search[1]
+    rough = adrift and search is not None and above_the_command(search) > CALM
+    if rough and search is not None and search.accepted and _is_all(search.dof, state.problem):
         return state
     try:
         state.question.say("in pieces", 0, 1)
         held = segment_starts(state.problem, lost.base, state.question.slugs, state.question.executor)
-        ends = best_of_each([*lost.ends, *state.ends_of(held)], lost.base)[:RUNNERS]
+        ends = best_of_each([*lost.ends, *state.scorer().to_the_end(held)], lost.base)[:RUNNERS]
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state
         unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
         anew = replace(state, steps=()).with_model(lost.base, unseen)
-        other = add_causes(anew, anew.judged_all(ends, lost.base, lost.tried))
+        other = add_causes(anew, judge(anew.scorer(lost.base, lost.tried), ends))
     except OutOfTime as over:  # what was asked about the water is kept: it is long
-        return replace(state, cut=(*state.cut, str(over)))
+        return state.stopped(over)
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
     return other if now < before else replace(state, cut=other.cut)
 
@@ -375,7 +372,7 @@ def _as_likely(
                 continue
             effects = tuple(other if e is effect else e for e in now.effects)
             fit = problem.fit(now.theta, effects, now.initial, trials=12, shift=now.shift)
-            if fit is not None and fit.cost < now.cost + ALIKE:
+            if fit is not None and (fit.cost - now.cost) / correlation_of(now) < ALIKE:
                 return other, fit
     return None
 

@@ -182,7 +182,7 @@ class Saturation(Characteristic):
 
     slug = "saturation"
     title = "Saturation"
-    meaning = "commands beyond a limit do no more than the limit: end stops, output limits, a weak battery"
+    meaning = "commands beyond a limit have the effect of the limit: end stops, output limits, a weak battery"
     plain = "Beyond a limit, more {command} does nothing on your {craft}; in {simulation} it does."
     parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
     shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
@@ -219,7 +219,7 @@ class DeadZone(Characteristic):
 
     slug = "dead-zone"
     title = "Dead zone"
-    meaning = "commands smaller than a threshold do nothing, larger ones lose that much"
+    meaning = "commands below a threshold do nothing, and larger ones are reduced by it"
     plain = "A little {command} does nothing on your {craft}; in {simulation} it does."
     parameters = (Quantity("width", INPUT, "half-width of the dead zone"),)
     grows_with = ("width",)
@@ -227,7 +227,7 @@ class DeadZone(Characteristic):
     mistaken_for = ("backlash", "quadratic-actuator", "linear-drag")
     separated_by = (
         "steps from rest of several sizes, both ways, from one small enough to do nothing to full command, each held "
-        "until the speed is steady and begun from zero command, so that play takes no part"
+        "until the speed is steady; each begins from zero command, which excludes backlash"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -254,9 +254,9 @@ class QuadraticActuator(Characteristic):
     slug = "quadratic-actuator"
     is_structural = True
     title = "Thrust curve"
-    meaning = "thrust goes as the square of the command (n|n|): half command gives less than half thrust"
+    meaning = "thrust is proportional to the square of the command (n|n|): half command gives less than half thrust"
     plain = "Half the {command} gives your {craft} less than half the force; {simulation} gets half."
-    parameters = (Quantity("share", "1", "quadratic share of the thrust at full command"),)
+    parameters = (Quantity("share", "1", "quadratic fraction of the thrust at full command"),)
     grows_with = ("share",)
     shown_by = "residual against command bends: too little thrust at small commands, too much at large ones"
     mistaken_for = ("dead-zone", "quadratic-drag", "saturation", "speed-dependent-steering")
@@ -341,7 +341,7 @@ class AsymmetricThrust(Characteristic):
 
     slug = "asymmetric-thrust"
     title = "Thrust ahead and astern"
-    meaning = "the same command does more one way than the other: propellers are made to push ahead"
+    meaning = "the same command gives more force one way than the other: propellers are designed to push ahead"
     plain = "On your {craft} {command} is stronger one way than the other; in {simulation} both ways are equal."
     parameters = (Quantity("ratio", "1", "gain of negative over gain of positive commands"),)
     grows_with = ("ratio",)
@@ -416,12 +416,13 @@ class Backlash(ActuatorEffect):
     """
 
     slug = "backlash"
-    meaning = "play in the linkage: after every reversal the command moves a while before anything follows"
+    meaning = "backlash in the linkage: after every reversal the command moves before anything follows"
     plain = "On your {craft} nothing follows at first when {command} is reversed; {simulation} follows at once."
-    parameters = (Quantity("width", INPUT, "play from one flank to the other"),)
+    parameters = (Quantity("width", INPUT, "backlash from one flank to the other"),)
     grows_with = ("width",)
     shown_by = "residual against command makes a loop: above the line while the command falls, below it while it rises"
     mistaken_for = ("dead-zone", "input-delay", "actuator-lag", "rate-limit", "input-bias")
+    yields_to = ("dead-zone",)  # to a relay, which always goes from end to end, both are the same
     separated_by = (
         "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
         "speed is steady: with play the same command gives another speed on the way down than on the way up; with a "

@@ -23,11 +23,11 @@ class InputDelay(ActuatorEffect):
 
     slug = "input-delay"
     is_structural = True
-    meaning = "commands act later than they were sent: radio, autopilot loops, motor controller"
-    plain = "Your {craft} answers {command} late; {simulation} answers at once."
+    meaning = "commands act later than they are sent: radio, autopilot loops, motor controller"
+    plain = "Your {craft} responds to {command} late; {simulation} responds at once."
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)
-    shown_by = "residual right after every change of command: the motion begins late, then runs in step"
+    shown_by = "residual right after every change of command: the motion begins late, then keeps pace"
     mistaken_for = (
         "actuator-lag",
         "measurement-delay",
@@ -37,7 +37,8 @@ class InputDelay(ActuatorEffect):
     )
     separated_by = (
         "full steps from rest with ten samples or more per time constant: a delay leaves the craft still, then starts "
-        "it at full pace; a lag starts it at once and gently. Inputs stepped one by one tell it from late clocks"
+        "it at full pace; a lag starts it at once and gently. Inputs stepped one by one distinguish it from a clock "
+        "offset"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -70,7 +71,7 @@ class RateLimit(Gradual):
     """The actuator runs after the command at ``rate`` until it has reached it; it starts at the first command."""
 
     slug = "rate-limit"
-    meaning = "the actuator runs after its command at a fixed speed: a slow servo, a ramp in the motor controller"
+    meaning = "the actuator follows its command at a limited speed: a slow servo, a ramp in the motor controller"
     plain = "On your {craft} {command} changes at a limited speed; in {simulation} it jumps."
     parameters = (Quantity("rate", f"{INPUT}/s", "fastest change of what acts"),)
     shown_by = "residual after changes of command: the larger the change, the longer it lasts"
@@ -114,7 +115,7 @@ class ActuatorLag(Gradual):
     """What acts follows the command with ``time_constant``; it starts at the first command."""
 
     slug = "actuator-lag"
-    meaning = "thrust or rudder follow the command gradually: propeller and water take time to speed up"
+    meaning = "thrust or rudder follows the command gradually: propeller and water take time to speed up"
     plain = "On your {craft} {command} builds up gradually; in {simulation} it is there at once."
     parameters = (Quantity("time_constant", "s", "time until 63 % of a step in command acts"),)
     grows_with = ("time_constant",)
@@ -166,9 +167,9 @@ class GainDrift(Gradual):
     """Commands act times ``1 - rate (t - t_0)``, ``t_0`` the run's first stamp, never less than a twentieth."""
 
     slug = "gain-drift"
-    meaning = "thrust weakens (or grows) in the course of a run: the battery sags, a motor heats up"
+    meaning = "thrust weakens (or grows) during a run: the battery sags, a motor heats up"
     plain = "On your {craft} {command} gets weaker or stronger during a run; in {simulation} it stays the same."
-    parameters = (Quantity("rate", "1/s", "share of the first gain lost per second"),)
+    parameters = (Quantity("rate", "1/s", "fraction of the first gain lost per second"),)
     grows_with = ("rate",)
     shown_by = "residual against time: follows the command in the beginning and opposes it in the end"
     mistaken_for = (

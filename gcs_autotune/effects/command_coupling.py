@@ -19,6 +19,10 @@ VARIES = 0.2
 always the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
 
 
+NONE = 1e-6
+"""Chosen: a command smaller than this share of the largest one is none: what a mixer's arithmetic leaves of zero."""
+
+
 class CommandCoupling(ActuatorEffect):
     """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: a line of thrust beside the centre, unequal thrusters.
 
@@ -27,12 +31,13 @@ class CommandCoupling(ActuatorEffect):
     """
 
     slug = "command-coupling"
-    meaning = "the command of another axis acts here too: thrust beside the centre, or thrusters that are not equal"
+    meaning = "the command of another axis acts here too: thrust off the centre, or unequal thrusters"
     plain = "On your {craft} another command also acts on {motion}; in {simulation} it does not."
     parameters = (Quantity("gain", f"{INPUT} per unit of the other", "what the other command adds to this one"),)
     grows_with = ("gain",)
     shown_by = "residual against the other axis' command, at once and in proportion"
     mistaken_for = ("input-bias", "tether-pull", "gain-drift", "channel-swap")
+    yields_to = ("input-bias", "net-buoyancy")  # a command that hardly changes acts like a constant
     separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -68,5 +73,7 @@ class CommandCoupling(ActuatorEffect):
 
 def _varies(name: str, data: DataSummary) -> bool:
     extent = data.extent.get(name, (0.0, 0.0))
+    if max(map(abs, extent)) < NONE * max(data.amplitude.values(), default=0.0):
+        return False
     low, high = data.usual.get(name, extent)
     return high - low > VARIES * max(map(abs, extent))

@@ -25,9 +25,9 @@ class TimeScale(Effect):
     parameters = (Quantity("factor", "1", "seconds in the file per true second"),)
     grows_with = ("factor",)
     neutral: ClassVar[Mapping[str, float]] = {"factor": 1.0}
-    shown_by = "every position changes by the same factor more (or less) than its velocity says"
+    shown_by = "every position changes by the same factor more (or less) than its velocity"
     mistaken_for = ("unit-error", "time-offset", "mass-change")
-    separated_by = "a stopwatch beside the recorder: one minute of recording must hold one minute of stamps"
+    separated_by = "a stopwatch beside the recorder: one minute of recording must span one minute of timestamps"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """The whole file, when a position is measured beside its velocity; else inertia and drag absorb it."""
@@ -97,10 +97,10 @@ class UnitError(Effect):
 
     slug = "unit-error"
     family = "data errors"
-    meaning = "the numbers of a column are in another unit than its head says"
-    plain = "In your recording the {signal} is in another unit than the column says."
+    meaning = "the numbers of a column are in another unit than its head states"
+    plain = "In your recording the {signal} is in another unit than its column head states."
     parameters = (Quantity("factor", "1", "number in the file per true number in SI"),)
-    shown_by = "one column against its own kin: a position changes 57.3, 3.6 or 1.94 times what its rate says"
+    shown_by = "one column against its own kin: a position changes 57.3, 3.6 or 1.94 times as much as its rate implies"
     mistaken_for = ("time-scale", "steady-current")
     separated_by = "a known motion: one full turn, or a measured length sailed both ways"
     fixed = ("factor",)
@@ -140,7 +140,7 @@ class SignError(Effect):
     plain = "In your recording the {signal} counts the other way round."
     shown_by = "the simulation goes the opposite way at every command, or heading and rate disagree"
     mistaken_for = ("channel-swap", "time-offset")
-    separated_by = "one long push to starboard (ahead, down) while somebody watches"
+    separated_by = "one long push to starboard (ahead, down), observed from outside"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every signal, and every input whose sign the model does not fit anyway; with several runs also each alone."""
@@ -169,9 +169,9 @@ class ChannelSwap(Effect):
 
     slug = "channel-swap"
     family = "data errors"
-    meaning = "two columns carry each other's data: plugs, axes or heads exchanged"
-    plain = "In your recording two columns hold each other's data: {signal}."
-    shown_by = "a motion answers the other channel's command; two residuals that are each other's signal"
+    meaning = "two columns contain each other's data: plugs, axes or heads exchanged"
+    plain = "In your recording two columns contain each other's data: {signal}."
+    shown_by = "a motion follows the other channel's command; each of two residuals looks like the other's signal"
     mistaken_for = ("sign-error", "coriolis-coupling", "sway-yaw-coupling")
     separated_by = "one axis at a time: push on one, rest, then on the other"
 

@@ -66,7 +66,7 @@ class SteadyCurrent(Effect):
 
     slug = "steady-current"
     family = "environment"
-    meaning = "the water moves over the ground: the craft is set one way, whatever it steers"
+    meaning = "the water moves over the ground: the craft drifts in one direction on any heading"
     plain = "A current carries your {craft}; {simulation} moves in still water."
     parameters = (
         Quantity("V_x", "m/s", "current towards north"),
@@ -192,7 +192,7 @@ class TetherPull(Effect):
 
     slug = "tether-pull"
     family = "environment"
-    meaning = "a spring holds the craft: the pull goes with the distance from where the tether is slack"
+    meaning = "a spring holds the craft: the pull is proportional to the distance from where the tether is slack"
     plain = "Something holds your {craft} like a spring; {simulation} moves freely."
     parameters = (
         Quantity("stiffness", "force/m or moment/rad", "pull per distance"),

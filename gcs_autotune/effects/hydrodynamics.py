@@ -103,9 +103,9 @@ class LinearDrag(Drag):
     meaning = "drag that goes with speed: slow motion dies out exponentially"
     plain = "Water resists your {craft} in {motion}; it does not resist {simulation}."
     parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per speed, positive when it damps"),)
-    shown_by = "residual against speed: a straight line through zero, most telling at low speed"
+    shown_by = "residual against speed: a straight line through zero, clearest at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
-    separated_by = "full speed, then no command until it lies still: the tail of the coasting tells"
+    separated_by = "full speed, then no command until it stops: the end of the coasting distinguishes them"
 
 
 class QuadraticDrag(Drag):

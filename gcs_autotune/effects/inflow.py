@@ -40,23 +40,23 @@ class SpeedDependentSteering(ActuatorEffect):
 
     slug = "speed-dependent-steering"
     is_structural = True
-    meaning = "the rudder turns the craft the harder, the faster water flows past it"
+    meaning = "the faster water flows past the rudder, the harder it turns the craft"
     plain = "Your {craft} steers harder the faster it goes; {simulation} steers the same at any speed."
     parameters = (
-        Quantity("share", "1", "share of the steering that goes with the speed squared; the rest is always there"),
+        Quantity("share", "1", "fraction of the steering proportional to speed squared; the rest is constant"),
     )
     grows_with = ("share",)
     shown_by = "yaw residual over command, against speed: too weak a turn when slow, too strong when fast"
     mistaken_for = ("gain-drift", "quadratic-actuator", "coriolis-coupling", "linear-drag")
     separated_by = (
-        "the same zig-zag at slow, half and full speed, each speed steady before it begins, in mixed order so that a "
-        "weakening battery cannot pass for speed"
+        "the same zig-zag at slow, half and full speed, each speed steady before it begins; in mixed order, because "
+        "a weakening battery looks the same"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that turns the craft, when a speed is recorded and varies."""
         name = _speed(data.channels)
-        if name is None or data.rms.get(name, 0.0) <= 0.0:
+        if name is None or name in data.still or data.rms.get(name, 0.0) <= 0.0:
             return ()
         low, high = data.extent.get(name, (0.0, 0.0))
         if high - low < VARIES * data.rms[name]:
@@ -137,10 +137,10 @@ class PropellerWash(ActuatorEffect):
 
     slug = "propeller-wash"
     is_structural = True
-    meaning = "the rudder turns the craft more, the more water the propeller pushes over it"
+    meaning = "the more water the propeller pushes over the rudder, the harder it turns the craft"
     plain = "The rudder of your {craft} turns it more when the propeller pushes harder; in {simulation} it does not."
     parameters = (
-        Quantity("share", "1", "share of the steering that goes with thrust squared; the rest is always there"),
+        Quantity("share", "1", "fraction of the steering proportional to thrust squared; the rest is constant"),
     )
     grows_with = ("share",)
     shown_by = "yaw residual over command, against the thrust commanded: too weak a turn at low thrust"
@@ -246,9 +246,9 @@ class AdvanceSpeedLoss(ActuatorEffect):
 
     slug = "advance-speed-loss"
     is_structural = True
-    meaning = "a propeller loses thrust with the speed of the water it works in: strong from rest, weak at speed"
+    meaning = "a propeller loses thrust with the speed of the inflow: strong from rest, weak at speed"
     plain = "The thrust of your {craft} falls as it gathers speed; in {simulation} it does not."
-    parameters = (Quantity("loss", PER_SPEED, "share of the thrust lost per speed ahead, gained per speed astern"),)
+    parameters = (Quantity("loss", PER_SPEED, "fraction of the thrust lost per speed ahead, gained per speed astern"),)
     grows_with = ("loss",)
     shown_by = "residual against speed, under power: grows with the speed; none while drifting to a stop"
     mistaken_for = ("linear-drag", "quadratic-drag", "saturation")

@@ -99,12 +99,12 @@ class CompassDeviation(Effect):
 
     slug = "compass-deviation"
     family = "sensor"
-    meaning = "the compass errs with sine and cosine of the heading: iron and currents aboard"
+    meaning = "the compass error varies with sine and cosine of the heading: iron and currents aboard"
     plain = "The error of your compass changes with the heading; {simulation} assumes a compass without error."
     parameters = (
-        Quantity("B", "rad", "share that goes with the sine of the heading"),
-        Quantity("C", "rad", "share that goes with its cosine"),
-        Quantity("A", "rad", "constant share, a misaligned compass: only where a track is measured"),
+        Quantity("B", "rad", "part proportional to the sine of the heading"),
+        Quantity("C", "rad", "part proportional to its cosine"),
+        Quantity("A", "rad", "constant part, a misaligned compass: only if a track is measured"),
     )
     grows_with = ("B", "C")
     shown_by = "heading residual against heading: one wave per turn, while the gyro fits"
@@ -162,7 +162,7 @@ class GyroBias(Effect):
     family = "sensor"
     meaning = "the gyro reads a constant rate too much"
     plain = "Your gyro shows a turn where there is none; {simulation} assumes a gyro without error."
-    parameters = (Quantity("bias", SIGNAL, "what a resting gyro reads"),)
+    parameters = (Quantity("bias", SIGNAL, "reading of a gyro at rest"),)
     grows_with = ("bias",)
     shown_by = "mean of the rate's residual, while the heading's slope fits"
     mistaken_for = ("input-bias", "asymmetric-thrust", "compass-deviation")
@@ -196,7 +196,7 @@ class MeasurementDelay(Effect):
     family = "sensor"
     meaning = "a signal is reported late: filtering in the sensor, a slow bus"
     plain = "Your {signal} is reported late; {simulation} reports it at once."
-    parameters = (Quantity("delay", "s", "age of what is reported"),)
+    parameters = (Quantity("delay", "s", "age of the reported value"),)
     yields_to = ("input-delay", "time-offset")
     grows_with = ("delay",)
     shown_by = "residual in proportion to the signal's own rate of change; one signal later than its kin"

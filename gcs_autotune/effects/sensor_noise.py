@@ -43,10 +43,10 @@ class Quantisation(Effect):
     family = "sensor"
     meaning = "a signal comes in steps: few bits, few digits"
     plain = "Your {signal} is recorded in coarse steps; that of {simulation} is smooth."
-    parameters = (Quantity("step", SIGNAL, "distance of two neighbouring readings"),)
+    parameters = (Quantity("step", SIGNAL, "distance between two neighbouring readings"),)
     shown_by = "few distinct values, all on one grid; the residual is a saw-tooth over the signal"
     mistaken_for = ("outliers", "backlash", "dead-zone")
-    separated_by = "the slowest motion the craft can do: the reading then moves in visible stairs"
+    separated_by = "the slowest motion of the craft: the reading then moves in visible steps"
     fixed = ("step",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -181,11 +181,11 @@ class Outliers(Effect):
 
     slug = "outliers"
     family = "sensor"
-    meaning = "single samples are far off: lost bits, reflections, a fix that jumps"
+    meaning = "single samples are far off: lost bits, reflections, jumps of a fix"
     plain = "Your {signal} has single wrong samples; that of {simulation} has none."
     parameters = (
-        Quantity("share", "1", "of the samples that are off"),
-        Quantity("size", SIGNAL, "rms of what they are off by"),
+        Quantity("share", "1", "fraction of samples that are outliers"),
+        Quantity("size", SIGNAL, "rms of their error"),
     )
     shown_by = "lone spikes in the residual, both ways, at no particular command or motion"
     mistaken_for = ("quantisation", "measurement-delay", "backlash")

@@ -59,6 +59,8 @@ class DataSummary:
     """Pairs of inputs that drive the craft with the same gains, but for a sign: two thrusters of one kind."""
     commanded_alike: tuple[tuple[str, str], ...] = ()
     """Those of them whose commands were nearly equal in all runs: nothing tells one from the other."""
+    still: frozenset[str] = frozenset()
+    """Recorded velocities that never left their own noise: nothing goes with them."""
     lags: Mapping[str, float] = field(default_factory=dict)
     """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
 

@@ -131,7 +131,7 @@ def _offered() -> Iterator[Effect]:
         except (ImportError, AttributeError, TypeError) as error:
             raise UsageError(f"the effect '{point.name}' ({point.value}) cannot be loaded: {error}") from error
         if not isinstance(effect, Effect):
-            raise UsageError(f"what '{point.name}' ({point.value}) names is no class of gcs_autotune.effects.Effect")
+            raise UsageError(f"'{point.name}' ({point.value}) does not produce a gcs_autotune.effects.Effect")
         yield effect
 
 
@@ -158,7 +158,7 @@ def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
         for place in effect.places(data):
             bounds = effect.bounds(place, data)
             return {q.name: bounds.get(q.name, (-float("inf"), float("inf"))) for q in effect.parameters}
-    raise LookupError(f"{effect.slug} has no place on any of the craft here: add one that has it")
+    raise LookupError(f"{effect.slug} has no place on any reference craft: add a craft that has it")
 
 
 def _data_summary(
@@ -169,7 +169,7 @@ def _data_summary(
     for dof in dofs:
         d = DOFS[dof]
         base |= {f"{d.force}_{d.velocity}dot": -1.0} | ({f"{d.force}_{d.velocity}": -1.0 / PACE} if drag else {})
-    form = Form("plain", "a craft everybody can scale", dofs, tuple(base), {}, inputs, coriolis=False)
+    form = Form("plain", "a craft that is easy to scale", dofs, tuple(base), {}, inputs, coriolis=False)
     return DataSummary(
         form=form,
         inputs={c: _UNITS[c] for c in drives},

@@ -86,16 +86,16 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "X_|v|u": ("resistance that grows with sliding sideways", "Norrbin1971"),
     "X_|r|u": ("resistance that grows with turning", "Norrbin1971"),
     "Y_r": ("sideways force of turning", "Abkowitz1964"),
-    "Y_uv": ("lift of a hull at an angle to its way", "Norrbin1971"),
-    "Y_|u|v": ("sway damping that grows with speed: lift and drag of a hull at an angle to its way", "Norrbin1971"),
+    "Y_uv": ("lift of a hull at a drift angle", "Norrbin1971"),
+    "Y_|u|v": ("sway damping that grows with speed: lift and drag of a hull at a drift angle", "Norrbin1971"),
     "Y_ur": ("sideways force of a momentum ahead that turns (mass and added mass in surge)", "Fossen2011"),
     "Y_|u|r": ("lift of a turning hull", "Norrbin1971"),
     "Y_|v|r": ("cross-flow: sideways force of turning while sliding", "Fossen2011"),
     "Y_|r|v": ("cross-flow: sway damping that grows with turning", "Fossen2011"),
     "Y_|r|r": ("cross-flow: sideways force of turning fast", "Fossen2011"),
     "N_v": ("moment of sliding sideways", "Abkowitz1964"),
-    "N_uv": ("Munk's moment of a hull at an angle to its way", "Fossen2011"),
-    "N_|u|v": ("moment of the lift of a hull at an angle to its way", "Norrbin1971"),
+    "N_uv": ("Munk moment of a hull at a drift angle", "Fossen2011"),
+    "N_|u|v": ("moment of the lift of a hull at a drift angle", "Norrbin1971"),
     "N_ur": ("moment of a turning hull under way, of one sign ahead and of the other astern", "Fossen2011"),
     "N_|u|r": ("yaw damping that grows with speed, ahead and astern", "Norrbin1971"),
     "N_|v|v": ("cross-flow: moment of sliding sideways fast", "Fossen2011"),
@@ -217,12 +217,12 @@ MASSES = frozenset({"X_vr", "Y_ur", "N_uv"})
 
 
 def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
-    """Whether the model has every velocity of *term*, or it was measured and changes."""
+    """Whether the model has every velocity of *term*, or it was measured and changes by more than its noise."""
     for letter, _ in term.factors:
         if DOF_OF[letter] in data.form.dofs:
             continue
         low, high = data.extent.get(letter, (0.0, 0.0))
-        if letter not in LOOKED_AT or not high - low > VARIES * max(abs(low), abs(high)):
+        if letter not in LOOKED_AT or letter in data.still or not high - low > VARIES * max(abs(low), abs(high)):
             return False
     return True
 
@@ -357,7 +357,7 @@ class SpeedDamping(NamedProduct):
     meaning = "turning gets harder with speed, ahead or astern: yaw damping grows with the flow"
     plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
     parameters = (Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per speed ahead or astern and turn rate"),)
-    shown_by = "yaw residual against |u| times r: turns fade sooner with way on than at rest"
+    shown_by = "yaw residual against |u| times r: turns fade sooner under way than at rest"
     mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment", "velocity-product")
     separated_by = "the same turn on the spot, at half and at full speed, each speed steady before it begins"
 
@@ -368,12 +368,12 @@ class MunkMoment(NamedProduct):
     slug = "munk-moment"
     derivative = "N_uv"
     form_of = ("sway-moment",)
-    meaning = "at an angle to its way the craft turns further by itself, the more the faster"
+    meaning = "at a drift angle the craft turns further by itself, more at higher speed"
     plain = "Moving at an angle to its bow turns your {craft} further; it does not turn {simulation}."
     parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway velocity"),)
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
-    separated_by = "pull-outs at two speeds: a moment of sway alone does not care for the speed ahead"
+    separated_by = "pull-outs at two speeds: a moment of sway alone does not depend on the speed ahead"
 
 
 NAMED = frozenset({SwayMoment.derivative, SpeedDamping.derivative, MunkMoment.derivative})
@@ -404,9 +404,9 @@ class VelocityProduct(ProductEffect):
 
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
-    meaning = "a force or a moment that goes with a product of velocities which the simulation leaves out"
+    meaning = "a force or moment proportional to a product of velocities that the simulation leaves out"
     plain = "The motions of your {craft} act on each other in a way that {simulation} leaves out."
-    parameters = (Quantity("coefficient", "force per product", "the SNAME derivative that the place names"),)
+    parameters = (Quantity("coefficient", "force per product", "the SNAME derivative of that place"),)
     shown_by = "residual against that product: nothing at rest, most where its velocities come together"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "sway-yaw-coupling", "coriolis-coupling")
     yields_to = ("input-bias",)  # a product that hardly changes in the runs is a constant to them

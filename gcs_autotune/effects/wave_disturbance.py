@@ -254,16 +254,16 @@ class WaveDisturbance(Effect):
 
     slug = "wave-disturbance"
     family = "environment"
-    meaning = "waves: a force that swings at one frequency, whatever the craft does"
+    meaning = "waves: a force that oscillates at one frequency, independent of the craft's motion"
     plain = "Waves push your {craft}; there are none in {simulation}."
     parameters = (
         Quantity("amplitude", INPUT, "rms of the force"),
-        Quantity("frequency", "rad/s", "at which it swings, as met by the craft"),
+        Quantity("frequency", "rad/s", "frequency of encounter"),
         Quantity("bandwidth", "1", "damping ratio: 0 a pure tone, 0.2 an irregular sea"),
     )
-    shown_by = "one peak in the residual's spectrum, out of step with the commands"
+    shown_by = "one peak in the residual's spectrum, unrelated to the commands"
     mistaken_for = ("backlash", "measurement-delay", "tether-pull")
-    separated_by = "a few minutes with no command at all, on two headings: the swinging goes on"
+    separated_by = "a few minutes with no command at all, on two headings: the oscillation continues"
     fixed = ("amplitude", "frequency", "bandwidth")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
-from gcs_autotune.identify.cleaning import clean, noise_of, quantum
+from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
@@ -56,10 +56,10 @@ from gcs_autotune.identify.information import (
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
+from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
+from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 from gcs_autotune.identify.kalman.thinning import thinned_to
-from gcs_autotune.identify.kalman.wandering import WanderingProblem
-from gcs_autotune.identify.kalman.wandering_fit import Tangent, WanderingFit
-from gcs_autotune.identify.kalman.wandering_score import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, Water
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
 from gcs_autotune.identify.lopsided_thrust import with_doubt_of_thrust
@@ -178,10 +178,13 @@ __all__ = [
     "ModelFile",
     "MonitorState",
     "NoiseModel",
+    "NoisyFit",
+    "NoisyProblem",
     "Objective",
     "Parameter",
     "PlanResult",
     "Problem",
+    "ProcessNoise",
     "Reading",
     "RecordedMotion",
     "Remainder",
@@ -198,9 +201,6 @@ __all__ = [
     "Tangent",
     "Trace",
     "Validation",
-    "WanderingFit",
-    "WanderingProblem",
-    "Water",
     "alternate",
     "autocorrelation",
     "base_limits",
@@ -257,6 +257,7 @@ __all__ = [
     "motion_of",
     "moved_besides",
     "moved_too",
+    "moves",
     "noise_of",
     "nomoto_of",
     "overlooked",

@@ -81,8 +81,8 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
         return None
     return Doubt(
         "not-facing",
-        f"the heading of run '{trial.name}' swings by {np.degrees(swing):.0f} deg while surge is read off the distance "
-        "to a surface: the distance changes by cos(angle) only",
+        f"the heading of run '{trial.name}' varies by {np.degrees(swing):.0f} deg while surge is derived from the "
+        "distance to a surface: the distance then changes by cos(angle) only",
         "hold the heading square to the surface (the angle controller first, Miskovic2010, Algorithm 8.5)",
     )
 
@@ -118,7 +118,7 @@ def projected_track(
     if spread > CROOKED:
         raise NotInformative(
             f"run '{trial.name}' has no {axis.velocity}, and its heading varies by {np.degrees(spread):.0f} deg: north "
-            "and east tell nothing of one axis; record the velocity, keep straight, or identify --dof horizontal"
+            "and east then do not determine one axis; record the velocity, keep straight, or use --dof horizontal"
         )
     if spread > STRAIGHT:
         notes.append(
@@ -126,7 +126,7 @@ def projected_track(
                 "not-straight",
                 f"the heading of run '{trial.name}' varies by {np.degrees(spread):.0f} deg while {axis.name} is read "
                 "off positions",
-                "keep straight, or identify --dof horizontal",
+                "keep straight, or use --dof horizontal",
             )
         )
     across = np.interp(position.t, second.t, second.values)

@@ -113,7 +113,7 @@ def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure:
     if options:
         raise UsageError(f"a fit with effects has no option {', '.join(options)}")
     if structure is not None:
-        raise UsageError("the structure comes from the model to start at: leave --structure out")
+        raise UsageError("the start model fixes the structure: leave --structure out")
 
 
 def _case(
@@ -196,14 +196,14 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
         return form.scaling_inputs(), []
     inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
     own = form.in_shares
-    mixed = "forces between the equations mix shares of different forces"
-    apart = "nothing is in newtons, and an equation that nothing drives is per unit of its inertia"
+    mixed = "forces between the equations mix normalised outputs of different actuators"
+    apart = "nothing is in newtons, and an undriven equation is per unit of its inertia"
     doubt = Doubt(
         "forces-in-shares",
-        "the inputs are shares of full output: inertia and drag are per full output of their own equation, and "
+        "the inputs are normalised outputs (-1 to 1): inertia and drag are per full output of their own equation, and "
         + (mixed if own is None else apart),
-        f"say what full output is (--full-scale X=85,N=23), or an inertia with its added mass (--known {inertia}=-20), "
-        "which tells it",
+        "give the force at full output (--full-scale X=85,N=23), or an inertia with its added mass "
+        f"(--known {inertia}=-20)",
     )
     return form if own is None else own, [doubt, *_masses_beside_shares(form, own or form)]
 
@@ -314,8 +314,8 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
         found.append(
             Doubt(
                 "outliers-not-weighed",
-                f"{method.name} is not proof against outliers: if it weighs anything robustly, it is after smoothing",
-                "take output-error, or mend the sensor",
+                f"{method.name} is sensitive to outliers: any robust weighting is applied after smoothing",
+                "use output-error, or repair the sensor",
             )
         )
     return found

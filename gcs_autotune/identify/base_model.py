@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import OutOfTime, limited_to
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
+from gcs_autotune.identify.cleaning import moves
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.first_look import first_levels
 from gcs_autotune.identify.initial_guess import initial_guess_of
@@ -139,8 +140,8 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{', '.join(missing)} was asked for and not looked at: nothing recorded drives and shows it",
-                f"record what is wanted of it ({columns})",
+                f"{', '.join(missing)} was requested but not examined: no recorded channel drives it and shows it",
+                f"record what is needed for it ({columns})",
             )
         )
     compared = {n for s in segments for n in s.signals}
@@ -234,10 +235,20 @@ def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, 
         usual={n: (float(np.quantile(v, 0.1)), float(np.quantile(v, 0.9))) for n, v in joined.items()},
         base=dict(base or {}),
         runs=tuple(dict.fromkeys(s.run for s in segments)),
+        still=frozenset(n for n, parts in measured.items() if n in RATES and all(map(_is_still, parts))),
         lags={n: max(s.lags.get(n, 0.0) for s in segments) for n in signals},
         twins=twins,
         commanded_alike=tuple(pair for pair in twins if _commanded_alike(pair, segments)),
     )
+
+
+RATES = frozenset(d.velocity for d in DOFS.values())
+"""Velocities of all degrees of freedom."""
+
+
+def _is_still(velocity: Array) -> bool:
+    """Return whether a measured velocity (n,) is none but for its noise, of a craft that stood still."""
+    return not moves(velocity) and abs(float(np.mean(velocity))) < float(np.std(velocity))
 
 
 APART = 0.1
@@ -318,8 +329,8 @@ def given_base(
     best = _best_from(problem, chain([own], starts), effects)
     if best is None:
         raise NotInformative(
-            f"the model '{form.title}' runs away on these runs, whatever its numbers: is it about this craft, in these "
-            "units?"
+            f"the model '{form.title}' diverges on these runs for all parameter values: check that it describes this "
+            "craft, in these units"
         )
     return _known(form, segments, limits, best), given, best
 

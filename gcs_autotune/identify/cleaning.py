@@ -25,6 +25,7 @@ __all__ = [
     "continuous",
     "holes_of",
     "jumps_back",
+    "moves",
     "noise_of",
     "noted",
     "outside",
@@ -115,7 +116,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             Doubt(
                 "late-samples",
                 f"{int(late.sum())} samples of {channel.name} in run '{run}' are older than the one before them",
-                "log with the vehicle's own time stamps; they were put in order, or left out when far too old",
+                "log with the vehicle's own timestamps; they were sorted, or left out if far too old",
             )
         )
     if repeated > 0.02 * len(t):
@@ -132,7 +133,7 @@ def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
             if name not in others:
                 notes[i] = replace(note, cause=f"{start}{', '.join([*others, name])}{end}")
             return
-    cure = "log with the vehicle's own time stamps, digits enough to tell them apart; the first sample of each was kept"
+    cure = "log with the vehicle's own timestamps, with enough digits; the first sample of each was kept"
     notes.append(Doubt("repeated-stamps", f"{start}{name}{end}", cure))
 
 
@@ -173,6 +174,16 @@ def noise_of(values: Array) -> float:
     """Return the standard deviation of the noise of *values* (n,), from second differences: slow motion drops out."""
     second = np.diff(values, n=2)
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
+
+
+MOVES = 2.0
+"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
+
+
+def moves(values: Array) -> bool:
+    """Return whether a measured velocity (n,) ranges beyond its own noise: no force goes with one that does not."""
+    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
+    return float(np.std(values)) > MOVES * noise
 
 
 def quantum(values: Array) -> float:
@@ -263,7 +274,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
             Doubt(
                 "input-gaps",
                 f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in found):.1f} s",
-                "fly within good radio range; what the craft did meanwhile was left out",
+                "stay within good radio range; the motion during the gap was left out",
             )
         )
     return found

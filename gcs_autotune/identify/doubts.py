@@ -113,7 +113,7 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 
 REVERSED_INPUT = Doubt(
     "reversed-input",
-    "a positive input turns or pushes the other way than SNAME says; the parameters come out negative",
+    "a positive input turns or pushes against the SNAME convention; the parameters come out negative",
     "expected for a rudder angle; otherwise check wiring and sign of the channel",
 )
 """Of one input and one motion whose inertia comes out negative."""
@@ -166,7 +166,7 @@ def _one_sided(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "one-sided-input",
-        "the input never changes sign: constant force and drag are told apart poorly",
+        "the input never changes sign: constant force and drag are poorly separated",
         PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways: a relay, doublets"),
     )
 
@@ -180,7 +180,7 @@ def _saturated(f: Findings) -> Doubt | None:
     return Doubt(
         "saturated-input",
         f"the input stands at full output for {100 * share:.0f} % of the time",
-        "use smaller inputs: what the actuator was asked beyond its limit is not in the record",
+        "use smaller inputs: commands beyond the actuator's limit are not in the record",
     )
 
 
@@ -201,7 +201,7 @@ def _irregular(f: Findings) -> Doubt | None:
     return Doubt(
         "irregular-sampling",
         f"{100 * max(shares):.0f} % of the time steps are far from the usual one",
-        "ask for a lower, steadier message rate; the fit uses each stamp as it is",
+        "request a lower, steadier message rate; the fit uses each timestamp unchanged",
     )
 
 
@@ -269,7 +269,7 @@ def _negative_drag(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "negative-drag",
-        f"{', '.join(bad)} does not damp: the craft would turn or run away by itself",
+        f"{', '.join(bad)} does not damp: the craft would diverge by itself",
         "check that input and output belong together and are in step; look for current or a course-unstable hull",
     )
 
@@ -289,7 +289,7 @@ def _disagreement(f: Findings) -> Doubt | None:
     kind = {"linear": "linear", "nonlinear": "quadratic"}
     return Doubt(
         "decisions-disagree",
-        f"two limit cycles speak for {kind[f.decision.verdict]} damping, the exact fit for {kind[f.structure]}",
+        f"two limit cycles indicate {kind[f.decision.verdict]} damping, the exact fit for {kind[f.structure]}",
         "fly a further relay with a clearly different C",
     )
 

@@ -167,7 +167,7 @@ def runs_or_doubt(
     except NotInformative as error:
         cure = (
             "fly what shows the drag (coast down, steps at several speeds), give start values, leave terms out of the "
-            "form, or take output-error"
+            "form, or use output-error"
         )
         return (), (Doubt(RUNS_AWAY, str(error), cure),)
 
@@ -215,9 +215,7 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
         x_0 = _best_start(simulator, model.theta, x_0, columns, segment.until(share), scale)
     best = _simulated(simulator, model.theta, x_0, segment)
     if best is None:
-        raise NotInformative(
-            f"the model '{model.form.name}' runs away on run '{segment.run}': its drag destabilises it"
-        )
+        raise NotInformative(f"the model '{model.form.name}' diverges on run '{segment.run}': its drag destabilises it")
     signals = segment.signals
     return [_trace(segment.name, n, signals[n].t, signals[n].values, fitted) for n, (fitted, _) in best.items()]
 
@@ -233,7 +231,7 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
         effort=None,
     )
     if found is None:
-        raise NotInformative(f"the model runs away on run '{segment.run}': its drag destabilises it at these speeds")
+        raise NotInformative(f"the model diverges on run '{segment.run}': its drag destabilises it at these speeds")
     return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in found.residuals]
 
 
@@ -243,7 +241,7 @@ def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:
     problem = Problem(form, segments, data_summary_of(form, segments, model.base.values), base_limits(form), free=())
     found = problem.states(model.base.theta, model.effects, problem.first_states(segments))
     if found is None:
-        raise NotInformative(f"the model '{form.name}' with its effects runs away on run '{trial.name}'")
+        raise NotInformative(f"the model '{form.name}' with its effects diverges on run '{trial.name}'")
     return [_trace(segments[r.segment].run, r.signal, r.t, r.measured, r.predicted) for r in found.rests]
 
 

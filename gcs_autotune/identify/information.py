@@ -110,10 +110,11 @@ def fitted_model_of(fit: Fit, trials: Trial | Sequence[Trial]) -> FittedModel:
         form, theta, free, names, signs = _of_axis(fit, model, runs)
     else:
         raise UsageError(
-            f"what runs can tell of a {type(model).__name__} is not worked out here; diagnose says what to fly next"
+            f"the information in runs about a {type(model).__name__} is not computed here; use diagnose for the next "
+            "manoeuvre"
         )
     if not free:
-        raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to tell")
+        raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to report")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = initial_guess_of(form, records, model_delay(form, theta))
     found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())

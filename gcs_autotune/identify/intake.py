@@ -265,13 +265,13 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     for height, said, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
         if len(wraps) and np.all(np.abs(wraps / height - 1.0) < 0.05) and np.ptp(x) <= 1.01 * height:
             raise BadFile(
-                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head says {said} but "
-                f"the numbers are {really}; correct the unit in the head"
+                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head states {said}, "
+                f"but the numbers are {really}; correct the unit in the head"
             )
     is_smooth = float(np.median(np.abs(np.diff(x, n=2)))) < 0.5 * usual
     if is_smooth and float(np.mean(steps > math.pi)) > 0.1:
         cause = f"psi of run '{trial.name}' changes by more than half a turn from sample to sample, and smoothly"
-        return [Doubt("unit", cause, "its head says radians: are the numbers degrees? correct the unit in the head")]
+        return [Doubt("unit", cause, "its head states radians: are the numbers degrees? correct the unit in the head")]
     lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
     turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
     if len(t) <= lag + 20:
@@ -280,4 +280,4 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     if rate <= TURN:
         return []
     cause = f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s)"
-    return [Doubt("unit", cause, "its head says radians: are the numbers degrees? correct the unit in the head")]
+    return [Doubt("unit", cause, "its head states radians: are the numbers degrees? correct the unit in the head")]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.clock import check_effort
 
-__all__ = ["Local", "Minimum", "descend", "inverse_of"]
+__all__ = ["Local", "Minimum", "Place", "Rules", "descend", "inverse_of", "step_of"]
 
 Array = NDArray[np.float64]
 
@@ -31,31 +32,94 @@ TOLERANCE = 1e-9
 """Relative decrease of the cost below which the search ends: far below any statistical meaning."""
 
 
+class Place(Protocol):
+    """A cost near one point: :class:`Local`, or one that calculates its slopes when a step needs them."""
+
+    @property
+    def cost(self) -> float:
+        """The cost."""
+
+    @property
+    def gradient(self) -> Array:
+        """Half its gradient (p,)."""
+
+    @property
+    def curvature(self) -> Array:
+        """Half its Hessian (p, p), approximately."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How the damping of steps follows from them, and what ends a descent.
+
+    To a relative decrease of ``tolerance``, the damping by how well the last decrease was foretold (Nielsen1999). With
+    ``enough``: until a step lowers the cost by less, with fixed factors, where slopes are expensive.
+    """
+
+    tolerance: float = TOLERANCE
+    enough: float = 0.0
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The damping to begin with, and that at which the descent ends."""
+        return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
+
+    def eased(self, damping: float, foretold: float) -> float:
+        """Return the damping after a decrease, so many times the one *foretold*."""
+        if self.enough:
+            return max(0.2 * damping, 1e-6)
+        return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
+
+    def raised(self, damping: float, refused: int) -> float:
+        """Return the damping after a step that was no decrease; *refused*: how many were before it in a row."""
+        return max(6.0 * damping, 1e-3) if self.enough else max(1e-6, damping * 4.0 * 2.0**refused)
+
+    def is_there(self, gain: float, expected: float, cost: float) -> bool:
+        """Whether a decrease by *gain* from *cost* is the last."""
+        if self.enough:
+            return gain < self.enough
+        return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300
+
+    def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
+        """Whether no decrease is to be had, where *step* brought none."""
+        if self.enough:
+            # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
+            return 2.0 * float(np.abs(here.gradient) @ np.abs(step)) < self.enough
+        return expected <= self.tolerance * here.cost
+
+
+TO_THE_END = Rules()
+"""To the last digit that matters."""
+
+PlaceT = TypeVar("PlaceT", bound=Place)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Minimum:
-    """Where a search ended: parameters (p,), cost, trials, whether it converged."""
+class Minimum(Generic[PlaceT]):
+    """Where a search ended: parameters (p,), cost, trials, whether it converged, and the cost's ``place`` there."""
 
     x: Array
     cost: float
     iterations: int
     converged: bool
+    place: PlaceT
 
 
 def descend(
-    local: Callable[[Array], Local | None],
+    local: Callable[[Array], PlaceT | None],
     start: Array,
     low: Array,
     high: Array,
     *,
     trials: int = ITERATIONS,
-    tolerance: float = TOLERANCE,
-) -> Minimum | None:
+    rules: Rules = TO_THE_END,
+    rounds: float = math.inf,
+    reach: Array | None = None,
+) -> Minimum[PlaceT] | None:
     """Minimise a cost within ``low <= x <= high``; None when *start* itself has no value.
 
     A parameter on its bound whose gradient points outwards is held for that step. *local* gives None where the
-    cost has no value. *trials* at most, to a relative decrease of *tolerance*.
-
-    The damping follows how well the last decrease was foretold (Nielsen1999).
+    cost has no value. *trials* at most, of which *rounds* lower the cost. reach : (p,) longest steps.
 
     Raises
     ------
@@ -66,33 +130,34 @@ def descend(
     here = local(x)
     if here is None:
         return None
-    damping, worse, converged, trial = 1e-6, 4.0, False, 0
-    while trial < trials:
+    damping, most = rules.limits
+    refused, converged, trial, lowered = 0, False, 0, 0
+    while trial < trials and lowered < rounds:
         check_effort()
         trial += 1
-        step, expected = _step(here, x, low, high, damping)
+        step, expected = step_of(here, x, low, high, damping, reach)
         moved = np.clip(x + step, low, high)
         after = local(moved)
         if after is not None and after.cost <= here.cost:
             gain, cost = here.cost - after.cost, here.cost
-            x, here = moved, after
-            foretold = gain / expected if expected > 0.0 else 1.0
-            damping = max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
-            worse = 4.0
-            if gain <= tolerance * cost and expected <= max(tolerance, 1e-6) * cost + 1e-300:
+            x, here, lowered, refused = moved, after, lowered + 1, 0
+            damping = rules.eased(damping, gain / expected if expected > 0.0 else 1.0)
+            if rules.is_there(gain, expected, cost):
                 converged = True
                 break
         else:
-            if expected <= tolerance * here.cost:
+            if rules.is_in_vain(expected, here, step):
                 converged = True
                 break
-            damping, worse = max(1e-6, damping * worse), 2.0 * worse
-            if damping > 1e12:
+            damping, refused = rules.raised(damping, refused), refused + 1
+            if damping >= most:
                 break
-    return Minimum(x, here.cost, trial, converged)
+    return Minimum(x, here.cost, trial, converged, here)
 
 
-def _step(here: Local, x: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+def step_of(
+    here: Place, x: Array, low: Array, high: Array, damping: float, reach: Array | None = None
+) -> tuple[Array, float]:
     """Return the damped Gauss-Newton step and the decrease it promises."""
     gradient = here.gradient
     free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
@@ -102,6 +167,8 @@ def _step(here: Local, x: Array, low: Array, high: Array, damping: float) -> tup
     s = -np.linalg.solve(A + damping * np.diag(np.diag(A)) + 1e-14 * np.eye(len(g)), g)
     step = np.zeros_like(x)
     step[free] = s / scale
+    if reach is not None:
+        step = np.clip(step, -reach, reach)
     return step, float(-2.0 * g @ s - s @ A @ s)
 
 

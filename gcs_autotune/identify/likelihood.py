@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
+from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.least_squares import Local
+from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.noise import NoiseModel
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
@@ -68,29 +70,6 @@ DIAGNOSTIC = StampPrior(1.0, 1.5)
 the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Smallest and largest value allowed per parameter name; unlimited where not named."""
-
-    low: Mapping[str, float]
-    high: Mapping[str, float]
-
-    def of(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return both (p,) in the order of *names*."""
-        low = np.array([self.low.get(n, -np.inf) for n in names])
-        return low, np.array([self.high.get(n, np.inf) for n in names])
-
-    def within(self, other: Limits) -> Limits:
-        """Return the limits that respect both, these first where they contradict each other."""
-        low, high = dict(self.low), dict(self.high)
-        for name in {*other.low, *other.high}:
-            least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))
-            most = min(self.high.get(name, np.inf), other.high.get(name, np.inf))
-            if least < most:
-                low[name], high[name] = least, most
-        return Limits(low, high)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Residual:
     """What is left of one signal of one segment: stamps, measured, predicted (n,), and the residual as ``judged``.
@@ -118,7 +97,7 @@ class Residual:
         return np.isfinite(self.judged)
 
 
-class Objective:
+class Objective(FreeNumbers):
     """The cost of one choice of free numbers, as a function of one packed vector.
 
     Parameters
@@ -141,21 +120,15 @@ class Objective:
         fixed_states: bool = False,
         patience: int | None = None,
     ) -> None:
-        self.problem, self.theta, self.initial, self.effects = problem, theta, tuple(initial), tuple(effects)
+        form, free = problem.form, problem.free
+        places = np.array([form.parameters.index(n) for n in free], dtype=np.int64)
+        super().__init__(problem, theta, places, effects, fixed_effects=fixed_effects)
+        self.problem, self.initial = problem, tuple(initial)
         self.shift, self.dated = shift, problem.dating > 0.0
         self.levels: dict[str, float] = {}
         self._recent: dict[bytes, tuple[Residual, ...] | None] = {}
-        form, free = problem.form, problem.free
-        self.free_effects = tuple(
-            (i, name)
-            for i, own in enumerate(self.effects)
-            for name in own.values
-            if not fixed_effects and name not in EFFECTS[own.slug].fixed and not EFFECTS[own.slug].is_disturbance
-            if (own.slug, own.place, name) not in problem.held
-        )
         typical = [] if problem.summary is None else self._typical(problem.summary)
-        self.places = np.array([form.parameters.index(n) for n in free], dtype=np.int64)
-        self.shared = used = len(free) + len(self.free_effects)
+        used = self.shared
         by_names: dict[tuple[str, ...], SegmentSimulator] = {}
         self.simulators: list[SegmentSimulator] = []
         self.columns: list[Index] = []
@@ -189,19 +162,12 @@ class Objective:
 
     def pack(self) -> Array:
         """Return the vector (q,) of the numbers given."""
-        own = [self.effects[i].values[n] for i, n in self.free_effects]
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
-        return np.concatenate([self.theta[self.places], own, *states, [self.shift] if self.dated else []])
+        return np.concatenate([self.pack_shared(), *states, [self.shift] if self.dated else []])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...], float]:
         """Undo :meth:`pack`: all parameters, effects, initial states per segment, the shift of stamps [s]."""
-        p = len(self.places)
-        theta = self.theta.copy()
-        theta[self.places] = x[:p]
-        values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, name), value in zip(self.free_effects, x[p : self.shared].tolist(), strict=True):
-            values[i][name] = value
-        effects = tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
+        theta, effects = self.unpack_shared(x)
         initial = []
         for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
             mine = x_0.copy()

@@ -99,9 +99,9 @@ def guess_dof(trial: Trial) -> Dof:
     if not moving:
         if len(pairs) == 1:
             return pairs[0]
-        raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be learnt from it")
+        raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be identified from it")
     names = ", ".join(d.name for d in moving)
-    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): say which with --dof")
+    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): choose one with --dof")
 
 
 def form_driven(runs: Sequence[Trial]) -> Form | None:
@@ -198,7 +198,7 @@ def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) 
     if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
         raise NotInformative(
             f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: "
-            "inertia, damping and constant force cannot be told apart; fly a relay or a sequence of steps"
+            "inertia, damping and constant force cannot be separated; fly a relay or a sequence of steps"
         )
     if not any(_varies(c) for c in outputs):
         names = " and ".join(c.name for c in outputs)
@@ -270,8 +270,8 @@ def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: M
     moving = [d for d in drives if len(d) and np.ptp(d.between(-np.inf, end).values) > 0.0]
     if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
         raise NotInformative(
-            f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be told "
-            "apart; fly steps, a zig-zag or a relay"
+            f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be "
+            "separated; fly steps, a zig-zag or a relay"
         )
     if all(np.ptp(c.values) == 0.0 for c in channels.values()):
         raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
@@ -349,7 +349,7 @@ def _cut(
             Doubt(
                 "gaps",
                 f"run '{trial.name}' has {len(borders) - 2} hole(s) in its telemetry",
-                "fly within good radio range; the stretches were fitted with initial states of their own",
+                "stay within good radio range; each part was fitted with its own initial state",
             )
         )
     channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}

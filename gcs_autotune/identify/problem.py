@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
-from gcs_autotune.identify.least_squares import descend, inverse_of
+from gcs_autotune.identify.free_numbers import ModelFit, ModelProblem
+from gcs_autotune.identify.least_squares import Rules, descend, inverse_of
 from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.kept_results import fingerprint, recalled
+from gcs_autotune.kept_results import recalled
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["Fitted", "Problem", "label_of"]
@@ -42,14 +43,13 @@ LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
 
 
-class Problem:
+class Problem(ModelProblem):
     """Segments and a form, ready to fit with any effects.
 
     Parameters
     ----------
-    data_summary : what effects are told of the runs; None where none will be fitted. limits : of the base's parameters.
-    free : base parameters to fit (all free ones when None).
-    held : numbers of effects that stay as they are: (slug, place, name).
+    As of :class:`.ModelProblem`, and
+
     stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
         With a free delay there is no shift: the two are one number.
     """
@@ -64,12 +64,7 @@ class Problem:
         held: Collection[tuple[str, str, str]] = (),
         stamps: StampPrior | None = None,
     ) -> None:
-        self.form = form
-        self.segments = tuple(segments)
-        self.summary = data_summary
-        self.limits = limits
-        self.free = tuple(form.free if free is None else free)
-        self.held = frozenset(held)
+        super().__init__(form, segments, data_summary, limits, free, held)
         self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
         self.motion = (
             {} if data_summary is None else {n: min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
@@ -80,10 +75,9 @@ class Problem:
         self.dating = 0.0 if "delay" in self.free else dating
 
     @property
-    def data_summary(self) -> DataSummary:
-        """What effects are told of the runs."""
-        assert self.summary is not None, "effects cannot be fitted without it"
-        return self.summary
+    def known(self) -> tuple[object, ...]:
+        """All that the problem is made of."""
+        return *super().known, self.stamps
 
     @property
     def shift_std(self) -> float:
@@ -98,15 +92,6 @@ class Problem:
     def holding(self, free: Sequence[str], held: Collection[tuple[str, str, str]]) -> Problem:
         """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
         return Problem(self.form, self.segments, self.summary, self.limits, free, held, self.stamps)
-
-    def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
-        """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
-        low, high = self.limits.of(self.free)
-        if not free_effects:
-            return low, high
-        own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.data_summary) for i, _ in free_effects]
-        pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
-        return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
     def fit(
         self,
@@ -137,12 +122,6 @@ class Problem:
             partial(self._refit, fixed_effects=fixed_effects),
         )
 
-    @cached_property
-    def fingerprint(self) -> str:
-        """What tells this problem from others, for results that are kept."""
-        known = (self.form, self.segments, self.summary, self.limits, self.free, self.held, self.stamps)
-        return fingerprint(*known)
-
     def _refit(self, kept: dict[str, Any] | None, *, fixed_effects: bool) -> Fitted | None:
         """Return the fit that was kept as :func:`_plain_fit` has it."""
         if kept is None:
@@ -172,13 +151,13 @@ class Problem:
         if learns:
             objective.learn(x, self.floors)
         cost = partial(objective.concentrated, floors=self.floors)
-        minimum = descend(cost, x, low, high, trials=trials, tolerance=TOLERANCE)
+        minimum = descend(cost, x, low, high, trials=trials, rules=Rules(TOLERANCE))
         if minimum is None:
             return None
         if learns:
             for _ in range(LESSONS if trials > 1 else 0):
                 objective.learn(minimum.x, self.floors)
-                again = descend(cost, minimum.x, low, high, trials=trials, tolerance=TOLERANCE)
+                again = descend(cost, minimum.x, low, high, trials=trials, rules=Rules(TOLERANCE))
                 if again is None:
                     break
                 minimum = again
@@ -263,7 +242,7 @@ def _way(signal: str, data_summary: DataSummary) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class Fitted(ModelFit):
     """A fitted model.
 
     ``theta`` (p,), ``effects``, ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a

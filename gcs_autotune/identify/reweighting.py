@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, descend
+from gcs_autotune.identify.least_squares import Local, Minimum, Rules, descend
 from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.noise import NoiseModel
 
@@ -66,9 +66,9 @@ def alternate(
     high: Array,
     rounds: int,
     effort: Effort | None = None,
-) -> tuple[Minimum, dict[str, NoiseModel]] | None:
+) -> tuple[Minimum[Local], dict[str, NoiseModel]] | None:
     """Fit *x* within its limits, then the noise of every law, *rounds* times at most; None when *x* has no value."""
-    found: Minimum | None = None
+    found: Minimum[Local] | None = None
     first = laws
     for turn in range(rounds):
         now, last = laws, turn == rounds - 1
@@ -76,7 +76,7 @@ def alternate(
         if effort is None or (last and effort.exact):
             nearer = descend(at, x, low, high)
         else:
-            nearer = descend(at, x, low, high, trials=effort.trials, tolerance=LOOSE)
+            nearer = descend(at, x, low, high, trials=effort.trials, rules=Rules(LOOSE))
         residuals = None if nearer is None else cost.residuals(nearer.x)
         if nearer is None or residuals is None:
             break

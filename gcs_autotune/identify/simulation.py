@@ -37,7 +37,7 @@ def extended_of(fit: Fit) -> ExtendedModel:
     elif isinstance(model, CoupledModel):
         model = ExtendedModel(model)
     if not isinstance(model, ExtendedModel):
-        raise UsageError(f"a {type(model).__name__} (method {fit.method}) cannot be simulated; fit by output-error")
+        raise UsageError(f"a {type(model).__name__} (method {fit.method}) cannot be simulated; use output-error")
     return model
 
 
@@ -86,7 +86,7 @@ def simulated(
         passage_of("simulated", t_in, commands, dict.fromkeys(states, at)), {**first, **(start or {})}
     )
     if found is None:
-        raise NotInformative("the model runs away on these inputs: simulate a shorter stretch, or a smaller input")
+        raise NotInformative("the model diverges on these inputs: simulate a shorter part, or a smaller input")
     motion = {n: Channel(n, SIGNALS[n][0], at, y) for n, y in found.items()}
     return Trial("simulated", {**given, **motion}, meta={"source": "simulated"})
 

@@ -57,7 +57,7 @@ def _not_converged(solution: Solution) -> Doubt | None:
         return None
     return Doubt(
         "not-converged",
-        "the fit did not settle",
+        "the fit did not converge",
         "record longer; give the structure, start values or the delay; fit fewer parameters",
     )
 
@@ -72,12 +72,10 @@ def _at_bound(solution: Solution) -> Doubt | None:
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []
     if none:
-        causes.append(f"{', '.join(none)} stopped at zero, beyond which damping would push: these runs show none of it")
-        cures.append("where other damping is found beside it, nothing; else fly slower and faster runs")
+        causes.append(f"{', '.join(none)} stopped at zero, beyond which damping drives: these runs show none of it")
+        cures.append("nothing if other damping was found; otherwise fly slower and faster runs")
     if held:
-        causes.append(
-            f"{', '.join(held)} stopped at a bound: the runs would have it beyond; it was taken as known there"
-        )
+        causes.append(f"{', '.join(held)} stopped at a bound: the runs prefer a value beyond it; it was fixed there")
         cures.append("widen the bound, or leave the parameter out")
     return Doubt("at-bound", "; ".join(causes), "; ".join(cures))
 
@@ -105,7 +103,7 @@ def _together(solution: Solution) -> Doubt | None:
     text = "; ".join(f"{a} and {b} ({value:.4f})" for value, a, b in worst)
     return Doubt(
         "correlated",
-        f"these are known only together (correlation of the estimates): {text}",
+        f"these are known only in combination (correlation of the estimates): {text}",
         "fix one of each pair to a value you know, or fly a manoeuvre with other speeds and turns",
     )
 
@@ -119,7 +117,7 @@ def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, fl
     channels = [c for c, pairs in form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
     return Doubt(
         "reversed-input",
-        f"{', '.join(names)} came out negative: {', '.join(channels)} act the other way than their names say",
+        f"{', '.join(names)} came out negative: {', '.join(channels)} act opposite to their names",
         "check labels, wiring and the sign of the inputs, left against right; the model holds for the log as it is",
     )
 
@@ -161,7 +159,7 @@ def _outliers(solution: Solution) -> Doubt | None:
     return Doubt(
         "outliers",
         f"{100 * share:.1f} % of the samples lie far off the rest",
-        "identify again with --robust (in Python loss='soft_l1'), or mend the sensor",
+        "identify again with --robust (in Python loss='soft_l1'), or repair the sensor",
     )
 
 
@@ -180,6 +178,6 @@ def effect_doubts(
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",
-                f"these runs do not call for {own.slug} at {own.place} ({said}): without it they are followed as well",
+                f"these runs do not support {own.slug} at {own.place} ({said}): without it they are followed as well",
                 f"leave it out; to look for it, fly {entry.separated_by}",
             )

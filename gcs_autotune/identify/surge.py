@@ -237,7 +237,7 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     if not std <= UNKNOWN:
         unknown = Doubt(
             "thrust-curve-unknown",
-            "how thrust goes with throttle can hardly be told from these runs",
+            "these runs hardly determine thrust over throttle",
             "fly with a larger --throttle, so that the levels lie further apart",
         )
         doubts = (*doubts, unknown)
@@ -366,7 +366,7 @@ def doubt_of(found: AlongTrack) -> Doubt:
     return Doubt(
         "set-along-the-track",
         f"at the same throttles it made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the other: a "
-        f"current (or wind) of {abs(found.set):.2f} m/s from {comes_from:03.0f} deg, taken off before the fit",
-        "tune in slack water and little wind: what is only taken off along the track is not known across it, and a "
-        "wind's force is no current",
+        f"current (or wind) of {abs(found.set):.2f} m/s from {comes_from:03.0f} deg, corrected before the fit",
+        "tune in slack water and little wind: the correction holds along the track only, and the force of wind differs "
+        "from a current",
     )

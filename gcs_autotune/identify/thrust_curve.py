@@ -254,16 +254,16 @@ def thrust_curve_told(found: Fit, plain: AxisFit, step: Trial | None = None) -> 
         square = f"{part:.0%} of the force goes with the square of the command at {at:.0%} of full"
     levels = f", and pushes no harder beyond {effect_number(found, LEVEL).value:.0%}" if LEVEL in has else ""
     if DEAD_ZONE in has:
-        speak = f"of an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
+        what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
         if _lost(found) == 0.0:
-            speak += " and acts at once beyond (the neutral band of a speed controller)"
+            what += " and acts at once beyond (the neutral band of a speed controller)"
         if sure:
-            speak += f", beyond which {square}"
+            what += f", beyond which {square}"
         told_by = "three oscillations" if step is None else "oscillations and the step together"
-        return f"the {told_by} speak {speak}{levels}"
+        return f"the {told_by} indicate {what}{levels}"
     told_by = "oscillations and the step together" if levels else "two oscillations"
     return (
-        f"the {told_by} speak of an actuator that is weak for small commands ({square}){levels}: with that the model "
+        f"the {told_by} indicate an actuator that is weak for small commands ({square}){levels}: with that the model "
         f"explains {found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 

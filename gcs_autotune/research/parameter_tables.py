@@ -56,14 +56,14 @@ def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *,
         if smallest and more:
             return "drag alone: a linear share of drag, or friction, that the quadratic law does not have"
         return "drag alone: another drag law than assumed, or water that moved in these runs"
-    return "inertia and drag are off in different ways: no single cause known here does that"
+    return "inertia and drag deviate in different ways: no single known cause explains both"
 
 
 def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> str:
     """Return what a dependence on the input's sign means."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
-        return "no asymmetry that these pairs are sure of"
+        return "no significant asymmetry in these pairs"
     both = [shares["inertia"], shares["drag"]]
     if len(off) == 2 and both[0] * both[1] > 0.0:
         return "inertia and drag alike: the actuator pushes less one way (asymmetric thrust)"
@@ -76,13 +76,13 @@ def reading_of_order(order: float, half: float) -> str:
     """Return what the exponent of rate in the drag force means."""
     told = f"the drag force goes as rate to the power {order:.2f} +- {half:.2f}: "
     if abs(order - 2.0) <= half and abs(order - 1.0) <= half:
-        return told + "linear or quadratic, these rows cannot tell"
+        return told + "linear or quadratic: these rows do not distinguish them"
     if abs(order - 2.0) <= half:
         return told + "quadratic drag"
     if abs(order - 1.0) <= half:
         return told + "linear drag"
     if 1.0 < order < 2.0:
-        return told + "a linear and a quadratic share; either alone drifts with the input"
+        return told + "a linear and a quadratic share; either alone varies with the input"
     return told + "neither linear nor quadratic"
 
 
@@ -90,7 +90,7 @@ def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) ->
     """Return what it means that inertia or drag go with the size of the input."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
-        return "no trend that these levels are sure of"
+        return "no significant trend over these levels"
     if len(off) == 2 and slopes["inertia"] * slopes["drag"] > 0.0:
         if slopes["drag"] < 0.0:
             return "both fall with the input: part of small commands does not arrive (dead zone, static friction)"

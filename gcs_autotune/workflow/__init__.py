@@ -16,7 +16,7 @@ from __future__ import annotations
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
-from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, PlannedRun, load_flight_plan
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, load_flight_plan
 from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
@@ -41,7 +41,6 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "Operator",
-    "PlannedRun",
     "Precision",
     "StudySettings",
     "SuppliedGains",

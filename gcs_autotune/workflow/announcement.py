@@ -29,7 +29,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         envelope = replace(settings.envelope, cruise=speed)
         metres, usual = whole.metres(envelope), (whole.usual or whole).needs
         if settings.ends_early and not excitation_of(dof).by_throttle:
-            # short of turning around a boat may still fly an oscillation and a step, whatever its stages take on paper
+            # short of turning around a boat may still fly an oscillation and a step, whatever its simulated stages take
             limit = envelope.distance_limit
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
         usually = f", usually about {usual:.0f} m" if usual < metres else ""

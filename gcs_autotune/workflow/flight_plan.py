@@ -42,7 +42,7 @@ from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune_files import Refused, clipped, parse, read_text
 
-__all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "PlannedRun", "load_flight_plan"]
+__all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "load_flight_plan"]
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
@@ -53,13 +53,15 @@ SCALES = tuple(0.8**k for k in range(1, 11))
 
 @dataclass(frozen=True, slots=True)
 class FlySettings:
-    """What to fly.
+    """One run: what to fly.
 
     Attributes
     ----------
     options : those that the user set (SI and radians), by their names in the table of limits.
     side : 1 to begin to starboard, -1 to port. force : the one to drive, where the manoeuvre can drive any.
     model : what the preview is made with; None: the vehicle's own figures. full_scale : its input at full output.
+    name : of the run and its record; empty: that of the manoeuvre. held_out : whether the fit leaves it out, to
+        validate on it.
 
     Raises
     ------
@@ -74,6 +76,8 @@ class FlySettings:
     model: ModelFile | None = None
     full_scale: float | None = None
     force: str = ""
+    name: str = ""
+    held_out: bool = False
 
     def __post_init__(self) -> None:
         """Check that it can be flown at all."""
@@ -144,13 +148,13 @@ class FlySettings:
                 return
 
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
-        """Return the manoeuvre; options that were not set have their defaults."""
+        """Return the manoeuvre, which records under the name of the run; options not set have their defaults."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
         given = dict(self.options)
         if "rudder" in given:
             given["steering"] = given["rudder"] / given["full-rudder"]
-        return kind.make(
+        manoeuvre = kind.make(
             {
                 **self._usual,
                 **given,
@@ -160,20 +164,7 @@ class FlySettings:
                 "keep-still": float(keep_still),
             }
         )
-
-
-@dataclass(frozen=True, slots=True)
-class PlannedRun:
-    """One run with a unique ``name``; ``held_out``: it is left out of the fit, to validate on."""
-
-    name: str
-    settings: FlySettings
-    held_out: bool = False
-
-    def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
-        """Return its manoeuvre, which records under its name."""
-        manoeuvre = self.settings.make(throttle, speed=speed, keep_still=keep_still)
-        manoeuvre.name = self.name
+        manoeuvre.name = self.name or manoeuvre.name
         return manoeuvre
 
 
@@ -186,7 +177,7 @@ class FlownAgain(Protocol):
         """Learn which vehicle it is; nothing moves yet."""
         ...
 
-    def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
+    def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
         """Return what is flown after *run*, of which *trial* is the record; None for nothing.
 
         *think* computes while the link is served.
@@ -208,7 +199,7 @@ class FlightPlan:
     """
 
     title: str
-    runs: tuple[PlannedRun, ...]
+    runs: tuple[FlySettings, ...]
     calm: bool = False
     min_depth: float | None = None
     text: str = ""
@@ -221,7 +212,7 @@ class FlightPlan:
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:
         """Return the plan of one manoeuvre."""
-        return cls(settings.kind.name, (PlannedRun(settings.kind.name, settings),))
+        return cls(settings.kind.name, (replace(settings, name=settings.kind.name),))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -231,7 +222,7 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightRun:
-    """A planned run with what is known of it.
+    """A run with what is known of it.
 
     Attributes
     ----------
@@ -240,7 +231,7 @@ class FlightRun:
     trial : its record, once it was flown.
     """
 
-    planned: PlannedRun
+    settings: FlySettings
     throttle: float
     speed: float
     envelope: Envelope
@@ -251,12 +242,7 @@ class FlightRun:
     @property
     def name(self) -> str:
         """Its name in the plan."""
-        return self.planned.name
-
-    @property
-    def settings(self) -> FlySettings:
-        """What is flown."""
-        return self.planned.settings
+        return self.settings.name
 
     @property
     def why_not(self) -> str:
@@ -347,7 +333,7 @@ def _number(value: Any) -> float:
 
 def _runs(
     data: Mapping[str, Any], common: CommonSettings, model: ModelFile | None, full_scale: float | None
-) -> Iterator[PlannedRun]:
+) -> Iterator[FlySettings]:
     defaults, listed = _table(data, "defaults"), data.get("run", [])
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
     _check_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
@@ -372,7 +358,7 @@ def _of_entry(
     model: ModelFile | None,
     full_scale: float | None,
     left: int,
-) -> Iterator[PlannedRun]:
+) -> Iterator[FlySettings]:
     """Yield the runs of a ``[[run]]``, one for each combination of its levels, sides and repeats, at most *left*."""
     if "manoeuvre" not in entry:
         raise UsageError('no manoeuvre given (manoeuvre = "zig-zag"). See `gcs-autotune fly --list`')
@@ -405,9 +391,9 @@ def _of_entry(
         here = replace(common, throttle=typed.get("throttle", common.throttle), speed=typed.get("speed", common.speed))
         label = "-".join([kind.name, *([force] if force else []), *(f"{k}{typed[k]:g}" for k in own)])
         for side in sides:
-            settings = FlySettings(kind.name, here, options, side, model, full_scale, force)
-            for _ in range(repeat):
-                yield PlannedRun(label if side > 0 else f"{label}-port", settings, held_out)
+            name = label if side > 0 else f"{label}-port"
+            settings = FlySettings(kind.name, here, options, side, model, full_scale, force, name, held_out)
+            yield from itertools.repeat(settings, repeat)
 
 
 def _levels(name: str, value: Any, axis: str) -> list[float]:
@@ -419,7 +405,7 @@ def _levels(name: str, value: Any, axis: str) -> list[float]:
         raise UsageError(f"{name}: {error}") from None
 
 
-def _named(runs: Sequence[PlannedRun]) -> Iterator[PlannedRun]:
+def _named(runs: Sequence[FlySettings]) -> Iterator[FlySettings]:
     """Yield the runs with a number behind names that come more than once."""
     labels = [run.name for run in runs]
     for i, run in enumerate(runs):

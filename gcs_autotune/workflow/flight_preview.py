@@ -19,7 +19,7 @@ from gcs_autotune.sname import DOFS
 from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
-from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, write_previews
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
@@ -50,8 +50,8 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
     if plan.area is not None:
         raise UsageError("the area check needs the vehicle's position. Preview with --connect")
     runs = []
-    for run in plan.runs:
-        settings, s = run.settings, run.settings.common
+    for settings in plan.runs:
+        s = settings.common
         assert settings.model is not None  # asked by the command
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
@@ -61,10 +61,10 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         if plant.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
-            raise UsageError(f"model '{settings.model.name}' is of {have}, but {run.name} moves {wanted}")
+            raise UsageError(f"model '{settings.model.name}' is of {have}, but {settings.name} moves {wanted}")
         envelope = settings.envelope(speed)
         seen = preview(settings.make(throttle, speed=speed), plant, envelope)
-        runs.append(FlightRun(run, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
+        runs.append(FlightRun(settings, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
     return write_previews(runs, plan, common.directory, when)
 
 
@@ -88,15 +88,14 @@ class FlightPreviewer:
     checks: Sequence[str] = ()
     several: bool = False
 
-    def run_of(self, run: PlannedRun) -> FlightRun:
-        """Return *run* with its preview from where the craft is now."""
-        settings = run.settings
+    def run_of(self, settings: FlySettings) -> FlightRun:
+        """Return the run of *settings* with its preview from where the craft is now."""
         throttle, speed = settings.cruise(self.craft.firmware, self.held)
         envelope = replace(settings.envelope(speed), area=self.area)
         now = self.craft.observe()
         here = None if self.area is None else self.area.seen_from(now.x, now.y, now.psi)
         seen = self._foreseen(settings, replace(envelope, area=here), now)
-        return FlightRun(run, throttle, speed, envelope, seen, self._whole(run, seen, now))
+        return FlightRun(settings, throttle, speed, envelope, seen, self._whole(settings, seen, now))
 
     def made_to_fit(self, run: FlightRun) -> FlightRun:
         """Return the run, smaller and shorter than usual in the options left open, if that keeps it inside the limits.
@@ -108,7 +107,7 @@ class FlightPreviewer:
         if not troubled.refusal and not why and not limited:
             return run
         for smaller in settings.smaller():
-            fits = self.run_of(replace(run.planned, settings=smaller))
+            fits = self.run_of(smaller)
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
                 self.watcher.say(
@@ -130,28 +129,28 @@ class FlightPreviewer:
         actuator = {"N": "steering", "X": "throttle"}.get(force, "thrust")
         return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
-    def _whole(self, run: PlannedRun, seen: Preview, now: Observation) -> Excursion:
-        """Return the excursion of *run* with all that comes before and after it; of the worst assumed craft."""
-        settings, firmware = run.settings, self.craft.firmware
+    def _whole(self, settings: FlySettings, seen: Preview, now: Observation) -> Excursion:
+        """Return the excursion of a run with all that comes before and after it; of the worst assumed craft."""
+        firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
-        papers = [seen.craft]
+        plants = [seen.craft]
         if seen.craft.assumed:
             kinds = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)
-            papers = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
-        make = partial(run.make, throttle, speed=speed, keep_still=not firmware.needs_way)
-        visits = [self._visit(paper, make(), settings, now) for paper in papers]
+            plants = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
+        make = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
+        visits = [self._visit(plant, make(), settings, now) for plant in plants]
         at_most = make().at_most
         whole = worst_of(visits)
         if not math.isfinite(at_most):
             return whole
-        longest = self._visit(papers[0], Ahead(speed, at_most, run.name), settings, now)
+        longest = self._visit(plants[0], Ahead(speed, at_most, settings.name), settings, now)
         return replace(worst_of([whole, longest]), usual=whole)
 
-    def _visit(self, paper: NominalPlant, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
+    def _visit(self, plant: NominalPlant, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
         firmware, tied = self.craft.firmware, settings.kind.tied
         throttle, _ = settings.cruise(firmware, self.held)
         z = math.nan if firmware.floats else self._depth_before(settings, now)
-        visit = VisitPreview(paper, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
+        visit = VisitPreview(plant, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
             check = sign_check_for(dof, self.craft, throttle, needs_speed=firmware.needs_way)
             visit.fly(check, STAGE)
@@ -170,8 +169,8 @@ class FlightPreviewer:
         seen = []
         usual = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)[0]
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
-            paper = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
-            seen.append(preview(manoeuvre(), paper, envelope, floats=firmware.needs_way, way=way, depth=depth))
+            plant = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
+            seen.append(preview(manoeuvre(), plant, envelope, floats=firmware.needs_way, way=way, depth=depth))
         return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
 
     def _depth_before(self, settings: FlySettings, now: Observation) -> float:

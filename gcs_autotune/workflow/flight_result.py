@@ -23,7 +23,7 @@ from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
 from gcs_autotune.workflow.settings import CommonSettings
@@ -68,7 +68,7 @@ def write_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path,
     """Write the predicted tracks to ``preview.html`` in *directory*."""
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
-    told = [(run.planned.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
+    told = [(run.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
     document = preview_document(f"Preview of {plan.title}", when, told)
     page.write_text(to_html(document), encoding="utf-8")
     return FlightResult(runs, page, document)
@@ -90,19 +90,19 @@ def read_flight(
     """
     remarks: list[str] = []
     sheets: list[Sheet] = []
-    flown = [(run.planned, run.trial) for run in runs if run.trial is not None]
-    for planned, trial in flown:
-        of = f"{planned.name}: " if len(flown) > 1 else ""
+    flown = [(run.settings, run.trial) for run in runs if run.trial is not None]
+    for settings, trial in flown:
+        of = f"{settings.name}: " if len(flown) > 1 else ""
         remarks += [of + text for text in _limited(trial)]
-        if planned.settings.kind.tied:
-            table = record.path / f"{planned.name}.csv"
-            write_pulls(trial, planned.settings.force or "N", table)
+        if settings.kind.tied:
+            table = record.path / f"{settings.name}.csv"
+            write_pulls(trial, settings.force or "N", table)
             remarks.append(
                 f"{of}write the pull of each level [N] into the column force of {table}, then run "
                 f"`gcs-autotune thrusters {table}`. Or give all of them: `... thrusters {table} --forces 0,1.2,4.8,...`"
             )
         try:
-            sheets += ship_figures(trial) if planned.settings.kind.name in SHIP_MANOEUVRES else ()
+            sheets += ship_figures(trial) if settings.kind.name in SHIP_MANOEUVRES else ()
         except AutotuneError as error:
             remarks.append(f"{of}no figures: {error}")
     models = [FlightModel(steps[-1].outlook.fit)] if steps else []
@@ -119,7 +119,7 @@ def read_flight(
     if sheets:
         record.save_json("figures.json", {"schema": 1, "sheets": [sheet.to_dict() for sheet in sheets]})
     page = record.path / "report.html"
-    tracks = [(planned.name, trial) for planned, trial in flown]
+    tracks = [(settings.name, trial) for settings, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri}"
@@ -136,13 +136,13 @@ def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
     ]
 
 
-def _by_dof(flown: Sequence[tuple[PlannedRun, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
+def _by_dof(flown: Sequence[tuple[FlySettings, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
     """Return the runs to fit and those held out, per degree of freedom that the runs excite."""
     found: dict[str, tuple[list[Trial], list[Trial]]] = {}
-    for planned, trial in flown:
+    for settings, trial in flown:
         dof = str(trial.meta.get("dof", ""))
-        if planned.settings.kind.identifies and dof:
-            found.setdefault(dof, ([], []))[planned.held_out].append(trial)
+        if settings.kind.identifies and dof:
+            found.setdefault(dof, ([], []))[settings.held_out].append(trial)
     for dof, (used, held) in found.items():
         if not used:
             found[dof] = (held, [])
@@ -160,9 +160,9 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
     return FlightModel(fit, tuple(t.name for t in held), unseen)
 
 
-def _left_out(dof: str, flown: Sequence[tuple[PlannedRun, Trial]], directory: Path) -> list[str]:
+def _left_out(dof: str, flown: Sequence[tuple[FlySettings, Trial]], directory: Path) -> list[str]:
     """Return a remark on other motions than *dof* in the runs, which a model of one degree of freedom omits."""
-    swung = [trial for planned, trial in flown if planned.settings.kind.identifies and trial.meta.get("dof") == dof]
+    swung = [trial for settings, trial in flown if settings.kind.identifies and trial.meta.get("dof") == dof]
     moved = moved_besides(swung, {dof})
     if not moved:
         return []

@@ -23,7 +23,7 @@ from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
 from gcs_autotune.workflow.experiments import dive_for
 from gcs_autotune.workflow.flight_area import area_of_flight
-from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
 from gcs_autotune.workflow.flight_result import FlightResult, read_flight, write_previews
 from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, MissionLog, pace_of
@@ -146,7 +146,7 @@ class _Flight:
         first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dives
         pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
         idle = not self._left and self._plan.until is None
-        in_manual = {run.planned.make(run.throttle).in_manual for run in self._left}
+        in_manual = {run.settings.make(run.throttle).in_manual for run in self._left}
         modes = [firmware.hold_mode] * (False in in_manual or dives or self._plan.min_depth is not None)
         modes += [firmware.manual_mode] * (True in in_manual or bool(checked))
         return Mission(
@@ -168,21 +168,21 @@ class _Flight:
         if plan.min_depth is not None and craft.firmware.floats:
             raise WrongVehicle(f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats")
         if plan.until is not None:
-            check_identifiable(plan.until, plan.runs[0].settings.kind, craft.firmware)
+            check_identifiable(plan.until, plan.runs[0].kind, craft.firmware)
         if plan.again is not None:
             plan.again.meet(craft)
         area = area_of_flight(craft, plan.area, log)
         checks, several = self._checks_of(plan.runs), len(plan.runs) > 1 or plan.until is not None
         checks += self._steered(checks)
         self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several)
-        for planned in plan.runs:
-            check_vehicle_suits(planned.settings, craft)
-            check_signals(planned.settings.kind, craft)
-            run = previewer.made_to_fit(previewer.run_of(planned))
+        for settings in plan.runs:
+            check_vehicle_suits(settings, craft)
+            check_signals(settings.kind, craft)
+            run = previewer.made_to_fit(previewer.run_of(settings))
             if plan.until is not None:
                 run = self._planned_from(run, plan.until)
             self.runs.append(run)
-            self._report_preview(run, f"preview of {planned.name}" if len(plan.runs) > 1 else "preview", only_preview)
+            self._report_preview(run, f"preview of {settings.name}" if len(plan.runs) > 1 else "preview", only_preview)
         return held
 
     def _report_preview(self, run: FlightRun, of: str, only_preview: bool) -> None:
@@ -241,17 +241,17 @@ class _Flight:
         """The runs that are still to be flown."""
         return [run for run in self.runs if run.trial is None and not self._earlier.has(run.name)]
 
-    def _checks_of(self, runs: Sequence[PlannedRun]) -> list[str]:
+    def _checks_of(self, runs: Sequence[FlySettings]) -> list[str]:
         """Return the degrees of freedom whose actuators are checked before *runs*."""
         until = self._plan.until
         wanted = driven(until, self._visit.craft.firmware) if until is not None else ()
-        flown = [checked_dof(run.settings.kind) for run in runs if not self._earlier.has(run.name)]
+        flown = [checked_dof(run.kind) for run in runs if not self._earlier.has(run.name)]
         return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
 
     @property
     def _checked(self) -> list[str]:
         """The degrees of freedom whose actuators are checked before."""
-        return self._checks_of([run.planned for run in self._left])
+        return self._checks_of([run.settings for run in self._left])
 
     def _steered(self, checked: Sequence[str]) -> list[str]:
         """Return ``yaw`` where it is not among those *checked*, but is steered while they are driven."""
@@ -351,7 +351,7 @@ class _Flight:
             if k:
                 self._come_back(runner, run, home)
             self._make_conditions(runner)
-            manoeuvre = run.planned.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
+            manoeuvre = run.settings.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
             fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
             flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope).trial)
             self.runs[self.runs.index(run)] = flown
@@ -376,10 +376,10 @@ class _Flight:
         last = self.runs[-1]
         if self._plan.again is None or last.trial is None:
             return None
-        planned = self._plan.again.another(last.planned, last.trial, think)
-        if planned is None:
+        settings = self._plan.again.another(last.settings, last.trial, think)
+        if settings is None:
             return None
-        run = self._previewer.run_of(planned)
+        run = self._previewer.run_of(settings)
         trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
         if trouble:
             self._visit.log.say(f"not repeated: {trouble}")

@@ -82,7 +82,7 @@ def _identify(dof: str) -> None:
     try:
         fit_with_actuator([trial], fit_axis([trial], dof=dof, structure="affine"), DEAD_ZONE)
     except AutotuneError:
-        return  # a craft on paper need not be worth a fit; what there was to compile is compiled
+        return  # a simulated craft need not allow a fit; what there was to compile is compiled
 
 
 def _swing(dofs: Sequence[str]) -> Trial:
@@ -104,4 +104,4 @@ def _swing(dofs: Sequence[str]) -> Trial:
         channels[d.force] = Channel(d.force, "1", t, force)
         channels[d.velocity] = Channel(d.velocity, "rad/s" if turns else "m/s", t, speed + noise[0])
         channels[d.position] = Channel(d.position, "rad" if turns else "m", t, position + noise[1])
-    return Trial("on-paper", channels)
+    return Trial("simulated", channels)

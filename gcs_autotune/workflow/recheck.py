@@ -18,7 +18,7 @@ from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, to_htm
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.flight_plan import FlightPlan, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import SUMMARY
@@ -111,7 +111,7 @@ class Recheck:
         others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
         self._watcher.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
-    def another(self, run: PlannedRun, trial: Trial, think: Callable[..., Any]) -> PlannedRun | None:
+    def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
         """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
         served."""
         sheet, why = think(partial(read_loop, trial))
@@ -121,18 +121,18 @@ class Recheck:
             return None
         small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
         factor = LARGER if small else SMALLER
-        usual = run.settings.make(0.0, speed=1.0).asked
+        usual = run.make(0.0, speed=1.0).asked
         sizes = zip(("set-point", "second-set-point"), usual["set_points"], strict=True)
         passed = zip(("hysteresis", "second-hysteresis"), usual["hystereses"], strict=True)
         options = {name: factor * float(value) for name, value in (*sizes, *passed)}
         try:
-            other = replace(run.settings, options={**run.settings.options, **options})
+            other = replace(run, options={**run.options, **options}, name=f"{run.name}-again")
         except AutotuneError:  # below what the sensors show, or beyond what the loop may be asked
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
         self._watcher.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
-        return PlannedRun(f"{run.name}-again", other)
+        return other
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
@@ -237,7 +237,7 @@ def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watch
 
     *runs*: where earlier tunes lie. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
     """
-    common, check = plan.runs[0].settings.common, Recheck(axis, runs, watcher)
+    common, check = plan.runs[0].common, Recheck(axis, runs, watcher)
     plan = replace(plan, title=f"recheck {axis.name}", again=check)
     result = fly_plan(plan, common, operator, watcher, when)
     shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)

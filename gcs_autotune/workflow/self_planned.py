@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.flight_plan import FlightRun, FlySettings, PlannedRun
+from gcs_autotune.workflow.flight_plan import FlightRun, FlySettings
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.settings import CommonSettings
 
@@ -310,7 +310,7 @@ class SelfPlanner:
         self.steps: list[TrialStep] = []
 
     def next_run(
-        self, runs: Sequence[Trial], think: Think, run_of: Callable[[PlannedRun], FlightRun]
+        self, runs: Sequence[Trial], think: Think, run_of: Callable[[FlySettings], FlightRun]
     ) -> FlightRun | None:
         """Return what to fly after *runs*; None if the precision is reached, or no run helps or fits any more.
 
@@ -333,7 +333,7 @@ class SelfPlanner:
         return run
 
     def _best(
-        self, seen: Outlook, number: int, run_of: Callable[[PlannedRun], FlightRun]
+        self, seen: Outlook, number: int, run_of: Callable[[FlySettings], FlightRun]
     ) -> tuple[FlightRun | None, str]:
         """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
         until = self._until
@@ -362,7 +362,7 @@ class SelfPlanner:
             if choice.seconds > self._left:
                 troubles.append(f"{offer.title} takes longer than the remaining time (--total-time)")
                 continue
-            run = run_of(PlannedRun(f"{number}-{offer.settings.kind.name}", offer.settings))
+            run = run_of(replace(offer.settings, name=f"{number}-{offer.settings.kind.name}"))
             guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
             trouble = _beyond(choice, run.envelope) or ("" if guessed else run.preview.trouble) or run.why_not
             if not trouble:
@@ -371,14 +371,14 @@ class SelfPlanner:
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
-    def _blindly(self, number: int, run_of: Callable[[PlannedRun], FlightRun]) -> tuple[FlightRun | None, str]:
+    def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
         """Return the gentlest run of a manoeuvre not flown yet; for an unstable model, which predicts nothing."""
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:
                 continue
             self._tried.append(name)
-            run = run_of(PlannedRun(f"{number}-{name}", offer.settings))
+            run = run_of(replace(offer.settings, name=f"{number}-{name}"))
             if run.preview.seconds <= self._left and not run.preview.trouble and not run.why_not:
                 return run, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
         return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"

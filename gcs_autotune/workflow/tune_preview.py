@@ -79,10 +79,10 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
     seen = []
     for itinerary in itineraries:
         for like in assumed_crafts(under_way=True, skid=craft.skid):
-            paper = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
+            plant = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
             check = sign_check_for(axis.dof, craft, context.throttle, axis.needs_speed, settings.relay_output)
             limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
-            visit = VisitPreview(paper, limits, PlantState(), under_way=True)
+            visit = VisitPreview(plant, limits, PlantState(), under_way=True)
             _fly_legs(visit, check, itinerary.legs, context.throttle, context.speed)
             seen.append(visit.excursion())
     return replace(worst_of(seen), usual=worst_of(seen[: len(seen) // len(itineraries)]))

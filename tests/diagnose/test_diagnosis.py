@@ -11,7 +11,7 @@ from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.candidates import EffectCandidate
-from gcs_autotune.diagnose.state import mistaken_for
+from gcs_autotune.diagnose.least_squares_scorer import mistaken_for
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.trial import Channel

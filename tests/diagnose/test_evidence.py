@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,14 +12,12 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.case import draw_case
-from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, weathered
-from gcs_autotune.diagnose.attested import Attested
-from gcs_autotune.diagnose.evidence import chance_of, weak_under, worth
-from gcs_autotune.diagnose.process_noise import WeatherSearch
-from gcs_autotune.diagnose.score import may_be_none
-from gcs_autotune.diagnose.weathered import supported
-from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import WanderingFit
+from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise
+from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
+from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
+from gcs_autotune.effects import EffectInstance, name_of
+from gcs_autotune.identify import NoisyFit
 
 MANY = [
     *("input-bias", "dead-zone", "gain-drift", "quadratic-drag", "asymmetric-thrust", "quadratic-actuator"),
@@ -45,10 +44,24 @@ def test_a_number_whose_own_interval_contains_zero_is_no_cause(std: float, none:
     assert not may_be_none(damping, {})  # it was not fitted
 
 
+def scored(
+    effect: EffectInstance,
+    gained: float,
+    unseen: Sequence[float],
+    needed: float,
+    interval: tuple[float, float] = (0.0, math.inf),
+) -> CandidateScore[NoisyFit]:
+    """Return a candidate's score with process noise, as far as its evidence goes."""
+    parts = np.array(unseen)
+    evidence, gain = 2.0 * float(parts.sum()), 0.1 * float(parts.sum())
+    fit = cast(NoisyFit, None)
+    return CandidateScore(effect, fit, gained, needed, 1, evidence, gain, parts=parts, interval=interval)
+
+
 def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
     effect = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
-    sure = Attested(effect, cast(WanderingFit, None), 30.0, np.array([9.0, 8.0, 9.0]), 7.0, 1, (10.0, 40.0))
-    assert sure.paid and not replace(sure, uncertain=True).paid
+    sure = scored(effect, 30.0, (9.0, 8.0, 9.0), 7.0, (10.0, 40.0))
+    assert lack_by_parts(sure) is None and lack_by_parts(sure, uncertain=True) == "uncertain"
 
 
 @pytest.mark.parametrize(
@@ -57,40 +70,40 @@ def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
 )
 def test_ten_nats_to_which_every_part_left_out_contributes_are_named(unseen: tuple[float, ...], named: bool) -> None:
     effect = EffectInstance("backlash", "N", {"width": 0.1})
-    assert Attested(effect, cast(WanderingFit, None), 11.2, np.array(unseen), 6.4, 1, (-3.2, 25.3)).paid is named
+    lacks = lack_by_parts(scored(effect, 11.2, unseen, 6.4, (-3.2, 25.3)))
+    assert (lacks is None) is named
 
 
-def searched(*named: str) -> WeatherSearch:
+def searched(*named: str) -> NoiseSearch:
     effects = tuple(EffectInstance(slug, "N", {}) for slug in named)
-    fit = SimpleNamespace(theta=None, effects=effects, water=None, errors_of=lambda _: {})
-    plain = SimpleNamespace(theta=None, effects=(), water=None)
-    problem = SimpleNamespace(fit=lambda theta, rest, water: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
-    attested = tuple(
-        Attested(e, cast(WanderingFit, fit), 20.0, np.array([9.0, 9.0]), 6.4, k + 1) for k, e in enumerate(effects)
-    )
-    plain_search: dict[str, Any] = {"dof": "yaw", "judged": (), "calm": 50.0, "tried": 9, "parts": "", "folds": ()}
-    return WeatherSearch(problem=problem, plain=plain, fit=fit, named=attested, alike=(), **plain_search)  # type: ignore[arg-type]
+    fit = SimpleNamespace(theta=None, effects=effects, noise=None, errors_of=lambda _: {})
+    plain = SimpleNamespace(theta=None, effects=(), noise=None)
+    problem = SimpleNamespace(fit=lambda theta, rest, noise: SimpleNamespace(effects=rest, errors_of=lambda _: {}))
+    causes = [replace(scored(e, 20.0, (9.0, 9.0), 6.4), fit=cast(NoisyFit, fit)) for e in effects]
+    steps = tuple(SearchStep(cast(NoisyFit, plain), (one,), one) for one in causes)
+    plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "words": "", "folds": ()}
+    return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
 def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The weakest goes first, and the others are judged without it."""
     ratios = {frozenset(): 1.15, frozenset({"dead-zone"}): 0.97, frozenset({"backlash"}): 0.8}
 
-    def gain_over(search: WeatherSearch, other: Any) -> ErrorReduction:
+    def gain_over(search: NoiseSearch, other: Any) -> ErrorReduction:
         ratio = ratios[frozenset(e.slug for e in other.effects)]
         return ErrorReduction("error 1 s ahead", "psi", "rad", 1.0, ratio, ratio, (ratio, ratio))
 
-    monkeypatch.setattr(weathered, "gain_over", gain_over)
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 0.5)
-    one, refused, gains = supported(searched("dead-zone"))
-    assert not one.named and not gains
-    assert [(a.effect.slug, why) for a, why in refused] == [("dead-zone", "no-gain")]
-    two, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert [a.effect.slug for a in two.named] == ["dead-zone", "backlash"] and not refused
-    assert gains["dead-zone", "N"].ratio == 0.8
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.2)
-    none, refused, gains = supported(searched("dead-zone", "backlash"))
-    assert not none.named and not gains and {why for _, why in refused} == {"no-model"}
+    monkeypatch.setattr(NoiseSearch, "gain_over", gain_over)
+    monkeypatch.setattr(process_noise, "above_the_command", lambda search: 0.5)
+    one = supported(searched("dead-zone"))
+    assert not one.accepted and not one.own_gains
+    assert [(a.effect.slug, a.lacks) for a in one.refused] == [("dead-zone", "no-gain")]
+    two = supported(searched("dead-zone", "backlash"))
+    assert [a.effect.slug for a in two.accepted] == ["dead-zone", "backlash"] and not two.refused
+    assert two.own_gains["dead-zone", "N"].ratio == 0.8
+    monkeypatch.setattr(process_noise, "above_the_command", lambda search: 1.2)
+    none = supported(searched("dead-zone", "backlash"))
+    assert not none.accepted and not none.own_gains and {a.lacks for a in none.refused} == {"no-model"}
 
 
 # -- hints
@@ -132,7 +145,8 @@ def test_no_hint_on_a_clean_craft() -> None:
 
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
-    monkeypatch.setattr(weathered, "above_the_command", lambda search: 1.3)
+    for module in (process_noise, search_with_noise):
+        monkeypatch.setattr(module, "above_the_command", lambda search: 1.3)
     told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
     assert told.verdict == "unexplained"
     assert "above-command" in {d.slug for d in told.doubts}
@@ -149,26 +163,26 @@ def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
 def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
     """They have one slug; the derivative tells them apart."""
 
-    def product(place: str, step: int) -> Attested:
+    def product(place: str) -> CandidateScore[NoisyFit]:
         effect = EffectInstance("velocity-product", place, {"coefficient": 1.0})
-        fit = cast(WanderingFit, SimpleNamespace(effects=(effect,), free_effects=((0, "coefficient"),)))
-        return Attested(effect, fit, 5.0, np.array([2.0, 2.0, 1.0]), 7.0, step, (-1.0, 9.0))
+        return replace(scored(effect, 5.0, (2.0, 2.0, 1.0), 7.0, (-1.0, 9.0)), lacks="weak")
 
-    named, other = product("N_|u|r", 1), product("N_|v|r", 2)
-    search = SimpleNamespace(judged=(named, other), alike=(), named=(named,), tried=10)
-    assert [w.one.effect.place for w in weak_under(cast(WeatherSearch, search))] == ["N_|v|r"]
+    named, other = product("N_|u|r"), product("N_|v|r")
+    steps = (SearchStep(named.fit, (named,), named), SearchStep(named.fit, (named, other), None))
+    search = SimpleNamespace(steps=steps, tried=10, names={name_of(named.effect)}, refused=())
+    assert [w.one.effect.place for w in weak_among(cast(NoiseSearch, search))] == ["N_|v|r"]
 
 
-def weak(slug: str, place: str, name: str, gain: float) -> Attested:
+def weak(slug: str, place: str, name: str, gain: float) -> CandidateScore[NoisyFit]:
     """A candidate that gains a little of what it gains on each of three parts left out."""
-    effect = EffectInstance(slug, place, {name: 1.0})
-    fit = cast(WanderingFit, SimpleNamespace(effects=(effect,), free_effects=((0, name),)))
-    return Attested(effect, fit, gain, np.array([0.3, 0.3, 0.3]) * gain, 7.0, 1, (-1.0, 9.0))
+    one = scored(EffectInstance(slug, place, {name: 1.0}), gain, [0.3 * gain] * 3, 7.0, (-1.0, 9.0))
+    return replace(one, lacks="weak")
 
 
-def hinted(*judged: Attested, tried: int = 30) -> list[tuple[str, tuple[str, ...]]]:
-    search = SimpleNamespace(judged=judged, alike=(), named=(), tried=tried)
-    return [(w.one.effect.slug, w.alike) for w in weak_under(cast(WeatherSearch, search))]
+def hinted(*judged: CandidateScore[NoisyFit], tried: int = 30) -> list[tuple[str, tuple[str, ...]]]:
+    steps = (SearchStep(judged[0].fit, judged, None),)
+    search = SimpleNamespace(steps=steps, names=(), refused=(), tried=tried)
+    return [(w.one.effect.slug, w.alike) for w in weak_among(cast(NoiseSearch, search))]
 
 
 def test_what_noise_gives_one_of_so_many_candidates_is_no_hint() -> None:

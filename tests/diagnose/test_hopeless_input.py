@@ -127,7 +127,7 @@ def test_a_dead_heading_beside_a_live_rate_is_left_out_and_said(good: Trial) -> 
 def test_motion_that_has_nothing_to_do_with_the_input_is_refused(good: Trial) -> None:
     rng = np.random.default_rng(5)
     strange = with_values(good, r=rng.normal(0.0, 0.2, len(good["r"])))
-    assert "nothing to do with the inputs" in refusal(only(strange, "N", "r"))
+    assert "unrelated to the inputs" in refusal(only(strange, "N", "r"))
 
 
 # -- what is not there

@@ -19,12 +19,14 @@ from gcs_autotune.diagnose.score import (
     ALIKE,
     LUCK,
     SIGNIFICANCE,
-    Judged,
+    CandidateScore,
     SearchStep,
     bic_penalty,
     error_ratio,
     is_material,
     is_needed,
+    lack_by_error,
+    needed_of,
     ordered,
     winner_of,
 )
@@ -62,9 +64,10 @@ def fit(
 BASE = fit(3)
 
 
-def judged(slug: str, **values: Any) -> Judged:
-    told: dict[str, Any] = {"fitted": fit(4), "evidence": 50.0, "likelihood": 60.0, "gain": 0.3, "p": 1e-6, **values}
-    return Judged(EffectInstance(slug, "yaw", {}), unseen=None, **told)
+def judged(slug: str, tried: int = 10, **values: Any) -> CandidateScore[Fitted]:
+    told: dict[str, Any] = {"fit": fit(4), "evidence": 50.0, "gained": 30.0, "gain": 0.3, "p": 1e-6, **values}
+    found = CandidateScore(EffectInstance(slug, "yaw", {}), needed=needed_of(1, tried), numbers=1, **told)
+    return replace(found, lacks=lack_by_error(found))
 
 
 @pytest.mark.parametrize(("parameters", "learnt", "more"), [(3, 0, 0), (4, 0, 1), (5, 0, 2), (4, 3, 4), (2, 0, -1)])
@@ -114,41 +117,41 @@ def test_a_cause_that_adds_no_number_is_judged_as_if_it_added_one() -> None:
 def test_a_gain_on_unseen_data_counts_by_what_it_is_for_all_signals_together(
     gain: float, signals: tuple[str, ...], pays: bool
 ) -> None:
-    assert is_material(judged("input-bias", gain=gain, fitted=fit(4, signals=signals))) is pays
+    assert is_material(judged("input-bias", gain=gain, fit=fit(4, signals=signals))) is pays
 
 
 @pytest.mark.parametrize(
-    "spoilt", [{"evidence": 0.0}, {"likelihood": 2.0}, {"gain": 0.0}, {"p": LUCK}, {"p": 0.5}], ids=repr
+    "spoilt", [{"evidence": 0.0}, {"gained": 1.0}, {"gain": 0.0}, {"p": LUCK}, {"p": 0.5}], ids=repr
 )
 def test_a_winner_pays_in_every_respect(spoilt: dict[str, float]) -> None:
     good = judged("input-bias")
-    assert winner_of([good], 1, BASE) is good
-    assert winner_of([judged("input-bias", **spoilt)], 1, BASE) is None
-    assert winner_of([judged("saturation", **spoilt), good], 1, BASE) is good
+    assert winner_of([good]) is good
+    assert winner_of([judged("input-bias", **spoilt)]) is None
+    assert winner_of([judged("saturation", **spoilt), good]) is good
 
 
 def test_evidence_that_would_do_for_one_try_does_not_for_a_thousand() -> None:
-    found = judged("input-bias", likelihood=15.0)
-    assert winner_of([found], 1, BASE) is found
-    assert winner_of([found], 1000, BASE) is None
+    once, often = (judged("input-bias", tried, gained=7.5) for tried in (1, 1000))
+    assert winner_of([once]) is once
+    assert winner_of([often]) is None
 
 
 def test_a_disturbance_gives_way_to_a_cause_that_foretells_more_and_to_no_other() -> None:
     wave = judged("wave-disturbance", gain=0.3)
     better, worse = judged("input-bias", gain=0.31), judged("input-bias", gain=0.29)
-    assert winner_of([wave, better], 1, BASE) is better
-    assert winner_of([wave, worse], 1, BASE) is wave
-    assert winner_of([wave, judged("quantisation", gain=0.4)], 1, BASE) is wave
-    assert winner_of([worse, better], 1, BASE) is worse, "the likeliest, not the one that gains most"
+    assert winner_of([wave, better]) is better
+    assert winner_of([wave, worse]) is wave
+    assert winner_of([wave, judged("quantisation", gain=0.4)]) is wave
+    assert winner_of([worse, better]) is worse, "the likeliest, not the one that gains most"
 
 
 def test_a_slip_of_the_pen_accounts_for_all_or_did_not_happen() -> None:
-    slip = judged("sign-error", gain=0.3, fitted=fit(3, cost=100.0))
-    assert winner_of([slip, judged("saturation", gain=0.4, fitted=fit(4, cost=90.0))], 1, BASE) is not slip
-    assert winner_of([slip, judged("saturation", gain=0.4, fitted=fit(4, cost=110.0))], 1, BASE) is slip
-    assert winner_of([slip, judged("saturation", gain=0.2, fitted=fit(4, cost=90.0))], 1, BASE) is slip
-    saturated = judged("saturation", gain=0.3, fitted=fit(4, cost=100.0))
-    assert winner_of([saturated, judged("input-bias", gain=0.4, fitted=fit(4, cost=90.0))], 1, BASE) is saturated
+    slip = judged("sign-error", gain=0.3, fit=fit(3, cost=100.0))
+    assert winner_of([slip, judged("saturation", gain=0.4, fit=fit(4, cost=90.0))]) is not slip
+    assert winner_of([slip, judged("saturation", gain=0.4, fit=fit(4, cost=110.0))]) is slip
+    assert winner_of([slip, judged("saturation", gain=0.2, fit=fit(4, cost=90.0))]) is slip
+    saturated = judged("saturation", gain=0.3, fit=fit(4, cost=100.0))
+    assert winner_of([saturated, judged("input-bias", gain=0.4, fit=fit(4, cost=90.0))]) is saturated
 
 
 def test_of_causes_as_likely_the_more_usual_comes_first_and_a_likelier_one_before_both() -> None:
@@ -334,13 +337,13 @@ def _starts_belong(parts: Parts) -> None:
 @pytest.mark.parametrize(("evidence", "first"), [(30.0, "sway-moment"), (20.0, "munk-moment")])
 def test_the_same_cause_by_a_plainer_law_is_named_first_where_it_holds_as_well(evidence: float, first: str) -> None:
     """Which of two laws of one cause is likelier changed with the time that a search was given."""
-    found = winner_of([judged("munk-moment"), judged("sway-moment", evidence=evidence)], 10, BASE)
+    found = winner_of([judged("munk-moment"), judged("sway-moment", evidence=evidence)])
     assert found is not None and found.effect.slug == first
 
 
 def test_a_plainer_law_at_another_place_is_another_cause() -> None:
     elsewhere = replace(judged("sway-moment"), effect=EffectInstance("sway-moment", "pitch", {}))
-    found = winner_of([judged("munk-moment", evidence=60.0), elsewhere], 10, BASE)
+    found = winner_of([judged("munk-moment", evidence=60.0), elsewhere])
     assert found is not None and found.effect.slug == "munk-moment"
 
 
@@ -351,8 +354,7 @@ def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_
     beside: dict[str, float], refuted: bool
 ) -> None:
     """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
-    state = cast(SearchState, SimpleNamespace(base=BASE, tried=10))
-    assert _refuted(state, SearchStep((judged("input-delay", **beside),), None)) is refuted
+    assert _refuted(SearchStep(BASE, (judged("input-delay", **beside),), None)) is refuted
 
 
 # --- what is told of the numbers found -------------------------------------------------------
@@ -367,7 +369,7 @@ def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_
     quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: error)
-    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=None)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=None)
     assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * told
 
 
@@ -380,9 +382,9 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
 ) -> None:
     form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
     quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
-    weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(water=SimpleNamespace(memory=memory)))
+    weather = SimpleNamespace(dof=dof, fit=SimpleNamespace(noise=SimpleNamespace(memory=memory)))
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
-    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, weather=weather)
+    found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
     assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told

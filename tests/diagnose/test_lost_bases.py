@@ -12,7 +12,8 @@ from runs_in_the_tank import sailed, squares, towed
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.referee import play
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.state import Question, begin_with
+from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import blocked_cv
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EffectInstance

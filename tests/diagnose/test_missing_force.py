@@ -69,4 +69,4 @@ def test_thrusters_whose_labels_are_exchanged_are_told(swapped):
     said = {d.slug: d.cause for d in diagnose(run, dof="yaw", effects=["quadratic-drag"]).doubts}
     assert ("reversed-input" in said) == swapped
     if swapped:
-        assert said["reversed-input"].endswith("force_left, force_right act the other way than their names say")
+        assert said["reversed-input"].endswith("force_left, force_right act opposite to their names")

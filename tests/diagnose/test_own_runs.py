@@ -15,11 +15,11 @@ from runs_in_the_tank import towed
 from test_process_noise import as_from_a_log, nobody, weathered
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.intake import within_manoeuvre
-from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, _moves, words_of
-from gcs_autotune.diagnose.process_noise import PRESENT, search_under_process_noise
+from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
+from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
+from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import WanderingFit, Water
+from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -113,6 +113,40 @@ def test_two_thrusters_that_never_went_astern_do_not_show_which_way_they_are_wea
     assert set(found_of_thrusters(0.4, 4)) == {("input-bias", "yaw")}
 
 
+def test_runs_that_are_each_flown_once_complete_each_other() -> None:
+    run = steered(np.full(60, 0.8), helm(60, 1))
+    relays = [replace(run, meta={"manoeuvre": "relay", "C": size}) for size in (0.15, 0.3, 0.9)]
+    assert is_one_flight([run, *relays])
+    assert not is_one_flight([*relays, relays[0]])
+    assert not is_one_flight([run])
+    assert not is_one_flight([*relays, Trial("lake", run.channels)])
+
+
+@pytest.mark.parametrize(("way", "still"), [(0.0, True), (0.5, False)])
+def test_nothing_goes_with_a_velocity_that_is_noise(way: float, still: bool) -> None:
+    rng, run = np.random.default_rng(1), steered(np.full(300, 0.8), helm(300, 1))
+    u = Channel("u", "m/s", run["psi"].t, way + 0.02 * rng.normal(size=300))
+    run = replace(run, channels={**run.channels, "u": u})
+    form = plain_form([run], "yaw")
+    data = data_summary_of(form, prepare_as_recorded([run], form, None)[0])
+    assert ("u" in data.still) is still
+    assert any("u" in place for place in EFFECTS["velocity-product"].places(data)) is not still
+
+
+def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -> None:
+    runs = []
+    for k, size in enumerate((0.15, 0.3, 0.9)):
+        command = np.asarray(size * np.where(np.arange(300) // 15 % 2, 1.0, -1.0), dtype=np.float64)
+        command[:5] = 0.0
+        acting = np.sign(command) * np.maximum(np.abs(command) - 0.08, 0.0)
+        run = steered(np.zeros(300), acting, steers=0.0, trim=0.0, seed=k)
+        meta = {"manoeuvre": "relay", "C": size}
+        runs.append(replace(run, meta=meta, channels={**run.channels, "N": Channel("N", "1", run["N"].t, command)}))
+    found = diagnose(runs, dof="yaw", effects=["backlash", "dead-zone", "input-bias"])
+    assert [c.effect.slug for c in found.causes] == ["dead-zone"]
+    assert any({"dead-zone", "backlash"} <= set(group) for group in found.indistinguishable)
+
+
 def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
     falling = thrusts([0.9, 0.7], 400)
     runs = [steered(falling, helm(400, k), seed=k) for k in (3, 4)]
@@ -134,7 +168,7 @@ def test_inertia_that_follows_a_command_is_a_rival_of_every_change_in_time() -> 
 def test_a_constant_force_is_no_process_noise(seed: int) -> None:
     """A drifting force with a long memory is a constant, and stood in its place."""
     problem, base = as_from_a_log(towed(("input-bias", "yaw", {"bias": 0.3}), seed=seed))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
     assert found.calm < PRESENT
 
@@ -142,27 +176,27 @@ def test_a_constant_force_is_no_process_noise(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0, days=[(0.15, 0.0)] * 3))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None and found.calm > PRESENT
-    assert [a.effect.slug for a in found.named] == ["input-bias"]
-    assert found.named[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
+    assert [a.effect.slug for a in found.accepted] == ["input-bias"]
+    assert found.accepted[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_process_noise_alone_has_no_constant(seed: int) -> None:
     problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0))
-    found = search_under_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
     assert found is not None
-    assert found.named == ()
+    assert found.accepted == ()
 
 
 def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
-    water, covariance = Water(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
-    fit = WanderingFit(cast(Any, None), np.ones(2), (), water, np.ones(1), (), covariance, ())
+    noise, covariance = ProcessNoise(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
+    fit = NoisyFit(cast(Any, None), np.ones(2), (), noise, np.ones(1), (), covariance, ())
     assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
     assert fit.interval_of("memory") == pytest.approx((5.07, 78.9), abs=0.1)
     assert fit.interval_of("smoothing") == (0.0, math.inf)
-    nothing = cast(Any, SimpleNamespace(named=(), judged=()))
+    nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
         "within 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it from a constant"
@@ -173,8 +207,8 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
 
 def test_a_motion_that_did_not_happen_explains_no_force() -> None:
     noise = 0.02 * np.random.default_rng(1).normal(size=600)
-    assert not _moves(noise)
-    assert _moves(noise + 0.2 * np.sin(0.05 * np.arange(600)))
+    assert not moves(noise)
+    assert moves(noise + 0.2 * np.sin(0.05 * np.arange(600)))
 
 
 def test_a_curve_whose_band_holds_a_constant_varies_with_nothing() -> None:

@@ -12,32 +12,34 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from runs_in_the_tank import towed
+from test_evidence import scored
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.weather import CALM
-from gcs_autotune.diagnose import diagnose, process_noise
-from gcs_autotune.diagnose import weathered as weathered_names
-from gcs_autotune.diagnose.attested import Attested, densities_of, interval_of
+from gcs_autotune.diagnose import diagnose, noise_scorer, process_noise, search_with_noise
 from gcs_autotune.diagnose.heldout import HeldOut
+from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
 from gcs_autotune.diagnose.missing_force import MissingForce, missing_of, words_of
+from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, may_be_weighed
 from gcs_autotune.diagnose.process_noise import (
-    WeatherSearch,
-    may_be_weighed,
-    search_under_process_noise,
-    weathered_form,
+    NoiseSearch,
+    form_alone,
+    search_with_process_noise,
 )
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
+from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.report_builder import build_report
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
+from gcs_autotune.diagnose.search_with_noise import _outdone, look_with_process_noise
 from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
-from gcs_autotune.diagnose.state import Question, SearchState, begin
-from gcs_autotune.diagnose.weathered import _outdone, look_under_process_noise
+from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
     Fitted,
+    NoisyFit,
+    NoisyProblem,
     Problem,
-    WanderingFit,
-    WanderingProblem,
-    Water,
+    ProcessNoise,
     data_summary_of,
     fit_base,
     plain_form,
@@ -96,7 +98,7 @@ def test_one_motion_of_runs_that_other_forces_drive_too_knows_its_own_input() ->
     along = {n: Channel(n, "m", psi.t, psi.values) for n in ("x", "y")}
     run = Trial("run", {"psi": psi, **along, "X": replace(N, name="X", unit="N"), "N": N})
     segments = prepare_form(run, plain_form([run]), None)
-    alone = weathered_form(plain_form([run]), "yaw")
+    alone = form_alone(plain_form([run]), "yaw")
     assert alone is not None and segments[0].input_names == ("X", "N")
     data = data_summary_of(alone, segments)
     assert data.inputs == {"N": "N m"}
@@ -128,11 +130,11 @@ def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
     case = draw_case("weather", 90, 0, "input-delay")
     form = plain_form(case.runs)
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
-    found = search_under_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
+    found = search_with_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.1)
+    assert found.accepted[0].effect["delay"] == pytest.approx(true["delay"], rel=0.1)
     damping = case.craft.linear["yaw"] / case.craft.inertia["yaw"]
     assert -found.fit.theta[1] == pytest.approx(damping, rel=0.3)
 
@@ -150,14 +152,14 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
-    nothing = cast(WeatherSearch, SimpleNamespace(named=(), judged=()))
+    nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
     assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
     assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
     coupling = EffectInstance("sway-yaw-coupling", "sway+yaw", dict.fromkeys(("Y_rdot", "N_vdot", "Y_r", "N_v"), 0.2))
-    search = cast(WeatherSearch, SimpleNamespace(dof="yaw", named=()))
+    search = cast(NoiseSearch, SimpleNamespace(dof="yaw", accepted=()))
     assert _outdone(search, cast(SearchState, SimpleNamespace(causes=(coupling,))))
 
 
@@ -179,7 +181,7 @@ def test_a_search_beneath_the_weather_finds_the_craft_wherever_the_fit_without_w
     theta[inertia] *= 0.01
     lost = problem.states(theta, (), base.initial)
     assert lost is not None
-    found = search_under_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), nobody)
     assert found is not None
     assert found.plain.theta == pytest.approx([1.0, -0.8], abs=0.2)
     assert not found.momentary
@@ -195,7 +197,7 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
     assert base.form.parameters == ("N_rdot", "N_r")
     lost = problem.states(np.array([-793118.34, -1482.04]), (), base.initial)
     assert lost is not None
-    found = search_under_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), nobody)
     assert found is not None
     inertia, linear = case.craft.inertia["yaw"], case.craft.linear["yaw"]
     assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
@@ -209,11 +211,11 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
     found: only what is nearly right leads there.
     """
     case = draw_case("weather", seed, 0, "input-delay")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
+    assert found.accepted[0].effect["delay"] == pytest.approx(true["delay"], rel=0.05)
 
 
 @pytest.mark.slow
@@ -225,18 +227,18 @@ def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as
     case = draw_case("rough", seed, 2, CALM)
     assert "lag" in case.circumstances
     slugs = ("input-delay", "dead-zone", "quadratic-actuator")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-delay"]
-    assert found.named[0].effect["delay"] == pytest.approx(late, rel=0.05)
-    assert found.alike == (("input-delay", "measurement-delay"),)
+    assert [a.effect.slug for a in found.accepted] == ["input-delay"]
+    assert found.accepted[0].effect["delay"] == pytest.approx(late, rel=0.05)
+    assert found.alike() == (("input-delay", "measurement-delay"),)
 
 
 def test_waves_that_turn_the_bow_leave_a_craft_her_inertia() -> None:
     """Seen at every sample they ruled the fit, which forgot a turn within 2 ms; a search of 88 s named a rate limit."""
     case = draw_case("rough", 247, 0, CALM)
     assert case.circumstances == ("waves", "lag")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] > 3.0 * case.craft.interval
 
@@ -245,7 +247,7 @@ def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_he
     """Begun at a sensor's noise alone a craft of 18 s came out as one of 0.7, and a backlash was named."""
     case = draw_case("rough", 275, 0, "quadratic-actuator")
     assert "waves" in case.circumstances and case.craft.pace > 15.0
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
 
@@ -255,10 +257,10 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     case = draw_case("rough", 292, 0, "quadratic-actuator")
     assert case.circumstances == ("waves",) and case.flown is not None
     waves = next(h.values for h in case.flown.hidden if h.slug == "waves")
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=0.1)
-    missing = missing_of(found, "N m", case.craft.inertia["yaw"])
+    missing = missing_of(found)
     assert missing is not None and missing.waves is not None
     assert missing.waves.period == pytest.approx(2.0 * math.pi / waves["frequency"], rel=0.05)
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
@@ -272,7 +274,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
     """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
     own = np.array([0.1, -0.2, 0.05])
     calm, rough = (
-        WanderingFit(cast(Any, None), own, (), Water(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
+        NoisyFit(cast(Any, None), own, (), ProcessNoise(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
         for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
     )
     assert rough.roughness == pytest.approx(1e4 * calm.roughness)
@@ -288,35 +290,35 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
 def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
     problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
-    found = search_under_process_noise(problem, base, ("quadratic-drag",), (), nobody)
-    assert found is not None and [a.effect.slug for a in found.named] == ["quadratic-drag"]
+    found = search_with_process_noise(problem, base, ("quadratic-drag",), (), nobody)
+    assert found is not None and [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
     bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
-    both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.water)
+    both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.noise)
     assert both is not None
-    idle = replace(found.named[0], effect=bias)
-    groups = (("input-bias", "wind-moment"), ("quadratic-drag", "saturation"))
-    left = process_noise._without_idle(replace(found, named=(idle, *found.named), fit=both, alike=groups))
-    assert [a.effect.slug for a in left.named] == ["quadratic-drag"]
+    idle = replace(found.accepted[0], effect=bias)
+    step = SearchStep(found.plain, (idle,), idle, ("input-bias", "wind-moment"))
+    left = process_noise._without_idle(replace(found, steps=(step, *found.steps), fit=both))
+    assert [a.effect.slug for a in left.accepted] == ["quadratic-drag"]
     assert [e.slug for e in left.fit.effects] == ["quadratic-drag"]
-    assert left.alike == groups[1:]
+    assert left.alike() == found.alike()
     # One that still explains stays, whatever came after it.
-    kept = process_noise._without_idle(replace(found, named=(*found.named, idle), fit=both))
-    assert [a.effect.slug for a in kept.named] == ["quadratic-drag", "input-bias"]
+    kept = process_noise._without_idle(replace(found, steps=(*found.steps, step), fit=both))
+    assert [a.effect.slug for a in kept.accepted] == ["quadratic-drag", "input-bias"]
 
 
 @pytest.mark.slow
 def test_an_effect_is_named_beneath_waves() -> None:
     case = draw_case("rough", 292, 0, "input-bias")
     assert "waves" in case.circumstances
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
     assert found is not None
-    assert [a.effect.slug for a in found.named] == ["input-bias"]
+    assert [a.effect.slug for a in found.accepted] == ["input-bias"]
 
 
 def test_water_without_waves_has_none_in_the_model() -> None:
-    found = search_under_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
     assert found is not None
-    assert not found.plain.water.wavy
+    assert not found.plain.noise.wavy
 
 
 @pytest.mark.slow
@@ -324,23 +326,23 @@ def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> No
     """Commands that answered pushes within two seconds looked 1 s late where a sample was judged every 2 s."""
     case = draw_case("rough", 284, 2, CALM)
     assert case.circumstances == ("driving",)
-    found = search_under_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
     assert found is not None
-    assert found.named == ()
-    assert process_noise.answers_heading(found.problem, found.plain)
+    assert found.accepted == ()
+    assert noise_scorer.answers_heading(found.problem, found.plain)
     open_loop = draw_case("rough", 284, 0, "input-delay")
-    other = search_under_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
+    other = search_with_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
     assert other is not None
-    assert [a.effect.slug for a in other.named] == ["input-delay"]
-    assert not process_noise.answers_heading(other.problem, other.fit)
+    assert [a.effect.slug for a in other.accepted] == ["input-delay"]
+    assert not noise_scorer.answers_heading(other.problem, other.fit)
 
 
 def test_times_are_tried_evenly_of_an_effect_whose_book_sets_no_limits_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever adds one need not give any."""
     problem, _ = as_from_a_log(weathered(3))
-    monkeypatch.setattr(type(process_noise.EFFECTS["input-delay"]), "bounds", lambda *_: {})
-    (choices,) = process_noise._choices(problem.data_summary, ("input-delay",), ())
-    assert len(choices) > process_noise.EVEN
+    monkeypatch.setattr(type(noise_scorer.EFFECTS["input-delay"]), "bounds", lambda *_: {})
+    (choices,) = noise_scorer.choices_of(problem.data_summary, ("input-delay",), ())
+    assert len(choices) > noise_scorer.EVEN
 
 
 def on_unseen(density: float) -> SimpleNamespace:
@@ -358,16 +360,15 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     """In waves that turned the bow no inertia was found (540 1/s), and hers was named as a rate limit."""
     number = {"actuator-lag": {"time_constant": 1.5}, "dead-zone": {"width": 0.1}}[slug]
     effect = EffectInstance(slug, "N", number)
-    monkeypatch.setattr(process_noise, "_unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
+    monkeypatch.setattr(WithProcessNoise, "unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
-    search = SimpleNamespace(problem=SimpleNamespace(data=data, interval=0.1), tried=15, named=())
-    fits = [
-        SimpleNamespace(theta=[1.0, -damping], effects=(effect,), unknowns=n, total=t, errors_of=lambda _: {})
-        for n, t in ((5, 0), (6, 20))
-    ]
+    problem = SimpleNamespace(data_summary=data, interval=0.1)
+    told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
+    fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
-    judged = process_noise._attested(*cast(Any, (search, effect, fits[1], fits[0], before)))
-    assert judged.brief is brief
+    scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
+    score = scorer.score(effect, cast(Any, fits[1]))
+    assert (score.lacks == "brief") is brief
 
 
 @pytest.mark.parametrize(("gain", "unseen", "named"), [(5.6, 18.0, True), (5.6, 6.3, False), (9.0, 2.5, True)])
@@ -376,8 +377,8 @@ def test_a_name_may_earn_far_more_than_so_many_tried_ask_on_the_runs_left_out(
 ) -> None:
     """A dead zone gained 5.6 nats on two runs, and 36 where each was foretold from the other: it was not named."""
     effect = EffectInstance("dead-zone", "N", {"width": 0.1})
-    each = np.array([unseen, unseen])
-    assert Attested(effect, cast(WanderingFit, None), gain, each, 6.4, 1, (1.0, 60.0)).paid is named
+    lacks = lack_by_parts(scored(effect, gain, (unseen, unseen), 6.4, (1.0, 60.0)))
+    assert (lacks is None) is named
 
 
 def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though_its_gain_elsewhere_is_not_sure() -> (
@@ -385,24 +386,22 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
 ):
     """A trim and thrust that is weaker to one side: within two nats, and which foretells more changes with the runs."""
 
-    def attested(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> Attested:
-        effect = EffectInstance(slug, "N", {})
-        return Attested(effect, cast(WanderingFit, None), gain, np.array(unseen), 6.4, 1, (low, 40.0))
+    def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[NoisyFit]:
+        return scored(EffectInstance(slug, "N", {}), gain, unseen, 6.4, (low, 40.0))
 
-    winner = attested("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
-    trim = attested("input-bias", 24.4, (3.7, 7.9), -3.0)
-    less = attested("tether-pull", 17.0, (5.0, 5.0), 1.0)
-    assert winner.paid and not trim.paid
-    assert process_noise._as_likely([trim, winner, less], winner) == [trim, winner]
-    short = replace(
-        trim, brief=True
-    )  # never named, but told: a rate limit took the name of a lag of less than a sample
-    assert process_noise._as_likely([short, winner], winner) == [short, winner]
+    winner = of("asymmetric-thrust", 22.8, (14.6, 9.8), 14.2)
+    trim = of("input-bias", 24.4, (3.7, 7.9), -3.0)
+    less = of("tether-pull", 17.0, (5.0, 5.0), 1.0)
+    assert lack_by_parts(winner) is None and lack_by_parts(trim) == "not-sure"
+    assert noise_scorer._as_likely([trim, winner, less], winner) == [trim, winner]
+    # Never accepted, but reported: a rate limit took the name of a lag of less than a sample.
+    short = replace(trim, lacks="brief")
+    assert noise_scorer._as_likely([short, winner], winner) == [short, winner]
 
 
 def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
-    monkeypatch.setattr(weathered_names, "search_under_process_noise", lambda *_, **__: None)
+    monkeypatch.setattr(search_with_noise, "search_with_process_noise", lambda *_, **__: None)
     runs = weathered(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]
@@ -419,10 +418,10 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     """A change of mass was named beside a fit that was 500 s slow, of a craft of 0.1 s."""
     state = drag_named(monkeypatch)
     assert [e.slug for e in state.causes] == ["quadratic-drag"]
-    after = look_under_process_noise(state)
+    after = look_with_process_noise(state)
     assert after is not None and after.causes == ()
     told = next(d for d in after.doubts if d.slug == "no-model")
-    assert "quadratic-drag of yaw is not named on that account" in told.cause
+    assert "quadratic-drag of yaw is therefore not identified" in told.cause
     assert look_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())
@@ -445,7 +444,7 @@ def test_a_push_that_is_forgotten_within_two_samples_is_no_weather() -> None:
     """ArduPilot's own boat in a calm harbour was told of a moment that changes within 0.04 s."""
     runs = weathered(4, size=1.5, memory=0.02)
     problem, base = as_from_a_log(runs)
-    found = search_under_process_noise(problem, base, (), (), nobody)
+    found = search_with_process_noise(problem, base, (), (), nobody)
     assert found is not None and found.momentary
     told = diagnose(runs, effects=("input-bias",))
     assert told.missing is None
@@ -461,7 +460,7 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     segment = SimpleNamespace(input_names=("N",), inputs=commands, t_in=np.arange(0.0, 200.0, 10.0))
     problem = SimpleNamespace(segments=(segment,), form=SimpleNamespace(inputs={"N": ()}), interval=0.2)
     fit = SimpleNamespace(theta=np.array([1.0, -2.0]), innovations=((t, e, np.ones(len(t))),))
-    assert errs_after_commands(cast(WanderingProblem, problem), cast(WanderingFit, fit)) is own
+    assert errs_after_commands(cast(NoisyProblem, problem), cast(NoisyFit, fit)) is own
 
 
 def test_a_gain_alike_in_every_run_is_sure_however_it_changes_from_block_to_block() -> None:

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.diagnose.process_noise import asked_of, search_under_process_noise
-from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_under_process_noise
+from gcs_autotune.diagnose.process_noise import asked_of, search_with_process_noise
+from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_with_process_noise
 from gcs_autotune.diagnose.sampling_interval import foresight, refitted, rms_ahead, stands
 from gcs_autotune.identify import (
     Fitted,
+    NoisyFit,
+    NoisyProblem,
     Problem,
-    WanderingFit,
-    WanderingProblem,
     fit_base,
     plain_form,
     prepare_as_recorded,
@@ -59,12 +59,12 @@ def sailed(seed: int, *, seconds: float = 100.0, lag: float = 0.0, speed: float 
     return Trial(f"run{seed}", channels)
 
 
-def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, WanderingFit]:
+def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, NoisyProblem, NoisyFit]:
     form = plain_form(runs, "yaw")
     problem, base = fit_base(form, prepare_as_recorded(runs, form, None)[0])
     asked = asked_of(problem)
     assert asked is not None
-    found = plain_under_process_noise(problem, base, *asked, quiet)
+    found = plain_with_process_noise(problem, base, *asked, quiet)
     assert found is not None
     return problem, base, *found
 
@@ -72,7 +72,7 @@ def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, WanderingProblem, Wan
 def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_quicker_than_a_sample() -> None:
     _, _, problem, plain = begun([sailed(1)])
     assert stands(problem, plain)
-    loud = replace(plain, water=replace(plain.water, size=abs(float(plain.theta[0]))))
+    loud = replace(plain, noise=replace(plain.noise, size=abs(float(plain.theta[0]))))
     assert not stands(problem, loud)
     quick = replace(plain, theta=np.array([plain.theta[0] * 20.0, -1.1 / INTERVAL]))
     assert not stands(problem, quick)
@@ -108,9 +108,9 @@ def test_a_refit_to_fewer_runs_that_is_of_a_quicker_craft_is_chosen_by_its_error
 def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
     problem, base, *_ = begun([sailed(3), sailed(4), sailed(5)])
     slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]
-    search = search_under_process_noise(problem, base, slugs, (), quiet)
+    search = search_with_process_noise(problem, base, slugs, (), quiet)
     assert search is not None
-    first = search.named[0]
+    first = search.accepted[0]
     assert first.effect.slug == "speed-damping" and first.ahead < 0.9
     fit = search.fit
     assert abs(first.effect["N_|u|r"] / OF_SPEED - 1.0) < 0.25

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune import clock
-from gcs_autotune.diagnose import Diagnosis, diagnose, missing_force, process_noise
+from gcs_autotune.diagnose import Diagnosis, diagnose, missing_force
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator
 from gcs_autotune.identify.kalman.filter_bank import FilterBank
 from gcs_autotune.kept_results import KeptResults, keeping
@@ -44,7 +46,7 @@ def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytes
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
     assert "stopped at: cause 1: fitting, 0 of " in doubt.cause
     assert "tried to the end: nothing" in doubt.cause
-    assert "look under process noise" in doubt.cause.partition("not begun: ")[2]
+    assert "look with process noise" in doubt.cause.partition("not begun: ")[2]
     assert "--resume" in doubt.cure
 
 
@@ -156,7 +158,7 @@ def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **asked: Any) -> 
     return passed[0], found
 
 
-def wandering(seed: int) -> list[Trial]:
+def noisy(seed: int) -> list[Trial]:
     """Return runs of a tow, pushed by what wanders."""
     rng = np.random.default_rng(seed)
     runs = []
@@ -178,7 +180,7 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
     wrong = ExtendedModel(CoupledModel(FORM, {"N_rdot": -3.0, "N_r": -1.0}), ())
     every: dict[str, dict[str, Any]] = {
         "runs": {"runs": (runs,)},
-        "weather": {"runs": (wandering(1),)},
+        "weather": {"runs": (noisy(1),)},
         "model": {"runs": (runs,), "model": wrong},
         "simulation": {"runs": (runs,), "simulations": towed(noise=0.0)},
     }
@@ -216,19 +218,21 @@ def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_name_holds_where_every_part_left_out_gains_or_all_but_one_well_more(
     unseen: list[float], holds: bool
 ) -> None:
-    attested = process_noise.Attested(None, None, 20.0, np.array(unseen), 5.0, 1)  # type: ignore[arg-type]
-    assert attested.holds is holds
+    assert score_of(None, unseen).holds is holds
+
+
+def score_of(effect: Any, unseen: list[float]) -> CandidateScore[Any]:
+    parts = np.array(unseen)
+    return CandidateScore(effect, None, 20.0, 5.0, 1, 2.0 * float(parts.sum()), parts=parts, interval=(0.0, math.inf))
 
 
 def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> None:
     lag = SimpleNamespace(slug="actuator-lag", place="N")
     drag = SimpleNamespace(slug="quadratic-drag", place="yaw")
 
-    def judged(effect: Any, unseen: list[float], step: int) -> Any:
-        return process_noise.Attested(effect, cast(Any, None), 20.0, np.array(unseen), 5.0, step)
-
-    tried = [judged(lag, [-3.0, 1.0], 1), judged(drag, [-9.0, -2.0], 1), judged(lag, [6.0, -1.0], 2)]
-    told = missing_force.words_of(cast(Any, SimpleNamespace(named=[], judged=tried)), None)
+    first = SearchStep(None, (score_of(lag, [-3.0, 1.0]), score_of(drag, [-9.0, -2.0])), None)
+    second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
+    told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert told == (
         "actuator-lag of N fits the given runs (+20.0 in log-likelihood) and gains on those left out together (+5.0), "
         "but not on each: not named",

@@ -13,7 +13,8 @@ import runs_in_the_tank
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.state import Question, begin_with
+from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, drop_insignificant, follow
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.base_model import fit_base, plain_form

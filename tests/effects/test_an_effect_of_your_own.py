@@ -83,7 +83,7 @@ def test_one_that_cannot_be_loaded_is_said_to_be_so(offered):
 
 def test_what_is_no_effect_is_not_taken_for_one(offered):
     offered(odd="builtins:dict")
-    with pytest.raises(UsageError, match=r"'odd' \(builtins:dict\) names is no class"):
+    with pytest.raises(UsageError, match=r"'odd' \(builtins:dict\) does not produce"):
         len(EFFECTS)
 
 

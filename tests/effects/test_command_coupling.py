@@ -58,6 +58,7 @@ def test_a_command_that_drives_is_added_as_it_acts_and_its_own_axis_keeps_all_of
 def test_it_sits_where_another_command_was_recorded_that_changes() -> None:
     assert ENTRY.places(data_summary()) == ()
     assert ENTRY.places(data_summary(X=(-0.5, 1.0), u=(0.0, 1.0), Z=(0.0, 0.3))) == ("N+X", "N+Z")
+    assert ENTRY.places(data_summary(X=(-5e-17, 1e-16))) == (), "what a mixer's arithmetic leaves of zero"
     assert ENTRY.places(data_summary(X=(0.9, 1.0))) == (), "thrust that hardly changes acts like a constant"
     idle = replace(data_summary(X=(-0.5, 1.0)), amplitude={"N": 0.0})
     assert ENTRY.places(idle) == ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.least_squares import Local, _step, descend, inverse_of
+from gcs_autotune.identify.least_squares import Local, Rules, descend, inverse_of, step_of
 
 A = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 2.0]])
 BEST = np.array([1.0, -2.0, 0.5])
@@ -30,7 +30,7 @@ def test_a_quadratic_is_descended_in_a_few_steps_and_says_that_it_has_converged(
 def test_a_step_is_that_of_the_damped_normal_equations_and_promises_what_it_brings() -> None:
     x = np.array([2.0, 1.0, 1.0])
     here = bowl(x)
-    step, expected = _step(here, x, -FREE, FREE, 0.3)
+    step, expected = step_of(here, x, -FREE, FREE, 0.3)
     assert step == pytest.approx(np.linalg.solve(A + 0.3 * np.diag(np.diag(A)), -here.gradient))
     assert expected == pytest.approx(here.cost - bowl(x + step).cost)
 
@@ -41,11 +41,11 @@ def test_a_parameter_on_its_bound_is_held_only_while_the_gradient_points_outward
     low, high = (-FREE, FREE)
     outward = np.where(side > 0.0, x, high), np.where(side > 0.0, low, x)
     bound_high, bound_low = (outward[0], low) if side > 0.0 else (high, outward[1])
-    inward, _ = _step(bowl(x), x, bound_low, bound_high, 0.0)
+    inward, _ = step_of(bowl(x), x, bound_low, bound_high, 0.0)
     assert inward[0] == pytest.approx(-side)
     beyond = np.array([1.0 - 0.5 * side, -2.0, 0.5])
     limits = (np.array([0.5 + 1.0 * (side < 0.0), -9.0, -9.0]), np.array([0.5 + 1.0 * (side < 0.0), 9.0, 9.0]))
-    held, promised = _step(bowl(beyond), beyond, *limits, 0.0)
+    held, promised = step_of(bowl(beyond), beyond, *limits, 0.0)
     assert held[0] == 0.0 or np.clip(beyond + held, *limits)[0] == beyond[0]
     assert promised >= 0.0
 
@@ -120,7 +120,7 @@ def test_a_coarse_tolerance_ends_sooner() -> None:
         return Local(float(x[0] ** 4) + 1.0, 2.0 * x**3, np.array([[6.0 * x[0] ** 2]]))
 
     fine, coarse = (
-        descend(quartic, np.array([3.0]), np.array([-9.0]), np.array([9.0]), tolerance=t) for t in (1e-12, 1e-2)
+        descend(quartic, np.array([3.0]), np.array([-9.0]), np.array([9.0]), rules=Rules(t)) for t in (1e-12, 1e-2)
     )
     assert fine is not None
     assert coarse is not None

@@ -97,7 +97,7 @@ def test_a_disturbance_learns_before_the_first_fit_and_after_each(
 
     moves: list[float] = []
 
-    def descend(cost: Any, x: Any, low: Any, high: Any, *, trials: int, tolerance: float) -> Any:
+    def descend(cost: Any, x: Any, low: Any, high: Any, **_: Any) -> Any:
         moves.append(float(x[0]))
         return SimpleNamespace(x=x + 1.0, converged=True)
 

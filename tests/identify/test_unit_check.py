@@ -70,7 +70,7 @@ def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
 def test_gross_factors_of_lengths_are_refused(factor: float, unit: str) -> None:
-    with pytest.raises(BadFile, match=f"is in {unit} and its head says otherwise; correct"):
+    with pytest.raises(BadFile, match=f"is in {unit} and its head states another unit; correct"):
         check_units(run(z=ANGLE * factor, w=RATE))
     with pytest.raises(BadFile, match=f"is in {unit}"):
         check_units(run(z=-ANGLE * factor, w=RATE))
@@ -130,8 +130,8 @@ def sawtooth(height: float, turns: float = 4.0) -> Array:
 @pytest.mark.parametrize(
     ("height", "words"),
     [
-        (360.0, "its head says radians but the numbers are degrees"),
-        (2.0 * math.pi / (180.0 / math.pi), "its head says degrees but the numbers are radians"),
+        (360.0, "its head states radians, but the numbers are degrees"),
+        (2.0 * math.pi / (180.0 / math.pi), "its head states degrees, but the numbers are radians"),
     ],
 )
 def test_a_heading_tells_its_unit_where_it_wraps(height: float, words: str) -> None:

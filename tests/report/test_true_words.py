@@ -138,7 +138,9 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
     )
     assert model_words(bent) == "quadratic damping, with thrust curve"
     assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
-    assert ("share", "0.82 ± 0.03", "1", "quadratic share of the thrust at full command", "") in model_table(bent).rows
+    assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at full command", "") in model_table(
+        bent
+    ).rows
 
 
 def test_what_full_output_sustains_is_said_of_what_the_actuator_makes_of_it() -> None:

@@ -42,7 +42,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         "zig-zag-rudder10", "zig-zag-rudder10-port", "zig-zag-rudder20", "zig-zag-rudder20-port",
         "stopping-astern0.5-1", "stopping-astern0.5-2",
     )  # fmt: skip
-    first = read.runs[1].settings
+    first = read.runs[1]
     assert first.side == -1
     assert first.options["rudder"] == pytest.approx(math.radians(10.0))
     assert first.options["full-rudder"] == pytest.approx(math.radians(30.0))

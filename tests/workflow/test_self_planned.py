@@ -16,7 +16,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import Fit
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Preview
 from gcs_autotune.trial import Trial, load_trial
-from gcs_autotune.workflow import FlightPlan, PlannedRun, Unattended, first_run, fly_plan, precision_of
+from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, first_run, fly_plan, precision_of
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.flight_plan import FlightRun
 from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, check_identifiable, offers_for
@@ -98,14 +98,14 @@ def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_en
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, settings)
     seen = SimpleNamespace(seconds=30.0, trouble="")
-    leg = FlightRun(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
+    leg = FlightRun(replace(first, name="doublets"), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
     said: list[str] = []
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, said.append)
     lost = Outlook(cast(Fit, None), {"beta_r": math.inf}, math.nan, None)
     run = cast(Trial, SimpleNamespace(duration=30.0))
 
-    def run_of(planned: PlannedRun) -> FlightRun:
-        return replace(leg, planned=planned)
+    def run_of(settings: FlySettings) -> FlightRun:
+        return replace(leg, settings=settings)
 
     chosen = [planner.next_run([run] * k, lambda *work: lost, run_of) for k in (1, 2, 3)]
     names = [None if c is None else c.settings.kind.name for c in chosen]
@@ -148,7 +148,7 @@ def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlH
 @pytest.mark.slow
 def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[SitlHarness, Any]) -> None:
     _, result = flown
-    first, *others = [s.outlook.foretold for s in result.steps]
+    first, *others = [s.outlook.predicted for s in result.steps]
     assert math.isnan(first)
     assert min(others) > 90.0
 
@@ -227,7 +227,7 @@ def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tm
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, SitlHarness(tmp_path, QUICK).common())
     seen = cast(Preview, SimpleNamespace(seconds=30.0))
-    leg = FlightRun(PlannedRun("doublets", first), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
+    leg = FlightRun(replace(first, name="doublets"), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
     planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)
     run = cast(Trial, SimpleNamespace(duration=30.0))
     known = Outlook(cast(Fit, None), {"beta_r": 0.04}, math.nan, ())

@@ -92,7 +92,7 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
     assert (
-        "the oscillations and the step together speak of an actuator that does nothing below 12"
+        "the oscillations and the step together indicate an actuator that does nothing below 12"
         in thrust_curve_told(found, plain, dying_swing(0.0, DEAD_BAND))
     )
 
@@ -116,7 +116,7 @@ def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, s
     assert (curve is fits["dead-zone",]) is found
     if found:
         said = thrust_curve_told(curve, plain)
-        assert said == "the three oscillations speak of an actuator that does nothing below 14.4% of full"
+        assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full"
 
 
 def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):

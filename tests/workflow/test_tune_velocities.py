@@ -115,7 +115,7 @@ def _assert_all_is_told_of_the_model_with_the_curve(harness: SitlHarness, story:
     assert file.model.effects == story.fit.effects
     assert "quadratic-actuator@N.share" in file.names
     assert load_model(harness.directory / "fit.json").model == file.model
-    assert "quadratic share of the thrust" in (harness.directory / "report.html").read_text(encoding="utf-8")
+    assert "quadratic fraction of the thrust" in (harness.directory / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:

@@ -44,8 +44,8 @@ def fit_by_iso(case: Case) -> AxisFit:
     usable = [e for e in everything if e.cycle.valid]
     if not usable:
         raise NotInformative(
-            f"run '{case.names[0]}' holds no self-oscillation that satisfies (7.12): IS-O needs a relay; "
-            "use method='output-error' for any other input"
+            f"run '{case.names[0]}' contains no self-oscillation that satisfies (7.12): IS-O needs a relay; "
+            "use method='output-error' for other inputs"
         )
     decision = two_experiment_decision(usable)
     structure, undecided = _structure(case.structure, decision)
@@ -118,7 +118,9 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
     """Return both drags from how the equivalent drag (6.43) grows with the velocity."""
     gain = np.array([quadratic_drag(e.cycle.nu_0, e.cycle.X_m * e.cycle.omega)[1] for e in usable])
     if len(usable) < 2 or float(np.ptp(gain)) < 0.1 * float(gain.max()):
-        raise NotInformative("IS-O needs two clearly different limit cycles to tell both drags apart: change C or x_a")
+        raise NotInformative(
+            "IS-O needs two clearly different limit cycles to separate both drag terms: change C or x_a"
+        )
     table = np.column_stack([np.ones_like(gain), gain])
     beta, quadratic = np.linalg.lstsq(table, np.array([e.beta for e in usable]), rcond=None)[0]
     return np.full(len(usable), beta), np.full(len(usable), quadratic)
@@ -127,7 +129,7 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
 def _first_harmonic() -> Doubt:
     return Doubt(
         "first-harmonic",
-        "IS-O balances the first harmonic only; a few per cent of error are its nature",
+        "IS-O balances the first harmonic only; errors of a few percent are normal",
         "use method='output-error'",
     )
 
@@ -135,7 +137,7 @@ def _first_harmonic() -> Doubt:
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "one limit cycle, or two alike, cannot tell linear from quadratic damping; the linear one was taken",
+        "one limit cycle, or two alike, do not distinguish linear from quadratic damping; linear was chosen",
         "fly a second relay with a clearly different C",
     )
 

@@ -166,8 +166,9 @@ def _check_that_something_is_known(records: Sequence[Segment], parameters: Mappi
         return
     errors = ", ".join(f"{p.name} {100.0 * p.std / max(abs(p.value), 1e-300):.0f} %" for p in craft)
     raise NotInformative(
-        f"run '{records[0].run}' tells no parameter of the craft (standard errors: {errors}): it is too short, sampled "
-        "too slowly, or hardly moves for its noise. Record longer, at a higher rate, with larger inputs, best a relay"
+        f"run '{records[0].run}' determines no parameter of the craft (standard errors: {errors}): it is too short, "
+        "sampled too slowly, or moves little compared with its noise. Record longer, at a higher rate and with larger "
+        "inputs, preferably a relay"
     )
 
 
@@ -259,7 +260,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
         found.append(
             Doubt(
                 "structure-undecided",
-                "linear and quadratic damping explain the record equally well; the linear one was taken",
+                "linear and quadratic damping explain the record equally well; linear was chosen",
                 case.more_levels,
             )
         )
@@ -275,8 +276,8 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
         found.append(
             Doubt(
                 "inertia-unresolved",
-                "the craft answers faster than it is sampled: only the ratio of input to steady velocity is known",
-                "ask for a higher message rate",
+                "the craft responds faster than it is sampled: only the ratio of input to steady velocity is known",
+                "request a higher message rate",
             )
         )
     apart = _runs_apart(chosen, case, bounds)
@@ -297,7 +298,7 @@ def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
         "second-drag-undecided",
         f"{other} damping beside the {own} one is neither proved nor excluded; it would change the "
         f"{own} one by {100.0 * change:+.0f} %; standard errors were raised for it",
-        f"{case.more_levels}: a wider range of speeds tells the two apart",
+        f"{case.more_levels}: a wider range of speeds separates the two",
     )
 
 
@@ -349,11 +350,11 @@ def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
     besides = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
     option = dof_option(runs, (dof,), besides) if besides else ""
     names = ", ".join(f"'{o.run}' by {o.sigmas:.0f} standard errors" for o in odd)
-    moved = f"; {' and '.join(besides)} moved too, and are not in it" if besides else ""
+    moved = f"; the craft also moved in {' and '.join(besides)}, which the model does not have" if besides else ""
     return Doubt(
         "runs-disagree",
-        f"the runs give different numbers ({names}), and the model misses more than noise in most of them{moved}: that "
-        "is no sign of another craft",
+        f"the runs give different numbers ({names}), and the model misses more than noise in most of them{moved}: this "
+        "does not indicate another craft",
         f"identify them with --dof {option}" if option else "add what the model misses: see `diagnose` of these runs",
     )
 

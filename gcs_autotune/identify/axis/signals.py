@@ -98,7 +98,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
             return f"run '{record.run}' has none"
     found = agreement(records, solution)
     if found is None:
-        return "the motion fitted without it runs away, which leaves nothing to compare it with"
+        return "the motion fitted without it diverges, so there is nothing to compare it with"
     std = found.std
     scaled, late = abs(found.gain) > max(GAIN, SURELY * std[0]), abs(found.lag) > max(LAG * found.step, SURELY * std[1])
     if (scaled or late) and not solution.white and all(_sensors_agree(record, solution) for record in records):

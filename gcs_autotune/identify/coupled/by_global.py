@@ -249,7 +249,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     if polished is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': both global searches found only "
-            "motions that run away; narrow the bounds or give a larger budget"
+            "diverging motions; narrow the bounds or give a larger budget"
         )
     told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
     plain = _from_regression(form, records, limits, robust=case.robust)
@@ -271,7 +271,7 @@ def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, 
 
 METHOD = Method(
     "global",
-    "output error from the better of two global searches",
+    "output error, started from the better of two global searches",
     axis=for_axis(fit_by_global_search),
     coupled=fit_by_global_search,
     options=OPTIONS,

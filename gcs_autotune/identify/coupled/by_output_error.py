@@ -153,7 +153,7 @@ def _pieces(local: LocalCost) -> Doubt | None:
     return Doubt(
         "short-horizon",
         f"no model of this form follows a whole run; it was fitted to pieces of {longest:.0f} s each",
-        "look for a missing term, a run of another vehicle, or a craft that does not keep its course by itself",
+        "look for a missing term, a run of another vehicle, or a craft that is course-unstable",
     )
 
 

@@ -16,7 +16,7 @@ __all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of", "physical"]
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
     ("physical", "True: inertia stays positive and drag damps"),
-    ("horizon", "seconds a simulation runs freely before it starts again at what was measured; inf: whole runs"),
+    ("horizon", "seconds a simulation runs freely before it restarts from the measurement; inf: whole runs"),
 )
 """Options of ``fit`` read here."""
 
@@ -81,5 +81,5 @@ def horizon_of(case: CoupledCase) -> float | None:
     if horizon is None:
         return None
     if not float(horizon) > 0.0:
-        raise UsageError(f"a horizon of {horizon} s makes no sense: give seconds above 0, or inf for whole runs")
+        raise UsageError(f"a horizon of {horizon} s is not possible: give seconds above 0, or inf for whole runs")
     return float(horizon)

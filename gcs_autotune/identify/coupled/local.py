@@ -92,7 +92,7 @@ def local_fit(
             return LocalCost(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
-            f"no model '{form.name}' could be simulated on run '{records[0].run}': every start ran away; give start "
+            f"no model '{form.name}' could be simulated on run '{records[0].run}': every start diverged; give start "
             "values in the form, or check that inputs and outputs belong together"
         )
     effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT

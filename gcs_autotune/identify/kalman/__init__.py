@@ -8,7 +8,7 @@ sweep             compiled: the filter forwards, its adjoint backwards
 task              a question with its options read
 ekf               ``ekf``, ``ukf``: parameters in the state (ZhaoUSV), passes until they settle
 smoother          ``smoother``: all states and parameters at once, iterated
-wandering         one degree of freedom under a force that wanders (``wandering_score``: its unknowns; ``thinning``)
+noisy_problem     one degree of freedom with process noise (``noisy_objective``: its likelihood; ``thinning``)
 waves             compiled: waves as two states of either filter, a force in a narrow band and a swing of what is seen
 linear_pass       compiled: that filter where the equation is linear in its velocity, by exact transitions
 prediction_error  ``prediction-error``: innovations' likelihood over parameters and both noises

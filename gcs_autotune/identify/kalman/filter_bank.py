@@ -41,7 +41,7 @@ class FilterRecord:
 class Levels:
     """Noise: ``noise`` (m,) variance of every signal; ``drive`` (n,) intensity of the white noise driving every state
     [unit^2/s]; ``walk`` (p,) that of the free parameters; ``decay`` (p,) [1/s] the rate at which each returns to zero
-    (an Ornstein-Uhlenbeck process: a force that wanders, begun anew in every record), 0 or empty for constants;
+    (an Ornstein-Uhlenbeck process: a drifting force, begun anew in every record), 0 or empty for constants;
     ``waves`` (4,) see :mod:`.waves`, zeros for none: begun anew in every record, seen in the first signal, and pushing
     as the first free parameter does."""
 

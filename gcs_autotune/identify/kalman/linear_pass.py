@@ -2,7 +2,7 @@
 
 Commands bent, delayed or scaled, forces by measured flow and damping that goes with it leave the equation linear in the
 craft's own velocity: between two stamps its motion is an exponential, and neither Runge-Kutta steps nor sensitivities
-are needed. The force that wanders is held over an interval between samples, as :func:`.sweep.forward` holds it, so that
+are needed. The drifting force is held over an interval between samples, as :func:`.sweep.forward` holds it, so that
 likelihoods of either pass may be compared.
 """
 
@@ -117,13 +117,13 @@ def linear_pass(
     t_in, force (c, j), damping (j,) : held from each stamp on, per inertia. The first row of forces is what drives the
     craft; of each row more the pass tells what that force, from rest and with no sample but zeros, adds to the
     innovations (DeJong1991): they are linear in it. y : (s,) position at *stamps* (s,), NaN where
-    there is none; *of_velocity*: velocity instead. size, memory [s] : of the force that wanders (Ornstein-Uhlenbeck);
+    there is none; *of_velocity*: velocity instead. size, memory [s] : of the drifting force (Ornstein-Uhlenbeck);
     noise : standard deviation of *y*; waves (4,) : see :mod:`.waves`, without size for none.
     start, spread : (2,) velocity and position at the first stamp and their standard
     deviations. e (c, s), S (s,) : filled with innovations and their variances, left alone where there is no sample.
     """
     rows, m = len(force), 5 if rough(waves) else 3
-    # Velocity, position, the force that wanders; two of the waves.
+    # Velocity, position, the drifting force; two of the waves.
     x, P, H, K, g = np.zeros((rows, m)), np.zeros((m, m)), np.zeros(m), np.zeros(m), np.zeros(m)
     x[0, 0], x[0, 1] = start[0], start[1]
     P[0, 0], P[1, 1], P[2, 2] = spread[0] ** 2, spread[1] ** 2, size**2

@@ -147,7 +147,7 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
         doubts.append(
             Doubt(
                 "not-seen",
-                f"these runs hardly tell of {', '.join(unseen)}: what is printed is mostly the start value",
+                f"these runs hardly determine {', '.join(unseen)}: the printed value is mostly the start value",
                 "fly a manoeuvre that moves what they act on, or leave them out of the form",
             )
         )
@@ -157,7 +157,7 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
             Doubt(
                 "inertia-not-positive",
                 "the inertia matrix found is not positive definite, which no craft has",
-                "fly steps of the inputs, so that accelerations tell the inertia; check the signs of the inputs",
+                "fly steps of the inputs, so that accelerations determine the inertia; check the signs of the inputs",
             )
         )
     return tuple(doubts)

@@ -68,7 +68,7 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
     drags = 2 if structure == "affine" else 1
     levels = _levels(readings)
     if levels < drags:
-        raise NotInformative(f"{levels} level(s) of input cannot tell {drags} drags: step to more levels")
+        raise NotInformative(f"{levels} level(s) of input do not determine {drags} drag terms: step to more levels")
     fitted = (True, structure != "nonlinear", structure != "linear", levels > drags)
     theta = _steady_part(readings, fitted)
     theta[0] = _inertia(readings, theta)
@@ -250,7 +250,7 @@ def fit_by_steps(case: Case) -> AxisFit:
     models = _candidates(readings, case.structure)
     if not models:
         raise NotInformative(
-            f"the steps of run '{case.names[0]}' cannot tell structure '{case.structure}': step to more levels"
+            f"the steps of run '{case.names[0]}' do not determine structure '{case.structure}': step to more levels"
         )
     model, undecided = _choose(models)
     steady = _from_rest_or_steady(readings, model)
@@ -344,7 +344,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "no-disturbance",
-                "one level of input cannot tell drag from a constant force; none was assumed",
+                "one level of input does not separate drag from a constant force; none was assumed",
                 "step to both sides",
             )
         )
@@ -362,7 +362,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "these steps cannot tell linear from quadratic damping; the simpler was taken",
+        "these steps do not distinguish linear from quadratic damping; the simpler was chosen",
         "step to clearly different levels",
     )
 

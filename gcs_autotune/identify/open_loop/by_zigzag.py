@@ -71,8 +71,8 @@ def fit_by_zigzag(case: Case) -> AxisFit:
     every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
     if not every:
         raise NotInformative(
-            f"run '{case.names[0]}' holds no zig-zag with two reversals and a heading sampled often enough; use "
-            "method='output-error' for any other input"
+            f"run '{case.names[0]}' contains no zig-zag with two reversals and a heading sampled often "
+            "enough; use method='output-error' for other inputs"
         )
     structure: Structure = case.structure or "linear"
     theta, covariance, error, free = solve_zigzag(every, structure)
@@ -122,7 +122,7 @@ def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[A
     free = (*drags, count > sum(drags) + 1)
     if count <= sum(free):  # nothing left to tell how well they fit
         raise NotInformative(
-            f"{count} half-period equations cannot tell structure '{structure}': fly more half periods"
+            f"{count} half-period equations do not determine structure '{structure}': fly more half periods"
         )
     theta, covariance, error, _ = solve_rows(every, free)
     return theta, covariance, error, free

@@ -149,7 +149,7 @@ def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
         )
     if steering.unit == "1":
         notes.append(
-            Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were taken", "write delta[rad]")
+            Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were assumed", "write delta[rad]")
         )
 
 

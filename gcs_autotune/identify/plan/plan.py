@@ -198,7 +198,7 @@ def _chosen(told: _Motion, where: str) -> Chosen:
     manoeuvres = (told.manoeuvre,) if isinstance(told.manoeuvre, str) else tuple(told.manoeuvre)
     chosen = Chosen(manoeuvres, tuple(told.runs), tuple(told.dofs))
     if not any(chosen.manoeuvres) and not chosen.runs:
-        raise BadFile(f'{where}: say which runs, with manoeuvre = "..." or runs = ["name*"]')
+        raise BadFile(f'{where}: name the runs with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 

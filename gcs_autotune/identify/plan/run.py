@@ -157,7 +157,7 @@ def plan_doubts(
     if joint is None or not joint.converged:
         found.append(
             Doubt(
-                "joint-fit-failed", "the fit of all runs at once did not settle", "look at the steps one by one first"
+                "joint-fit-failed", "the joint fit of all runs did not converge", "look at the steps one by one first"
             )
         )
     elif joint.misfit > MISFIT:
@@ -174,13 +174,13 @@ def plan_doubts(
         found.append(
             Doubt(
                 "validated-on-itself",
-                f"one run only for {', '.join(fitted_on)}: no unseen run to validate on",
+                f"one run only for {', '.join(fitted_on)}: no held-out run to validate on",
                 "repeat",
             )
         )
     if plan.final is not None and final is None:
         found.append(
-            Doubt("no-final-validation", f"no usable run {plan.final.chosen}", "record free driving and give it too")
+            Doubt("no-final-validation", f"no usable run {plan.final.chosen}", "record free driving and add it")
         )
     return tuple(found)
 
@@ -199,7 +199,7 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
         Doubt(
             "move-together",
             f"{a} and {b} move together (correlation {r:.3f}): the runs fix a combination of both better than either",
-            "a manoeuvre that moves one without the other, or know one of them from ashore",
+            "a manoeuvre that moves one without the other, or measure one of them ashore",
         )
         for a, b, r in pairs
     ]

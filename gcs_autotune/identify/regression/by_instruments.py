@@ -64,7 +64,7 @@ def fit_by_instruments(case: CoupledCase) -> Fit:
             Doubt(
                 "no-instruments",
                 f"no instruments could be simulated ({error}): the estimate is that of least squares, with its bias",
-                "take output-error, or a form with fewer terms",
+                "use output-error, or a form with fewer terms",
             )
         )
     if rounds and not estimate.converged:
@@ -72,7 +72,7 @@ def fit_by_instruments(case: CoupledCase) -> Fit:
             Doubt(
                 "not-converged",
                 f"instruments and estimate still change after {rounds} rounds",
-                "excite the craft more, or take output-error",
+                "excite the craft more, or use output-error",
             )
         )
     doubts += collinearity_doubts(estimate)
@@ -166,7 +166,7 @@ fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instrum
 
 METHOD = Method(
     "instrumental-variables",
-    "least squares freed of its noise bias by simulated instruments",
+    "least squares without noise bias, by simulated instruments",
     axis=fit_axis_by_instruments,
     coupled=fit_by_instruments,
     options=OPTIONS,

@@ -169,7 +169,7 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
         Doubt(
             "drifting",
             f"{', '.join(moved)} still moved by more than {DRIFT:.0f} standard errors in the last third of the runs",
-            "the craft or the water changed, or a term is missing: see the history, identify the parts by themselves",
+            "the craft or the water changed, or a term is missing: see the history, identify the parts separately",
         )
     ]
 
@@ -180,7 +180,7 @@ fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion
 
 METHOD = Method(
     "recursive-least-squares",
-    "least squares as it develops along the run, with forgetting on request",
+    "recursive least squares along the run, with optional forgetting",
     axis=fit_axis_by_recursion,
     coupled=fit_by_recursion,
     options=OPTIONS,

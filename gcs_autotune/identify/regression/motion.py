@@ -222,5 +222,5 @@ def _rotation(eta: Array) -> Array:
 def _unseen(record: Segment, form: Form, velocity: str, position: str) -> MissingChannel:
     return MissingChannel(
         f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to find it from; run "
-        f"'{record.run}' gives it {', '.join(record.signals)}. Name more signals (use), or take output-error"
+        f"'{record.run}' gives it {', '.join(record.signals)}. Name more signals (use), or use output-error"
     )

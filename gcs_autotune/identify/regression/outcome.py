@@ -82,8 +82,8 @@ def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -
     return [
         Doubt(
             "poor-fit",
-            f"let loose, the model explains only {percent:.0f} % of the motion, and misses {', '.join(beyond)} by more "
-            "than their noise: the standard errors hold for the noise only",
+            f"in a free run, the model explains only {percent:.0f} % of the motion, and misses {', '.join(beyond)} by "
+            "more than their noise: the standard errors hold for the noise only",
             "an unknown delay, a missing term, wind or current may be at work: fit output-error, or give the delay",
         )
     ]

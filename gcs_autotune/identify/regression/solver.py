@@ -113,7 +113,7 @@ def _check_scale(form: Form, E: Array) -> None:
     if lost:
         raise UsageError(
             f"the equation of {' and '.join(lost)} in '{form.name}' has no force and no parameter that is known: only "
-            "the ratios of its parameters can be found; make one of them known (its inertia, say)"
+            "the ratios of its parameters can be found; make one of them known, for example its inertia"
         )
 
 
@@ -168,7 +168,7 @@ def solve(
     n, k = equations.E.shape[:2]
     f = len(equations.free)
     if n * k < f + 1:
-        raise NotInformative(f"{n} rows cannot tell {f} parameters of '{equations.form.name}': use longer runs")
+        raise NotInformative(f"{n} rows do not determine {f} parameters of '{equations.form.name}': use longer runs")
     best: tuple[float, Estimate] | None = None
     for start in starts:
         found = _from(equations, start, robust, barrier)

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from test_wandering import DRAG, GAIN, LINEAR, problem_of, run
+from test_noisy_problem import DRAG, GAIN, LINEAR, problem_of, run
 
-from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water
+from gcs_autotune.identify import NoisyProblem, ProcessNoise, Segment, Signal
 from gcs_autotune.identify.kalman.days import RunSays, common_gain, spread_between
 
 Array = NDArray[np.float64]
 
 THETA = np.array([0.45, -0.7])
-WATER = Water(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
+WATER = ProcessNoise(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
 CHOPPY = replace(WATER, wave_swing=0.05, wave_force=0.1, wave_frequency=2.4, wave_damping=0.15)
 
 
@@ -30,27 +30,27 @@ def short(name: str, seed: int) -> Segment:
     return Segment(name, name, t_in, rng.normal(0.0, 1.0, (4, 1)), ("N",), ("1",), {"psi": signal})
 
 
-def responses(segment: Segment, states: Array, spread: Array, water: Water) -> tuple[Array, Array, Array, Array]:
+def responses(segment: Segment, states: Array, spread: Array, noise: ProcessNoise) -> tuple[Array, Array, Array, Array]:
     """Return the mean (s,) of the samples, what every independent unit of chance adds to them (s, units), what the
     run's own constant force and thrust do (s, 2), and the force that wanders by units (s, units): by steps of a
     millisecond.
     """
     k, d = THETA
-    t, keep = segment.signals["psi"].t, math.exp(-0.5 / water.memory)
+    t, keep = segment.signals["psi"].t, math.exp(-0.5 / noise.memory)
     n, units = len(t), 2 + 3 * len(segment.signals["psi"].t)
     gusts = np.zeros((n, units))  # what wanders, by unit: the first, then one more in each interval
-    gusts[0, 2] = water.size
+    gusts[0, 2] = noise.size
     sea = np.zeros((n, 2, units))  # both states of the waves, by two units in each interval
     sea[0, 0, 2 + n], sea[0, 1, 3 + n] = 1.0, 1.0
-    omega, zeta = water.wave_frequency, water.wave_damping
+    omega, zeta = noise.wave_frequency, noise.wave_damping
     F = expm(0.5 * np.array([[0.0, omega], [-omega, -2.0 * zeta * omega]]))
     L = np.linalg.cholesky(np.eye(2) - F @ F.T)
     for s in range(1, n):
         gusts[s] = keep * gusts[s - 1]
-        gusts[s, 2 + s] = water.size * math.sqrt(1.0 - keep * keep)
+        gusts[s, 2 + s] = noise.size * math.sqrt(1.0 - keep * keep)
         sea[s] = F @ sea[s - 1]
         sea[s, :, 2 + n + 2 * s : 4 + n + 2 * s] = L
-    pushes = gusts + water.wave_force * sea[:, 1]
+    pushes = gusts + noise.wave_force * sea[:, 1]
     order = [1, 0] if states[0] != segment.signals["psi"].values[0] else [0, 1]
     x0, v0 = states[order]
     # Columns: mean, units of chance, own force, own thrust.
@@ -68,24 +68,24 @@ def responses(segment: Segment, states: Array, spread: Array, water: Water) -> t
             x, v = x + one * v + (h - one) / -d * f, kept * v + one * f
         seen.append(x.copy())
     rows = np.array(seen)
-    return rows[:, 0], rows[:, 1:-2] + water.wave_swing * sea[:, 1], rows[:, -2:], gusts
+    return rows[:, 0], rows[:, 1:-2] + noise.wave_swing * sea[:, 1], rows[:, -2:], gusts
 
 
-@pytest.mark.parametrize("water", [WATER, CHOPPY], ids=["calm", "waves"])
-def test_integrating_out_is_exact_beside_a_dense_gaussian(water: Water) -> None:
+@pytest.mark.parametrize("noise", [WATER, CHOPPY], ids=["calm", "waves"])
+def test_integrating_out_is_exact_beside_a_dense_gaussian(noise: ProcessNoise) -> None:
     """Two records of one run, which share its own force and thrust, and one of another."""
     segments = [short("a", 1), short("a", 2), short("b", 3)]
     problem = problem_of(segments)
-    found = problem.innovations_at(THETA, (), water)
+    found = problem.innovations_at(THETA, (), noise)
     assert found is not None
     told = sum(-0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S))) for _, e, S in found)
     states, spread = problem._priors
-    parts = [responses(s, states[i], spread[i], water) for i, s in enumerate(segments)]
+    parts = [responses(s, states[i], spread[i], noise) for i, s in enumerate(segments)]
     dense = 0.0
     for own in ([0, 1], [2]):
         error = np.concatenate([segments[i].signals["psi"].values - parts[i][0] for i in own])
-        shared = np.concatenate([parts[i][2] for i in own]) * [water.day_force, water.day_thrust]
-        C = shared @ shared.T + water.noise**2 * np.eye(len(error))
+        shared = np.concatenate([parts[i][2] for i in own]) * [noise.day_force, noise.day_thrust]
+        C = shared @ shared.T + noise.sensor**2 * np.eye(len(error))
         for j, i in enumerate(own):
             block = slice(12 * j, 12 * j + 12)
             C[block, block] += parts[i][1] @ parts[i][1].T
@@ -96,17 +96,17 @@ def test_integrating_out_is_exact_beside_a_dense_gaussian(water: Water) -> None:
 
 def test_the_force_that_wanders_is_told_from_waves_as_a_dense_gaussian_tells_it() -> None:
     """By the smoother, run by run; of a day's own force and thrust there is none."""
-    water = replace(CHOPPY, day_force=0.0, day_thrust=0.0)
+    noise = replace(CHOPPY, day_force=0.0, day_thrust=0.0)
     segments = [short("a", 1), short("b", 3)]
     problem = problem_of(segments)
-    done = problem.run(THETA, (), water, full=True)
+    done = problem.run(THETA, (), noise, full=True)
     assert done is not None
     bank, result, levels = done
     smoothed = bank.smooth(result, levels)
     states, spread = problem._priors
     for i, segment in enumerate(segments):
-        mean, chance, _, gusts = responses(segment, states[i], spread[i], water)
-        C = chance @ chance.T + water.noise**2 * np.eye(len(mean))
+        mean, chance, _, gusts = responses(segment, states[i], spread[i], noise)
+        C = chance @ chance.T + noise.sensor**2 * np.eye(len(mean))
         told = gusts @ chance.T @ np.linalg.solve(C, segment.signals["psi"].values - mean)
         left = gusts @ gusts.T - gusts @ chance.T @ np.linalg.solve(C, chance @ gusts.T)
         assert smoothed.trajectories[i][:, 2] == pytest.approx(told, abs=2e-4)
@@ -129,7 +129,7 @@ def test_both_passes_integrate_out_the_same(name: str) -> None:
         assert S == pytest.approx(history.S[seen, 0], rel=1e-3)
 
 
-def day_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> WanderingProblem:
+def day_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> NoisyProblem:
     """Return runs whose constant forces and thrusts are these."""
     return problem_of([
         run(k + 1, size=0.02, force=b, thrust=1.0 + s) for k, (b, s) in enumerate(zip(forces, thrusts, strict=True))
@@ -139,7 +139,7 @@ def day_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> Wandering
 def test_each_run_says_what_it_had_of_its_own() -> None:
     forces, thrusts = (0.06, -0.05, 0.02, -0.03), (0.08, -0.06, 0.03, -0.05)
     problem = day_runs(forces, thrusts)
-    fit = problem.fit(np.array([GAIN, -0.6]), (), Water(0.02, 3.0, 1e-3, day_force=0.05, day_thrust=0.06))
+    fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3, day_force=0.05, day_thrust=0.06))
     assert fit is not None
     says = problem.says(fit)
     assert says is not None
@@ -155,7 +155,7 @@ def test_each_run_says_what_it_had_of_its_own() -> None:
 
 def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     problem = day_runs((0.06, 0.06, 0.06), (0.0, 0.0, 0.0))
-    fit = problem.fit(np.array([GAIN, -0.6]), (), Water(0.02, 3.0, 1e-3))
+    fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3))
     assert fit is not None
     says = problem.says(fit)
     assert says is not None

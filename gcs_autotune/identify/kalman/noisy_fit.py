@@ -1,4 +1,4 @@
-"""What a fit under a force that wanders came to, and how its innovations move with its unknowns."""
+"""The result of a fit with process noise, and how its innovations move with its unknowns."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.kalman.wandering_score import Water, log_density
+from gcs_autotune.identify.free_numbers import ModelFit
+from gcs_autotune.identify.kalman.noisy_objective import ProcessNoise, log_density
 from gcs_autotune.models import Form
 
-__all__ = ["Tangent", "WanderingFit"]
+__all__ = ["NoisyFit", "Tangent"]
 
 Array = NDArray[np.float64]
 
@@ -24,22 +25,27 @@ WIDEST = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WanderingFit:
-    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the water, and what the innovations say.
+class NoisyFit(ModelFit):
+    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the noise, and the innovations.
 
     ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
-    base's parameters, then the effects', then the logarithms of the water's unknowns. ``innovations``: per record
+    base's parameters, then the effects', then the logarithms of the noise's unknowns. ``innovations``: per record
     stamps, innovation and its variance.
     """
 
     form: Form
     theta: Array
     effects: tuple[EffectInstance, ...]
-    water: Water
+    noise: ProcessNoise
     log_likelihood: Array
     free_effects: tuple[tuple[int, str], ...]
     covariance: Array
     innovations: tuple[tuple[Array, Array, Array], ...]
+
+    @property
+    def free(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the base parameters fitted."""
+        return self.form.free
 
     @property
     def total(self) -> float:
@@ -48,7 +54,7 @@ class WanderingFit:
 
     def densities(self, rougher: float = 1.0) -> Array:
         """Return the log density (samples,) of every innovation, record after record, their variances *rougher*."""
-        return np.concatenate([log_density(e, rougher * S, self.water.freedom) for _, e, S in self.innovations])
+        return np.concatenate([log_density(e, rougher * S, self.noise.freedom) for _, e, S in self.innovations])
 
     @property
     def roughness(self) -> float:
@@ -58,33 +64,34 @@ class WanderingFit:
     @property
     def unknowns(self) -> int:
         """How many numbers were fitted."""
-        return len(self.theta) + len(self.free_effects) + len(self.water.unknowns)
+        return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
-    def std_of(self, slug: str, place: str, name: str) -> float:
-        """Return the standard error of an effect's number, NaN where it was not fitted."""
-        for k, (i, n) in enumerate(self.free_effects):
-            if (self.effects[i].slug, self.effects[i].place, n) == (slug, place, name):
-                return float(math.sqrt(max(self.covariance[len(self.theta) + k, len(self.theta) + k], 0.0)))
-        return math.nan
+    @property
+    def samples(self) -> int:
+        """How many samples were predicted."""
+        return sum(len(e) for _, e, _ in self.innovations)
+
+    def price(self, more: int) -> float:
+        """Return what so many numbers more cost (Schwarz), as log-likelihood."""
+        return 0.5 * more * math.log(max(self.samples, 2))
 
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of those of an effect's numbers that were fitted."""
-        found = {name: self.std_of(effect.slug, effect.place, name) for name in effect.values}
-        return {name: std for name, std in found.items() if not math.isnan(std)}
+        """Return the standard errors of those of an effect's numbers that were fitted, where they are known."""
+        return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}
 
     def interval_of(self, name: str) -> tuple[float, float]:
-        """Return the 95 % interval of one of the water's unknowns, from the standard error of its logarithm.
+        """Return the 95 % interval of one of the noise's unknowns, from the standard error of its logarithm.
 
         From 0 to inf where it was not fitted, or where nothing limits it.
         """
-        names = self.water.unknowns
+        names = self.noise.unknowns
         if name not in names:
             return 0.0, math.inf
         k = len(self.covariance) - len(names) + names.index(name)
         wide = HALF_WIDTH * math.sqrt(max(float(self.covariance[k, k]), 0.0))
         if not wide < WIDEST:
             return 0.0, math.inf
-        value: float = getattr(self.water, name)
+        value: float = getattr(self.noise, name)
         return value * math.exp(-wide), value * math.exp(wide)
 
 

@@ -1,18 +1,18 @@
-"""What differs from day to day beneath the weather: looked for in a fit, and told run by run."""
+"""What differs from run to run, with process noise modelled: a constant force and the thrust of each."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.diagnose.attested import WORTH
+from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
     Day,
     Doubt,
+    NoisyFit,
+    NoisyProblem,
+    ProcessNoise,
     RunSays,
-    WanderingFit,
-    WanderingProblem,
-    Water,
     common_gain,
     spread_between,
 )
@@ -22,8 +22,8 @@ __all__ = ["alike_in", "days_of", "differing", "doubt_of_days"]
 FEWEST_RUNS = 3
 """Runs of which a scatter between them tells something; of fewer nothing differs."""
 
-OF_THE_WEATHER = 0.25
-"""Chosen: least spread of a run's constant force, in shares of the force that wanders. Where there are gusts there is a
+OF_THE_DRIFT = 0.25
+"""Chosen: least spread of a run's constant force, in shares of the drifting force. Where there are gusts there is a
 mean wind, and three or four runs are alike by accident too often for their scatter to tell it."""
 
 THRUST_AT_FIRST, FORCE_AT_FIRST = 0.05, 0.1
@@ -31,13 +31,13 @@ THRUST_AT_FIRST, FORCE_AT_FIRST = 0.05, 0.1
 days begins: beside none a day's force has gone into the one that wanders, and made it slow."""
 
 
-def alike_in(water: Water, runs: int) -> Water:
-    """Return the water where *runs* are as much alike as runs ever are."""
-    least = OF_THE_WEATHER * water.size if runs >= FEWEST_RUNS else 0.0
-    return replace(water, day_force=least, day_thrust=0.0)
+def alike_in(noise: ProcessNoise, runs: int) -> ProcessNoise:
+    """Return the noise where *runs* are as much alike as runs ever are."""
+    least = OF_THE_DRIFT * noise.size if runs >= FEWEST_RUNS else 0.0
+    return replace(noise, day_force=least, day_thrust=0.0)
 
 
-def differing(problem: WanderingProblem, fit: WanderingFit) -> WanderingFit:
+def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     """Return *fit* again with the spread of force and thrust between runs that suits it.
 
     Of thrust there is none, and of force no more than the weather has of itself, but where that makes the runs likelier
@@ -45,17 +45,17 @@ def differing(problem: WanderingProblem, fit: WanderingFit) -> WanderingFit:
     """
     if problem.runs < FEWEST_RUNS:
         return fit
-    none = problem.fit(fit.theta, fit.effects, alike_in(fit.water, problem.runs)) or fit
-    full = abs(float(fit.theta[0])) * sum(problem.data.amplitude.values())
-    other: WanderingFit | None = fit
-    if not fit.water.day_thrust:
-        apart = replace(fit.water, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)
+    none = problem.fit(fit.theta, fit.effects, alike_in(fit.noise, problem.runs)) or fit
+    full = abs(float(fit.theta[0])) * sum(problem.data_summary.amplitude.values())
+    other: NoisyFit | None = fit
+    if not fit.noise.day_thrust:
+        apart = replace(fit.noise, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)
         other = problem.fit(fit.theta, fit.effects, apart)
     says, told = _says(problem, none), None if other is None else _says(problem, other)
     if says is None or told is None or other is None:
         return none
-    least = OF_THE_WEATHER * other.water.size
-    best, sizes = says[1] + common_gain(says[0], none.water.day_force, 0.0) + WORTH, (0.0, 0.0)
+    least = OF_THE_DRIFT * other.noise.size
+    best, sizes = says[1] + common_gain(says[0], none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
         found = spread_between(told[0], least, full, force=force, thrust=thrust)
         likelier = told[1] + common_gain(told[0], *found) - WORTH * (force and thrust)
@@ -63,15 +63,15 @@ def differing(problem: WanderingProblem, fit: WanderingFit) -> WanderingFit:
             best, sizes = likelier, found
     if not any(sizes):
         return none
-    end = problem.fit(other.theta, fit.effects, replace(other.water, day_force=sizes[0], day_thrust=sizes[1]))
+    end = problem.fit(other.theta, fit.effects, replace(other.noise, day_force=sizes[0], day_thrust=sizes[1]))
     return end if end is not None and end.total > none.total + WORTH else none
 
 
-def _says(problem: WanderingProblem, fit: WanderingFit) -> tuple[tuple[RunSays, ...], float] | None:
+def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunSays, ...], float] | None:
     """Return what runs say of their days at *fit*, and their log-likelihood were there none."""
     says = problem.says(fit)
     bare = problem.fit(
-        fit.theta, fit.effects, replace(fit.water, day_force=0.0, day_thrust=0.0), only_log_likelihood=True
+        fit.theta, fit.effects, replace(fit.noise, day_force=0.0, day_thrust=0.0), only_log_likelihood=True
     )
     return None if says is None or bare is None else (says, bare.total)
 
@@ -92,10 +92,10 @@ SIDES: Mapping[str, tuple[str, str]] = {
 """Where a positive and a negative force of each degree of freedom push."""
 
 
-def days_of(problem: WanderingProblem, fit: WanderingFit, inertia: float) -> tuple[Day, ...]:
+def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[Day, ...]:
     """Return what each run had of its own, forces times *inertia*; nothing where runs are alike."""
-    says = problem.says(fit) if fit.water.differs else None
-    found = [one.day(fit.water.day_force, fit.water.day_thrust) for one in says or ()]
+    says = problem.says(fit) if fit.noise.differs else None
+    found = [one.day(fit.noise.day_force, fit.noise.day_thrust) for one in says or ()]
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
 
 
@@ -109,7 +109,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
         Doubt(
             "day-to-day",
             f"the runs differ in {dof} beside what they were commanded ({'; '.join(told)})",
-            "note battery, load and wind of each run: what differs from day to day is no cause of the craft's",
+            "note battery, load and wind of each run: run-to-run differences are not attributed to the craft",
         )
     ]
 

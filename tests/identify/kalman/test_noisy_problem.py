@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import Segment, Signal, WanderingProblem, Water, data_summary_of, thinned_to
+from gcs_autotune.identify import Limits, NoisyProblem, ProcessNoise, Segment, Signal, data_summary_of, thinned_to
 from gcs_autotune.identify.kalman import filter_bank
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel
@@ -81,14 +81,14 @@ def run(
     return Segment(f"run{seed}", f"run{seed}", t[jumps], inputs, ("N",), ("1",), signals, measured=channels)
 
 
-def problem_of(segments: list[Segment]) -> WanderingProblem:
+def problem_of(segments: list[Segment]) -> NoisyProblem:
     """Return the yaw problem of these runs."""
     data = data_summary_of(FORM, segments, {"k_N": GAIN, "N_r": -DAMPING})
-    return WanderingProblem(FORM, segments, data, (np.full(2, -np.inf), np.full(2, np.inf)))
+    return NoisyProblem(FORM, segments, data, Limits({}, {}))
 
 
 DRAG = (EffectInstance("quadratic-drag", "yaw", {"coefficient": 0.1}),)
-BEGIN = (np.array([0.3, -1.0]), (), Water(0.02, 1.0, 3e-3))
+BEGIN = (np.array([0.3, -1.0]), (), ProcessNoise(0.02, 1.0, 3e-3))
 
 
 def test_gain_damping_and_the_water_are_found_together() -> None:
@@ -96,8 +96,8 @@ def test_gain_damping_and_the_water_are_found_together() -> None:
     assert fit is not None
     std = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(fit.theta - [GAIN, -DAMPING]) < 3.0 * std[:2])
-    assert abs(math.log(fit.water.size / SIZE)) < 3.0 * std[2]
-    assert abs(math.log(fit.water.noise / 1e-3)) < 3.0 * std[4]
+    assert abs(math.log(fit.noise.size / SIZE)) < 3.0 * std[2]
+    assert abs(math.log(fit.noise.sensor / 1e-3)) < 3.0 * std[4]
     e, S = (np.concatenate([r[k] for r in fit.innovations]) for k in (1, 2))
     assert 0.85 < float(np.mean(e * e / S)) < 1.15
 
@@ -109,10 +109,10 @@ def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
     assert before is not None
     bank = problem.bank(DRAG, BEGIN[2])
     bank._max_rates = [1e6]
-    assert problem.run(before.theta, DRAG, before.water) is None
+    assert problem.run(before.theta, DRAG, before.noise) is None
     assert problem.tangent(before) is not None
     bank._max_rates = [1e6]
-    again = problem.fit(before.theta, before.effects, before.water, rounds=0)
+    again = problem.fit(before.theta, before.effects, before.noise, rounds=0)
     assert again is not None and again.total == pytest.approx(before.total, abs=1e-3)
 
 
@@ -147,7 +147,7 @@ def test_a_trial_of_a_craft_without_inertia_leaves_no_fine_steps_behind(
 
 def test_the_smoother_sees_the_push_of_every_moment() -> None:
     problem = problem_of([run(3, size=0.2)])
-    done = problem.run(np.array([GAIN, -DAMPING]), (), Water(0.2, MEMORY, 1e-3), full=True)
+    done = problem.run(np.array([GAIN, -DAMPING]), (), ProcessNoise(0.2, MEMORY, 1e-3), full=True)
     assert done is not None
     bank, result, levels = done
     smoothed = bank.smooth(result, levels)
@@ -169,11 +169,11 @@ def test_an_effect_beneath_the_weather_comes_out_at_its_size(
     problem = problem_of([run(1, **how), run(2, **how)])
     plain = problem.fit(*BEGIN)
     assert plain is not None
-    own = EffectInstance(slug, "yaw", {name: 0.1}, dict(EFFECTS[slug].constants("yaw", problem.data)))
-    fit = problem.fit(plain.theta, (own,), plain.water)
+    own = EffectInstance(slug, "yaw", {name: 0.1}, dict(EFFECTS[slug].constants("yaw", problem.data_summary)))
+    fit = problem.fit(plain.theta, (own,), plain.noise)
     assert fit is not None
     assert fit.total > plain.total + 10.0
-    assert abs(fit.effects[0][name] - true) < 3.5 * fit.std_of(slug, "yaw", name)
+    assert abs(fit.effects[0][name] - true) < 3.5 * fit.errors_of(own)[name]
 
 
 def test_bursts_weigh_less_under_a_law_with_tails() -> None:
@@ -186,7 +186,7 @@ def test_bursts_weigh_less_under_a_law_with_tails() -> None:
     )
     problem = problem_of([torn])
     normal = problem.fit(*BEGIN)
-    tailed = problem.fit(BEGIN[0], (), Water(0.02, 1.0, 3e-3, freedom=4.0))
+    tailed = problem.fit(BEGIN[0], (), ProcessNoise(0.02, 1.0, 3e-3, freedom=4.0))
     assert normal is not None
     assert tailed is not None
     assert tailed.total > normal.total + 10.0
@@ -208,7 +208,7 @@ def test_an_error_several_seconds_ahead_is_small_in_calm_water_and_grows_with_th
     errors = []
     for size in (1e-4, 0.1):
         problem = problem_of([run(1, size=size)])
-        fit = problem.fit(np.array([GAIN, -DAMPING]), (), Water(size, MEMORY, 1e-3), rounds=0)
+        fit = problem.fit(np.array([GAIN, -DAMPING]), (), ProcessNoise(size, MEMORY, 1e-3), rounds=0)
         assert fit is not None
         errors.append(float(np.sqrt(np.mean(problem.ahead(fit, 5.0) ** 2))))
     assert errors[0] < 0.01
@@ -232,10 +232,10 @@ def test_a_heading_smoothed_both_ways_is_no_lag() -> None:
     assert sharp is not None
     assert blurred is not None
     assert blurred.total > sharp.total + 5.0
-    assert 0.25 < blurred.water.smoothing < 1.0
+    assert 0.25 < blurred.noise.smoothing < 1.0
     assert abs(blurred.theta[1] + DAMPING) < abs(sharp.theta[1] + DAMPING)
     lag = EffectInstance("actuator-lag", "N", {"time_constant": 0.2}, {"resolution": 0.001})
-    late = problem.fit(blurred.theta, (lag,), blurred.water)
+    late = problem.fit(blurred.theta, (lag,), blurred.noise)
     assert late is not None
     assert late.total < blurred.total + 6.0
 
@@ -264,11 +264,11 @@ def test_exact_transitions_filter_as_the_general_pass_does(name: str, more: dict
     runs = [run(1), run(2)]
     speed = Channel("u", "m/s", runs[0].stamps, 1.0 + 0.3 * np.sin(0.2 * runs[0].stamps))
     problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in runs])
-    effects, water = LINEAR[name], replace(Water(0.05, 2.5, 2e-3), **more)
+    effects, noise = LINEAR[name], replace(ProcessNoise(0.05, 2.5, 2e-3), **more)
     theta = np.array([0.45, -0.7])
     assert problem._linear(effects) is not None
-    exact = problem.innovations_at(theta, effects, water)
-    done = problem.run(theta, effects, water)
+    exact = problem.innovations_at(theta, effects, noise)
+    done = problem.run(theta, effects, noise)
     assert exact is not None and done is not None
     for (_, e, S), history in zip(exact, done[1].histories, strict=True):
         seen = ~np.isnan(history.S[:, 0])
@@ -280,9 +280,9 @@ def test_exact_transitions_filter_as_the_general_pass_does(name: str, more: dict
 def test_exact_transitions_hold_at_every_pace(damping: float) -> None:
     """From the series of a craft without damping to one that follows at once."""
     problem = problem_of([run(1)])
-    water = Water(0.05, 2.5, 2e-3)
-    exact = problem.innovations_at(np.array([0.45, -damping]), (), water)
-    done = problem.run(np.array([0.45, -damping]), (), water)
+    noise = ProcessNoise(0.05, 2.5, 2e-3)
+    exact = problem.innovations_at(np.array([0.45, -damping]), (), noise)
+    done = problem.run(np.array([0.45, -damping]), (), noise)
     assert exact is not None and done is not None
     history = done[1].histories[0]
     seen = ~np.isnan(history.S[:, 0])
@@ -302,8 +302,8 @@ def test_samples_of_a_velocity_are_filtered_the_same() -> None:
     own = segment.signals["psi"]
     rate = Signal("r", own.t, np.gradient(own.values, own.t), 0.0)
     problem = problem_of([replace(segment, signals={"r": rate})])
-    exact = problem.innovations_at(np.array([0.45, -0.7]), (), Water(0.05, 2.5, 2e-2))
-    done = problem.run(np.array([0.45, -0.7]), (), Water(0.05, 2.5, 2e-2))
+    exact = problem.innovations_at(np.array([0.45, -0.7]), (), ProcessNoise(0.05, 2.5, 2e-2))
+    done = problem.run(np.array([0.45, -0.7]), (), ProcessNoise(0.05, 2.5, 2e-2))
     assert exact is not None and done is not None
     history = done[1].histories[0]
     seen = ~np.isnan(history.S[:, 0])
@@ -320,20 +320,20 @@ def test_waves_are_found_at_their_frequency_and_size_and_leave_the_craft_as_she_
     assert calm is not None and fit is not None
     assert fit.unknowns == calm.unknowns + 4
     assert fit.total > calm.total + 50.0
-    assert fit.water.wave_frequency == pytest.approx(SEA[0], rel=0.03)
-    assert fit.water.wave_damping == pytest.approx(SEA[1], abs=0.04)
-    assert fit.water.wave_swing == pytest.approx(0.03, rel=0.25)
-    assert fit.water.wave_force == pytest.approx(0.04, rel=0.5)
+    assert fit.noise.wave_frequency == pytest.approx(SEA[0], rel=0.03)
+    assert fit.noise.wave_damping == pytest.approx(SEA[1], abs=0.04)
+    assert fit.noise.wave_swing == pytest.approx(0.03, rel=0.25)
+    assert fit.noise.wave_force == pytest.approx(0.04, rel=0.5)
     assert fit.theta == pytest.approx([GAIN, -DAMPING], rel=0.08)
     assert abs(calm.theta[1] + DAMPING) > 2.0 * abs(fit.theta[1] + DAMPING)
 
 
 def test_an_error_ahead_is_smaller_where_the_waves_are_known() -> None:
     problem = problem_of([run(k, size=0.01, swing=0.03) for k in (1, 2)])
-    theta, calm = np.array([GAIN, -DAMPING]), Water(0.01, MEMORY, 0.03)
+    theta, calm = np.array([GAIN, -DAMPING]), ProcessNoise(0.01, MEMORY, 0.03)
     errors = []
-    for water in (calm, replace(calm, noise=1e-3, wave_swing=0.03, wave_force=1e-6, wave_frequency=SEA[0])):
-        fit = problem.fit(theta, (), water, rounds=0)
+    for noise in (calm, replace(calm, sensor=1e-3, wave_swing=0.03, wave_force=1e-6, wave_frequency=SEA[0])):
+        fit = problem.fit(theta, (), noise, rounds=0)
         assert fit is not None
         errors.append(float(np.sqrt(np.mean(problem.ahead(fit, 0.4) ** 2))))
     assert errors[1] < 0.8 * errors[0]

@@ -6,8 +6,8 @@ import pytest
 from test_process_noise import SOME, nobody, weathered
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.day_to_day import differing, doubt_of_days
-from gcs_autotune.diagnose.process_noise import WeatherSearch, search_under_process_noise
+from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise
+from gcs_autotune.diagnose.run_to_run import differing, doubt_of_days
 from gcs_autotune.identify import Day, fit_base, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Trial
 
@@ -22,11 +22,11 @@ APART = {
 craft, and true drag of none."""
 
 
-def searched(runs: list[Trial]) -> WeatherSearch:
+def searched(runs: list[Trial]) -> NoiseSearch:
     """Return what the search under process noise says of these runs."""
     form = plain_form(runs)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
-    found = search_under_process_noise(problem, base, SOME, (), nobody)
+    found = search_with_process_noise(problem, base, SOME, (), nobody)
     assert found is not None
     return found
 
@@ -34,40 +34,40 @@ def searched(runs: list[Trial]) -> WeatherSearch:
 @pytest.mark.parametrize("seed", APART)
 def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
     found = searched(weathered(seed, size=0.05, count=4, days=APART[seed]))
-    assert found.named == ()
-    assert found.fit.water.day_thrust == 0.05
+    assert found.accepted == ()
+    assert found.fit.noise.day_thrust == 0.05
 
 
 @pytest.mark.parametrize("seed", APART)
 def test_days_of_eight_per_cent_of_thrust_refute_no_true_cause(seed: int) -> None:
     found = searched(weathered(seed, square=0.3, size=0.05, count=4, days=APART[seed]))
-    assert [a.effect.slug for a in found.named] == ["quadratic-drag"]
-    assert found.named[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
+    assert [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
+    assert found.accepted[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
 
 
 def test_a_bias_of_all_runs_is_named_and_no_difference_between_them() -> None:
     found = searched(weathered(6, size=0.05, count=4, days=[(0.2, 0.0)] * 4))
-    assert "input-bias" in [a.effect.slug for a in found.named]
-    assert found.named[0].effect["bias"] == pytest.approx(0.2, abs=0.05)
+    assert "input-bias" in [a.effect.slug for a in found.accepted]
+    assert found.accepted[0].effect["bias"] == pytest.approx(0.2, abs=0.05)
 
 
 def test_a_moment_of_each_days_own_passes_for_no_bias() -> None:
     found = searched(weathered(7, size=0.05, count=4, days=[(0.25, 0.0), (-0.2, 0.0), (0.1, 0.0), (-0.15, 0.0)]))
-    assert found.named == ()
+    assert found.accepted == ()
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_fewer_than_three_runs_change_nothing(count: int) -> None:
     runs = weathered(4, size=0.05, count=count, days=DAYS[:count])
     found = searched(runs)
-    assert not found.plain.water.differs
+    assert not found.plain.noise.differs
     assert differing(found.problem, found.plain) is found.plain
 
 
 def test_runs_that_are_alike_stay_so() -> None:
     found = searched(weathered(8, size=0.1, count=3))
-    assert found.plain.water.day_thrust == 0.0
-    assert found.plain.water.day_force < 0.3 * found.plain.water.size
+    assert found.plain.noise.day_thrust == 0.0
+    assert found.plain.noise.day_force < 0.3 * found.plain.noise.size
 
 
 @pytest.mark.slow

@@ -1,0 +1,263 @@
+"""Candidates fitted and scored by least squares: simulation against runs, and against runs left out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from gcs_autotune.diagnose.adequacy import correlation_of
+from gcs_autotune.diagnose.candidates import (
+    RUNNERS,
+    Attempt,
+    EffectCandidate,
+    best_of_each,
+    fitted_roughly,
+    fitted_to_the_end,
+    screen,
+)
+from gcs_autotune.diagnose.heldout import HeldOut, Parts, held_out, p_value
+from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.result import Value
+from gcs_autotune.diagnose.score import (
+    ALIKE,
+    HALF,
+    LUCK,
+    CandidateScore,
+    bic_penalty,
+    error_ratio,
+    further,
+    is_form_of,
+    key_of,
+    lack_by_error,
+    needed_of,
+    ordered,
+    winner_of,
+)
+from gcs_autotune.diagnose.starting_points import merged, permuted_channels
+from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
+from gcs_autotune.executor import SerialExecutor
+from gcs_autotune.identify import Fitted, Problem
+
+__all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
+
+SHORT_LIST = 18
+"""Candidates fitted roughly."""
+
+FOLLOWING = 12
+"""Chosen: trials of a fit in which an effect follows a command."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeastSquares:
+    """Fits and scores candidates added to the model ``present``, of ``tried`` in all.
+
+    ``unseen``: what the model that gains are counted over leaves of the data left out, ``parts``. ``quick``: by the
+    likelihood on the runs fitted alone. ``begun``: fits to begin at, ``others``: where errors of the data may begin as
+    well; ``exchanges``: whether exchanged channels are tried; ``most``: candidates fitted roughly.
+    """
+
+    question: Question
+    problem: Problem
+    parts: Parts
+    present: Fitted
+    unseen: HeldOut
+    tried: int
+    stage: str = "causes"
+    quick: bool = False
+    begun: Sequence[Fitted] = ()
+    others: Sequence[Fitted] = ()
+    exchanges: bool = False
+    most: int = SHORT_LIST
+
+    @property
+    def runners(self) -> int:
+        """How many candidates are fitted to the end."""
+        return RUNNERS
+
+    def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
+        """Return the candidates fitted roughly, the best first."""
+        question, stage, present = self.question, self.stage, self.present
+
+        def screened(done: int, total: int) -> None:
+            question.say(stage + ": screening", done, total)
+
+        screened(0, len(choices))
+        listed = screen(self.problem, self.begun, self.others, choices, screened, question.executor)
+        if self.exchanges:
+            listed = merged(listed, permuted_channels(self.problem, present, choices))
+        rough: list[Attempt] = []
+        fresh, passed_over = listed[: self.most], listed[self.most :]
+        while fresh:
+            rough = best_of_each([*rough, *self._rough(fresh)], present)
+            better = bool(rough) and rough[0][1].cost < present.cost
+            fresh = mistaken_for(rough[0][0].effect, passed_over) if better else []
+            passed_over = [c for c in passed_over if all(c is not f for f in fresh)]
+        return rough
+
+    def _rough(self, listed: Sequence[EffectCandidate]) -> list[Attempt]:
+        def told(done: int, total: int) -> None:
+            self.question.say(self.stage + ": fitting", done, total)
+
+        told(0, len(listed))
+        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
+        return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
+
+    def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
+        """Fit to the end what was fitted roughly."""
+
+        def told(done: int, total: int) -> None:
+            self.question.say(self.stage + ": fitting to the end", done, total)
+
+        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
+        return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
+
+    def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
+        """Return the same: whether a candidate's fit leads to a better base is asked once it is accepted."""
+        return self
+
+    def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
+        """Return the scores of candidates fitted to the end, the best first.
+
+        Against each other by one number of samples that make one independent one, that of the best.
+        """
+        best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
+        silent = replace(self, question=replace(self.question, progress=None))
+
+        def told(done: int, total: int) -> None:
+            self.question.say(self.stage + ": runs left out", done, total)
+
+        executor = SerialExecutor() if self.quick else self.question.executor
+        score = partial(_score_of, silent, correlation_of(best))
+        return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], told)))
+
+    def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
+        """Return the score of a fit: against its rivals with the *common* number of samples that make one."""
+        present, raised = self.present, correlation_of(fit)
+        lower = present.cost - fit.cost
+        found = CandidateScore(
+            fit.own(effect),
+            fit,
+            gained=0.5 * lower / raised,
+            needed=needed_of(further(fit, present), self.tried),
+            numbers=fit.parameters - present.parameters,
+            evidence=lower / (common or raised) - bic_penalty(fit, present),
+        )
+        if found.evidence > 0.0 and not self.quick:
+            unseen = held_out(self.problem, self.parts, fit, refit=True)
+            found = replace(found, unseen=unseen)
+            if unseen.complete and self.unseen.rests:
+                gain = 1.0 - error_ratio(self.unseen, unseen)
+                p = p_value(self.unseen, unseen, fit.levels, raised, present.parameters, self.tried)
+                found = replace(found, gain=gain, p=p)
+        return replace(found, lacks=lack_by_error(found))
+
+    def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
+        """Return the winner; none that happens at a moment which a recorded command explains as well."""
+        left = [] if self.quick else list(scores)
+        while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):
+            left.remove(winner)
+        return winner
+
+    def alike(self, scores: Sequence[CandidateScore[Fitted]], winner: CandidateScore[Fitted]) -> tuple[str, ...]:
+        """Return nothing: it depends on the causes found later, so that the report calculates it."""
+        return ()
+
+    def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
+        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        others = fitted.without(effect)
+        for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
+            if any((e.slug, e.place) == (own.slug, own.place) for e in others):
+                continue
+            fit = self.problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FOLLOWING, shift=fitted.shift)
+            if fit is not None and fit.cost + bic_penalty(fit, fitted) < fitted.cost + ALIKE:
+                return True
+        return False
+
+
+def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:
+    """Return those of *passed_over* that *effect* is easily mistaken for, there: a screening may misjudge them."""
+    rivals = EFFECTS[effect.slug].mistaken_for
+    return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]
+
+
+def _score_of(scorer: LeastSquares, common: float, end: tuple[EffectInstance, Fitted]) -> CandidateScore[Fitted]:
+    return scorer.score(*end, common)
+
+
+def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
+    return fitted_to_the_end(problem, *attempt)
+
+
+def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
+    """Return the numbers of all effects of a fit with their standard errors."""
+    covariance = fitted.covariance(correlation_of(fitted))
+    found = {}
+    left = [
+        EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
+        for r in fitted.rests
+        for own_level in (fitted.levels[r.signal],)
+    ]
+    for own in fitted.effects:
+        errors, entry = fitted.errors_in(covariance, own), EFFECTS[own.slug]
+        learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
+        found[own.slug, own.place] = {
+            n: Value(
+                v,
+                entry.unit_of(n, own.place, problem.data_summary),
+                errors.get(n, learnt.get(n, 0.0 if n in entry.fixed else math.nan)),
+            )
+            for n, v in own.values.items()
+        }
+    return found
+
+
+def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
+    """Whether these runs cannot tell *other* from *best*.
+
+    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
+    it is as likely and only pays for numbers that the runs say nothing about.
+    """
+    if other is best or other.gain <= 0.0 or other.p >= LUCK:
+        return False
+    if is_form_of(other.effect, best.effect):
+        return other.evidence > HALF * best.evidence
+    if best.evidence - other.evidence < ALIKE or delay_equivalence(best, other, problem.data_summary.time_constant):
+        return True
+    return 2.0 * (best.gained - other.gained) < ALIKE and _is_vague(problem, other)
+
+
+def _is_vague(problem: Problem, judged: CandidateScore[Fitted]) -> bool:
+    """Whether some number of a candidate is less certain than its whole range."""
+    entry, data_summary = EFFECTS[judged.effect.slug], problem.data_summary
+    bounds = entry.bounds(judged.effect.place, data_summary)
+    numbers = values_of(problem, judged.fit)[key_of(judged.effect)]
+    spans = {n: bounds[n][1] - bounds[n][0] for n in numbers if n in bounds}
+    return any(numbers[n].std > span for n, span in spans.items())
+
+
+LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
+"""Slug -> by how much things are late [s]."""
+
+
+def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
+    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
+    *pace* [s] of the craft, in which it forgets where it began.
+    """
+    if one.effect.slug not in LATE or other.effect.slug not in LATE:
+        return False
+    late = slowest + max(abs(j.effect[LATE[j.effect.slug]]) for j in (one, other))
+    left = [_left_after(j.fit, late, one.fit.levels) for j in (one, other)]
+    return abs(left[0] - left[1]) < ALIKE
+
+
+def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
+    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
+    total = 0.0
+    for rest in fitted.rests:
+        known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)
+        total += float(np.sum(rest.judged[known] ** 2)) / levels[rest.signal] ** 2
+    return total

@@ -1,0 +1,353 @@
+"""Candidates fitted and scored with process noise modelled: each sample predicted from those before it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_autotune.diagnose.candidates import candidates
+from gcs_autotune.diagnose.heldout_score import Folds, Unseen, densities_of, gains_ahead, interval_of, unseen_of
+from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, WAVES, Say
+from gcs_autotune.diagnose.run_to_run import alike_in
+from gcs_autotune.diagnose.sampling_interval import foresight, rms_ahead, stands
+from gcs_autotune.diagnose.score import (
+    ALIKE,
+    HALF,
+    WORTH,
+    CandidateScore,
+    alike_of,
+    is_form_of,
+    key_of,
+    lack_by_parts,
+    may_be_none,
+    needed_of,
+    plainest,
+)
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
+from gcs_autotune.identify import NoisyFit, NoisyProblem, Tangent
+from gcs_autotune.slow_imports import scipy_stats
+
+__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
+
+Attempt = tuple[EffectInstance, NoisyFit]
+
+Score = CandidateScore[NoisyFit]
+
+BRIEF = 1.0
+"""Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
+
+AGAINST = 4.0
+"""Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
+command is fed back; open loops of the blind suite came to 2 at most."""
+
+RUNNERS = 6
+"""Candidates fitted to the end."""
+
+SLOWER_THAN_FOUND = 2.0
+"""Chosen: factor by which the craft may be slower than a fit took her for that lacks a delay or a lag: how long these
+may be goes with it."""
+
+EVEN = 16
+"""Chosen: times alone are tried so many besides, evenly: beside commands that change often, a delay is found only where
+it is nearly right.
+"""
+
+DOZEN = 12.0
+"""Samples of the record that such times are tried up to at least, and besides as far as the book allows: without her
+delay a quick craft may come out quicker still (rough water, seed 232 case 2: one of two time constants was none tried;
+seed 463: one of 0.39 s, nearly three, which is worth 338)."""
+
+LATE = ("input-delay", "actuator-lag")
+"""What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
+
+FAR_AHEAD = 0.85
+"""Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
+
+TRACE = 0.1
+"""A small amount of an effect, in shares of the size it is tried at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithProcessNoise:
+    """Fits and scores candidates added to the model ``present``, of ``tried`` in all.
+
+    ``folds``: what is left out in turn, ``left_out`` the present model there, refitted to the rest. ``plain``: the
+    model without any cause. ``hint``: a fit with one cause to begin from as well.
+    """
+
+    problem: NoisyProblem
+    folds: Folds
+    plain: NoisyFit
+    present: NoisyFit
+    tried: int
+    say: Say
+    stage: str = ""
+    hint: NoisyFit | None = None
+    left_out: Unseen = ()
+
+    @property
+    def runners(self) -> int:
+        """How many candidates are fitted to the end."""
+        return RUNNERS
+
+    def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
+        """Return the candidates fitted roughly, the best first."""
+        rough: list[Attempt] = []
+        tangent = self.problem.tangent(self.present)
+        if tangent is None:
+            return []
+        for k, own in enumerate(choices):
+            fit = _rough(self.problem, self.present, own, tangent)
+            if fit is not None:
+                rough.append((own[0], fit))
+            self.say(self.stage, k + 1, len(choices))
+        return sorted(rough, key=lambda f: -(f[1].total - f[1].price(f[1].unknowns - self.present.unknowns)))
+
+    def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
+        """Fit to the end what was fitted roughly, from several starts of the process noise."""
+        problem, ends = self.problem, []
+        for k, (tried_one, fit) in enumerate(rough):
+            self.say(f"{self.stage}: fitting to the end", k, RUNNERS)
+            tries = [fit, problem.fit(fit.theta, fit.effects, fit.noise)]
+            same = alike_in(fit.noise, problem.runs)
+            if fit.noise.day_thrust or fit.noise.day_force > 1.01 * same.day_force:
+                # What bends thrust makes runs of other commands differ, and may explain them alike.
+                tries.append(problem.fit(fit.theta, fit.effects, same))
+            if fit.noise.wavy:
+                # What answers the commands in a rhythm may be taken for waves until its cause is there.
+                tries.append(problem.fit(fit.theta, fit.effects, replace(fit.noise, wave_swing=0.0, wave_force=0.0)))
+            best_try = max((f for f in tries if f is not None), key=lambda f: f.total - WAVES * f.noise.wavy)
+            ends.append((tried_one, self._or_hinted(tried_one, best_try)))
+        return ends
+
+    def _or_hinted(self, tried: EffectInstance, best: NoisyFit) -> NoisyFit:
+        """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
+
+        Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
+        """
+        hint, problem, present = self.hint, self.problem, self.present
+        if hint is None or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
+            return best
+        noise = replace(hint.noise, day_force=present.noise.day_force, day_thrust=present.noise.day_thrust)
+        fits = [problem.fit(hint.theta, hint.effects, w) for w in (noise, alike_in(hint.noise, problem.runs))]
+        seconds = foresight(problem, self.plain)
+        other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
+        if other is None or seconds is None or other.total <= present.total:
+            return best
+        far = rms_ahead(problem, other, seconds) < FAR_AHEAD * rms_ahead(problem, best, seconds)
+        return other if far or other.total > best.total else best
+
+    def rebased(self, ends: Sequence[Attempt]) -> WithProcessNoise:
+        """Return the same beside the better fit of the present model that the best of *ends* leads to, if any."""
+        present = self.present
+        if ends:
+            best = max(ends, key=lambda e: e[1].total)[1]
+            again = self.problem.fit(best.theta, present.effects, best.noise)
+            if again is not None and again.total > present.total + 0.5:
+                present = again
+        return replace(self, present=present, left_out=self.unseen(present) if ends else ())
+
+    def unseen(self, fit: NoisyFit) -> Unseen:
+        """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
+        return unseen_of(self.problem, self.plain, self.folds, fit)
+
+    def scores(self, ends: Sequence[Attempt]) -> list[Score]:
+        """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""
+        found = []
+        for k, (effect, fit) in enumerate(ends):
+            self.say(f"{self.stage}: runs left out", k, len(ends))
+            found.append(self._sound(self.score(effect, fit)))
+        return sorted(found, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
+
+    def score(self, effect: EffectInstance, fit: NoisyFit) -> Score:
+        """Return the score of a fit with *effect*."""
+        problem, tried = self.problem, self.tried
+        gained, needed = fit.total - self.present.total, needed_of(fit.unknowns - self.present.unknowns, tried)
+        now = next(e for e in fit.effects if key_of(e) == key_of(effect))
+        before = densities_of(self.left_out, self.left_out)
+        after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
+        parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
+        foretold = float(parts.sum())
+        found = CandidateScore(
+            now,
+            fit,
+            gained,
+            needed,
+            numbers=sum(fit.effects[i] is now for i, _ in fit.free_effects),
+            evidence=2.0 * foretold,
+            gain=1.0 - math.exp(-max(foretold, -50.0) / max(fit.samples, 1)),
+            p=min(1.0, tried * math.exp(-max(min(foretold, 700.0), 0.0))),
+            parts=parts,
+            interval=interval_of(before, after),
+        )
+        lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
+        return replace(found, lacks=lacks)
+
+    def _sound(self, found: Score) -> Score:
+        """Return *found* with its error some seconds ahead, over that of the present model, and why it is not to be
+        accepted although it pays, if so: no model of the craft stands with it, or it predicts no better so far ahead.
+        """
+        if found.lacks is not None:
+            return found
+        if not stands(self.problem, found.fit):
+            return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
+        seen: list[tuple[float, float]] = []
+        unseen = self.unseen(found.fit)
+        for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
+            seen.append((gain.ratio, seconds))
+            if gain.ratio < 1.0:
+                break
+        if not seen:
+            return found
+        ratio, seconds = min(seen)
+        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, found.fit))
+        found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
+        if ratio < 1.0:
+            return found
+        why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+        return replace(found, lacks="no-gain", unsound=why)
+
+    def winner(self, scores: Sequence[Score]) -> Score | None:
+        """Return the candidate that is accepted; None for none."""
+        paid = [a for a in scores if a.lacks is None]
+        if not paid:
+            return None
+        # On runs it has not seen a model pays for its own parameters; on real water those fitted tell less.
+        first = alike_of(paid)[0]
+        # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
+        # part left out as well, that is felt.
+        better = [a for a in paid if a.ahead < FAR_AHEAD * first.ahead and bool(np.all(a.parts > 0.0))]
+        return plainest(min(better, key=lambda a: a.ahead, default=first), paid)
+
+    def alike(self, scores: Sequence[Score], winner: Score) -> tuple[str, ...]:
+        """Return the names that these runs do not distinguish from *winner*, its own first."""
+        paid = [a for a in scores if a.lacks is None]
+        forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.evidence > HALF * winner.evidence]
+        others = [a.effect for a in (*alike_of(paid), *forms, *_as_likely(scores, winner))]
+        late = ["measurement-delay" for effect in (winner.effect, *others) if effect.slug in LATE]
+        twins = twins_of(winner.effect, self.problem.data_summary)
+        return tuple(dict.fromkeys([name_of(winner.effect), *twins, *map(name_of, others), *late]))
+
+
+def choices_of(
+    data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]
+) -> list[list[EffectInstance]]:
+    """Return for every effect and place not *present* the values to begin from, with times tried evenly besides."""
+    slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
+
+    def starts(entry: Effect, place: str) -> Sequence[Mapping[str, float]]:
+        found = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
+        if [q.unit for q in entry.parameters] == ["s"]:
+            name = entry.parameters[0].name
+            allowed = entry.bounds(place, data).get(name, (0.0, math.inf))[1]
+            most = max(slower.time_constant, DOZEN * data.interval), allowed
+            even = [np.linspace(0.0, t, EVEN + 1)[1:] for t in most if math.isfinite(t)]
+            found += [{name: float(t)} for t in np.concatenate(even)]
+        return [s for k, s in enumerate(found) if s not in found[:k]]
+
+    return candidates(data, present, [s for s in slugs if may_be_told(s)], starts)
+
+
+def may_be_told(slug: str) -> bool:
+    """Whether a search under process noise looks for an effect: what acts on commands or in the equation of motion, at
+    all times.
+    """
+    entry = EFFECTS[slug]
+    return entry.family != "data errors" and not entry.happens_at and _is_motion(slug)
+
+
+def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
+    """Whether a filter can judge an effect that was found otherwise: one that happens at a time, or one of the records'
+    errors at a column of *inputs*, too. When something happened is no question for its tangent; what it is worth once
+    the time is known is.
+    """
+    if EFFECTS[effect.slug].family == "data errors":
+        return all(n in inputs for n in columns_of(effect.place))
+    return _is_motion(effect.slug)
+
+
+def _is_motion(slug: str) -> bool:
+    entry = EFFECTS[slug]
+    return not entry.is_disturbance and bool(entry.acts_on) and not entry.acts_on - {"commands", "motion"}
+
+
+def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> bool:
+    """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
+    inertia; or shorter than the interval judged where commands answer the heading.
+    """
+    lasts, short = _lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
+    # Of a craft that shows no inertia, what takes time is that inertia.
+    if lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short):
+        return True
+    return lasts < problem.interval and answers_heading(problem, fit)
+
+
+def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
+    """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
+
+    Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
+    late. Told by the ranks of innovations and of the commands' next changes.
+    """
+    pushed, turned = [], []
+    for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
+        row = np.maximum(np.searchsorted(segment.t_in, t, side="right") - 1, 0)
+        for name, column in zip(segment.input_names, segment.inputs.T, strict=True):
+            for _, share in problem.form.inputs.get(name, ()):
+                pushed.append((e / np.sqrt(S))[:-1])
+                turned.append(np.diff(column[row]) * (-1.0 if str(share).startswith("-") else 1.0))
+    one, two = np.concatenate(pushed), np.concatenate(turned)
+    if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
+        return False
+    sense = math.copysign(1.0, float(fit.theta[0]))
+    return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
+
+
+def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
+    """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
+    brief to be named, and those that explain them better: these runs do not distinguish them.
+    """
+    enough = winner.gained - 0.5 * ALIKE
+    return [
+        a
+        for a in judged
+        if a.gained > enough
+        and (a.foretold > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
+    ]
+
+
+def _lasts(effect: EffectInstance, data: DataSummary) -> float:
+    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
+    times = [math.inf]
+    for q in EFFECTS[effect.slug].parameters:
+        value = abs(effect.values.get(q.name, math.inf))
+        if q.unit == "s":
+            times.append(value)
+        elif q.unit == f"{INPUT}/s":
+            times.append(data.amplitude.get(effect.place, math.inf) / max(value, 1e-300))
+    return min(times)
+
+
+def _rough(
+    problem: NoisyProblem, present: NoisyFit, choices: Sequence[EffectInstance], tangent: Tangent
+) -> NoisyFit | None:
+    """Return the better end of the most promising of the values to begin from, and of small amounts of them, all else
+    adapted.
+
+    Both are gone on from: a trace changes little and so looks well, where the whole has yet to find its pace.
+    """
+    entry = EFFECTS[choices[0].slug]
+    growing = [n for n in entry.grows_with if n in choices[0].values]
+    zero = {n: entry.neutral.get(n, 0.0) for n in growing}
+    traces = [
+        o.with_values({n: zero[n] + TRACE * (o.values[n] - zero[n]) for n in growing}) for o in choices if growing
+    ]
+    ends = []
+    for group in (choices, traces):
+        tried = [problem.adapted(present, own, tangent) for own in group]
+        best = max((f for f in tried if f is not None), key=lambda f: f.total, default=None)
+        end = None if best is None else problem.fit(best.theta, best.effects, best.noise, rounds=ROUGH)
+        ends += [] if end is None else [end]
+    return max(ends, key=lambda f: f.total, default=None)

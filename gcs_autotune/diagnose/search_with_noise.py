@@ -1,0 +1,218 @@
+"""The strategy that looks again with process noise: whether its causes replace those found by least squares."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.diagnose.adequacy import WHITE, tests_of, whiteness_of
+from gcs_autotune.diagnose.missing_force import words_of_noise
+from gcs_autotune.diagnose.noise_scorer import may_be_weighed
+from gcs_autotune.diagnose.process_noise import (
+    PRESENT,
+    NoiseSearch,
+    above_the_command,
+    asked_of,
+    scaled,
+    search_with_process_noise,
+    supported,
+)
+from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
+from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND
+from gcs_autotune.diagnose.score import ALIKE, key_of
+from gcs_autotune.diagnose.state import SearchState
+from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
+from gcs_autotune.identify import Doubt, Fitted
+from gcs_autotune.sname import DOFS
+
+__all__ = ["NO_MODEL", "look_with_process_noise", "no_model_with_noise", "wanders"]
+
+Array = NDArray[np.float64]
+
+LESS = 0.1
+"""Chosen: share of its size at which the process noise of a fit begins once causes are beside it."""
+
+NO_MODEL = "no-model"
+"""Name of the doubt where no model of the craft was found to name a cause beside."""
+
+
+def wanders(state: SearchState) -> tuple[SearchState, bool]:
+    """Return the state, and whether a drifting force is there whatever causes are accepted beside it.
+
+    The answer is kept: the search under process noise is long. No where it cannot be asked.
+    """
+    question = state.question
+    if question.given is not None or question.horizon is not None or not question.with_noise:
+        return state, False
+    if state.noise_search is None or state.noise_search[0] is not state.problem:
+        found = search_with_process_noise(
+            state.problem, state.base, question.slugs, question.unseen, question.say, in_blocks=question.one_flight
+        )
+        state = replace(state, noise_search=(state.problem, found))
+        assert state.noise_search is not None
+    search = state.noise_search[1]
+    if search is None or search.momentary:
+        return state, False
+    return state, search.calm >= PRESENT and search.still >= PRESENT
+
+
+def look_with_process_noise(state: SearchState) -> SearchState | None:
+    """Look again with a drifting force in the model, where what is left over is no noise.
+
+    Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
+    what a filter cannot judge (clocks, sensors), or where no force drifts.
+    """
+    question = state.question
+    if question.given is not None or question.horizon is not None:
+        return None
+    if whiteness_of(tests_of(state.problem, state.fitted)) > WHITE:
+        return None
+    if any(not may_be_weighed(e, state.question.form.inputs) for e in state.causes):
+        return None
+    state, _ = wanders(state)
+    search = None if state.noise_search is None else state.noise_search[1]
+    if no_model_with_noise(state):
+        return _without_names(state)
+    if search is None or search.calm < PRESENT:
+        return state
+    if search.momentary:
+        return replace(state, doubts=(*state.doubts, _no_weather(search)))
+    if search.cut:
+        return replace(state, cut=(*state.cut, *search.cut))
+    if state.causes and _outdone(search, state):
+        return state
+    plain = replace(state, fitted=state.base, present_unseen=state.base_unseen, steps=(), renamed=())
+    search = supported(search)
+    above = above_the_command(search)
+    if above > OF_THE_COMMAND:
+        state = replace(state, doubts=(*state.doubts, _no_base(search, above)))
+    kept = replace(plain, with_noise=search, doubts=state.doubts)
+    if not search.accepted:
+        return kept if not state.causes else replace(kept, doubts=(*state.doubts, _dropped(state.causes)))
+    fitted = _as_fitted(state, search)
+    doubt = Doubt(
+        "process-noise",
+        f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the causes reported still "
+        f"improve prediction of the {search.dof} of held-out runs",
+        "treat the causes as hypotheses; repeat in calm water, or record a run on which the craft comes back to rest",
+    )
+    return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
+
+
+def _no_base(search: NoiseSearch, above: float) -> Doubt:
+    return Doubt(
+        "above-command",
+        f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
+        "much as the commands do: no cause is identified beside a disturbance of that size",
+        "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
+    )
+
+
+def no_model_with_noise(state: SearchState) -> bool:
+    """Whether the search under process noise was made, and found no model of the craft at all."""
+    return (
+        state.noise_search is not None and state.noise_search[1] is None and asked_of(state.noise_search[0]) is not None
+    )
+
+
+def _without_names(state: SearchState) -> SearchState:
+    """Return the state without causes, where no model was found with process noise: a cause needs one."""
+    asked = asked_of(state.problem)
+    if asked is not None and _couples(state.causes, asked[0].dofs[0]):
+        return state
+    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    doubt = Doubt(
+        NO_MODEL,
+        "no model of the craft was found with process noise modelled: what is left over is no noise, and from no start "
+        "does an equation with a drifting force follow these runs"
+        + (f"; {names} is therefore not identified" * bool(names)),
+        "look at columns, units and clocks first; then calmer water, or slower and larger commands",
+    )
+    return replace(
+        state,
+        fitted=state.base,
+        present_unseen=state.base_unseen,
+        steps=(),
+        renamed=(),
+        doubts=(*state.doubts, doubt),
+    )
+
+
+def _couples(causes: Sequence[EffectInstance], dof: str) -> bool:
+    """Whether some cause drives another motion than *dof*: one motion alone cannot judge it."""
+    return any(n[0] != DOFS[dof].force for e in causes for n in EFFECTS[e.slug].derivatives(e))
+
+
+def _outdone(search: NoiseSearch, state: SearchState) -> bool:
+    """Whether the causes of the search before explain the runs better under process noise too; what couples motions
+    stands, for one motion alone cannot judge it.
+    """
+    if _couples(state.causes, search.dof):
+        return True
+    named = {key_of(a.effect) for a in search.accepted}
+    scaled = [_per_inertia(e, search, state) for e in state.causes]
+    if {(e.slug, e.place) for e in scaled} <= named:
+        return False
+    # The noise took what the causes explain, so beside them there is less of it, and another craft.
+    own, noise = per_inertia_of(state.fitted, search.problem.form), search.fit.noise
+    starts = ((search.fit.theta, noise), (own, noise), (own, replace(noise, size=LESS * noise.size)))
+    fits = [search.problem.fit(theta, scaled, noise) for theta, noise in starts]
+    other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
+    if other is None:
+        return False
+    price = other.price(other.unknowns - search.fit.unknowns)
+    if search.fit.theta[0] < 0.0 < other.theta[0]:
+        # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
+        return other.total - price > search.fit.total - 0.5 * ALIKE
+    # Where this search names nothing, the other's name is the luckiest of all that were tried.
+    luck = 0.0 if search.accepted else math.log(max(state.tried, 1))
+    return other.total - price > search.fit.total + luck
+
+
+def _no_weather(search: NoiseSearch) -> Doubt:
+    return Doubt(
+        "no-weather",
+        f"what drives the {search.dof} besides its commands lasts {search.plain.noise.memory:.2g} s, no "
+        "more than two samples: that is no wind, wake or current",
+        "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
+        "trace",
+    )
+
+
+def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
+    names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
+    return Doubt(
+        "not-under-process-noise",
+        f"{names} lowers the error of a simulation without process noise, and predicts nothing once it is modelled",
+        "repeat the runs in calmer water",
+    )
+
+
+def _per_inertia(effect: EffectInstance, search: NoiseSearch, state: SearchState) -> EffectInstance:
+    """Return *effect* of the present model per unit of that model's inertia: a base that is lost may have none."""
+    i = state.fitted.form.dofs.index(search.dof)
+    return scaled(effect, 1.0 / float(state.fitted.model.base.inertia[i, i]), 1.0)
+
+
+def _as_fitted(state: SearchState, search: NoiseSearch) -> Fitted | None:
+    """Return the model found, in the base model's form and units, with the initial states that suit it."""
+    d, base = DOFS[search.dof], state.base
+    inertia = search.inertia
+    gain, damping = search.fit.theta
+    values = {
+        f"{d.force}_{d.velocity}dot": -inertia,
+        f"{d.force}_{d.velocity}": float(damping) * inertia,
+        f"k_{d.force}": float(gain) * inertia,
+    }
+    names = base.form.parameters
+    theta = np.array([values.get(n, v) for n, v in zip(names, base.theta.tolist(), strict=True)])
+    effects = in_order([search.in_base_units(e) for e in search.fit.effects])
+    # The states of a base that is lost may be no craft's.
+    starts = (base.initial, state.problem.first_states(state.problem.segments))
+    with np.errstate(all="ignore"):
+        fits = [state.problem.states(theta, effects, initial) for initial in starts]
+    return min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
