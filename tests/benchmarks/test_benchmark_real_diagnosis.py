@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.real_diagnosis.by_hand import by_hand, lines_by_hand
+from benchmarks.real_diagnosis.__main__ import main
+from benchmarks.real_diagnosis.by_hand import ALL, by_hand, lines_by_hand
 from benchmarks.real_diagnosis.cases import CASES, DATA
 from gcs_autotune.trial import Channel, Trial
 
@@ -31,11 +32,24 @@ def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run()
     runs = [turning(seed) for seed in (1, 2, 3)]
     fit = by_hand(runs, seconds=2.0)
     plain, damped = fit.errors["linear"], fit.errors["N_|u|r"]
-    assert set(plain) == {run.name for run in runs}
+    assert set(plain) == {*(run.name for run in runs), ALL}
     assert all(damped[name] < 0.3 * plain[name] for name in plain)
     lines = lines_by_hand(fit, {"run1": (3.0, 1.0)})
-    assert len(lines) == 2 + len(runs) and lines[2].split()[-2:] == ["3.0", "1.0"]
+    assert len(lines) == 3 + len(runs) and lines[2].split()[-2:] == ["3.0", "1.0"]
     assert lines[3].split()[-2:] == ["-", "-"]
+
+
+def test_an_only_run_is_left_out_in_parts() -> None:
+    fit = by_hand([turning(1)], seconds=2.0)
+    assert set(fit.errors["linear"]) == {*(f"run1, part {k}" for k in (1, 2, 3, 4)), ALL}
+
+
+def test_a_case_without_its_clone_is_skipped_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("REAL_DIAGNOSIS_CLONES", raising=False)
+    assert main(["--case", "milliampere-yaw", "--no-tables"]) == 0
+    assert "skipped, no data: a clone of Andeshog/milliampere_data" in capsys.readouterr().out
 
 
 def turning(seed: int) -> Trial:
