@@ -142,7 +142,7 @@ def _diagnosed(
     question = Question(
         base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one
     )
-    strategies = (*SEARCH, look_at_all_runs, look_with_process_noise, look_in_pieces)
+    strategies = (*SEARCH, look_with_process_noise, look_at_all_runs, look_with_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:
         chosen = state.pieces is not None or (state.with_noise is not None and bool(state.with_noise.accepted))

@@ -64,10 +64,10 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
     """Look again with a drifting force in the model, where what is left over is no noise.
 
     Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
-    what a filter cannot judge (clocks, sensors), or where no force drifts.
+    what a filter cannot judge (clocks, sensors), where no force drifts, or where this look was taken already.
     """
     question = state.question
-    if question.given is not None or question.horizon is not None:
+    if state.with_noise is not None or question.given is not None or question.horizon is not None:
         return None
     if whiteness_of(tests_of(state.problem, state.fitted)) > WHITE:
         return None
