@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
 from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
-from gcs_autotune.diagnose.search_with_noise import look_with_process_noise
+from gcs_autotune.diagnose.search_with_noise import look_before_joining, look_with_process_noise
 from gcs_autotune.diagnose.second_looks import foretells, look_at_all_runs, look_in_pieces
 from gcs_autotune.diagnose.simulation import surrogate_of
 from gcs_autotune.diagnose.state import begin
@@ -142,7 +142,7 @@ def _diagnosed(
     question = Question(
         base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one
     )
-    strategies = (*SEARCH, look_with_process_noise, look_at_all_runs, look_with_process_noise, look_in_pieces)
+    strategies = (*SEARCH, look_before_joining, look_at_all_runs, look_with_process_noise, look_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:
         chosen = state.pieces is not None or (state.with_noise is not None and bool(state.with_noise.accepted))

@@ -29,7 +29,7 @@ from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.identify import Doubt, Fitted
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NO_MODEL", "look_with_process_noise", "no_model_with_noise", "wanders"]
+__all__ = ["NO_MODEL", "look_before_joining", "look_with_process_noise", "no_model_with_noise", "wanders"]
 
 Array = NDArray[np.float64]
 
@@ -64,10 +64,12 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
     """Look again with a drifting force in the model, where what is left over is no noise.
 
     Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
-    what a filter cannot judge (clocks, sensors), where no force drifts, or where this look was taken already.
+    what a filter cannot judge (clocks, sensors), where no force drifts, or where causes were found so already.
     """
     question = state.question
-    if state.with_noise is not None or question.given is not None or question.horizon is not None:
+    if question.given is not None or question.horizon is not None:
+        return None
+    if state.with_noise is not None and state.with_noise.accepted:
         return None
     if whiteness_of(tests_of(state.problem, state.fitted)) > WHITE:
         return None
@@ -101,6 +103,20 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
         "treat the causes as hypotheses; repeat in calm water, or record a run on which the craft comes back to rest",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
+
+
+def look_before_joining(state: SearchState) -> SearchState | None:
+    """Look with a drifting force at the runs to fit alone, before those kept apart are joined to them.
+
+    Of a BlueBoat's runs three name the damping that grows with speed, and predict the two kept apart. All five together
+    name nothing. Where nothing is found so, only what was computed is kept.
+    """
+    if not state.question.unseen:
+        return None
+    found = look_with_process_noise(state)
+    if found is None or (found.with_noise is not None and found.with_noise.accepted):
+        return found
+    return replace(state, noise_search=found.noise_search)
 
 
 def _no_base(search: NoiseSearch, above: float) -> Doubt:
