@@ -213,4 +213,4 @@ def test_a_motion_that_runs_away_is_compared_with_nothing(trial: Trial, monkeypa
     monkeypatch.setattr(
         signals, "_compared", lambda *a: replace(compared(*a), nu=np.full_like(compared(*a).nu, np.nan))
     )
-    assert "runs away" in fit_axis(trial).extra["signals_left_out"]["r"]
+    assert "diverges" in fit_axis(trial).extra["signals_left_out"]["r"]

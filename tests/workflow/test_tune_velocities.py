@@ -91,7 +91,7 @@ def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_th
     story = harness.tune(axis="yaw")
     assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
     assert any(
-        "the three oscillations speak of an actuator that does nothing below 12" in said for said in harness.said
+        "the three oscillations indicate an actuator that does nothing below 12" in said for said in harness.said
     )
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
