@@ -13,6 +13,7 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import GuardTripped, NotAsFound, PreconditionFailed, TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
+from gcs_autotune.link.vehicle.latency import Latency
 from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 
@@ -555,6 +556,24 @@ def test_our_own_commands_that_come_late_are_nobody_else_s(boat: ScriptedVehicle
     said = str(caught.value)
     assert caught.value.guard == "late"
     assert "our own commands arrive late" in said and "other than ours" not in said
+
+
+def test_our_own_commands_that_came_late_once_are_nobody_else_s_either(
+    boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The vehicle, or the link, stalled for a second and a half, and is prompt when it is asked."""
+    monkeypatch.setattr(Latency, "lateness", 0.1)
+    link = Late(boat)
+    craft = board(link)
+    craft.arm()
+    fly(craft)
+    link.delay = 1.5
+    with pytest.raises(GuardTripped) as caught:
+        for k in range(120):
+            craft.observe()
+            craft.send(Actuate(N=0.3 if k // 30 % 2 else -0.3))
+    assert caught.value.guard == "late"
+    assert "stalled for 1." in str(caught.value) and "other than ours" not in str(caught.value)
 
 
 def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_prompt(boat: ScriptedVehicle) -> None:

@@ -43,6 +43,7 @@ class RcMonitor:
     shown : channel (1-based) -> PWM [us] in the last RC_CHANNELS.
     has_receiver : whether an RC receiver delivers channels; None before the first message.
     count : RC_CHANNELS heard.
+    memory : how long [s] what was sent may be on its way.
     """
 
     def __init__(self, session: Session) -> None:
@@ -59,13 +60,13 @@ class RcMonitor:
         self.shown: dict[int, int] = {}
         self.has_receiver: bool | None = None
         self.count = 0
-        self._memory = _MEMORY
+        self.memory = _MEMORY
         session.listen("RC_CHANNELS", self._on_rc_channels)
 
     def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
         """Take note of an override sent now: channel -> PWM [us], and of the link's *slack* [s], there and back."""
         now = self._session.liveness.listened
-        self._memory = _MEMORY + slack
+        self.memory = _MEMORY + slack
         if not self._sent:
             self._since = now
         self._driven = values
@@ -74,7 +75,7 @@ class RcMonitor:
             self._history.append((now, dict(values)))
         while len(self._history) > 1 and self._history[1][0] < now - _HISTORY:
             self._history.popleft()
-        while len(self._sent) > 1 and self._sent[1][0] < now - self._memory:
+        while len(self._sent) > 1 and self._sent[1][0] < now - self.memory:
             self._sent.popleft()
 
     def forget(self) -> None:
@@ -104,7 +105,7 @@ class RcMonitor:
         if not self._sent:
             return None
         wrong = [v for v in self._verdicts if v is not None]
-        late = self._session.liveness.listened - self._since > _PATIENCE + self._memory
+        late = self._session.liveness.listened - self._since > _PATIENCE + self.memory
         if len(wrong) < _TOO_MANY or not (self.obeyed or late):
             return None
         channel, shown = wrong[-1]
