@@ -29,6 +29,7 @@ from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.manoeuvres import MANOEUVRES
+from gcs_autotune.report import Document
 from gcs_autotune.watch import Progress, SilentWatcher
 from gcs_autotune.workflow import (
     CommonSettings,
@@ -213,7 +214,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
     args = parser.parse_args()
     if args.quick:
-        fly_module.read_flight = lambda *flight: FlightResult(flight[3][:1])  # type: ignore[attr-defined]
+        fly_module.read_flight = lambda *flight: FlightResult(flight[3][:1], Path(), Document("", ()))  # type: ignore[attr-defined]
     only, forces = ({x for x in text.split(",") if x} for text in (args.only, args.force))
     done = bad = 0
     rooms: list[tuple[str, Told]] = []

@@ -49,7 +49,8 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     follows = max((_alike(late, seconds) for seconds in REACTION), key=abs)
     whole = _stretch(trial, math.inf)
     by_thrust = len(servos.driving("X")) > 1 and _turned_by_thrust(whole)
-    if size >= STEERED and follows < -SAME and abs(late.turned) >= LEAST_TURN and not by_thrust:
+    away = follows < -SAME and abs(late.turned) >= LEAST_TURN and _accelerations(late)[0] < 0.0
+    if size >= STEERED and away and not by_thrust:
         to, steered = ("starboard", "port") if late.turned > 0.0 else ("port", "starboard")
         cure = cure_of(firmware, [o for o, _ in servos.driving("N")])
         return PreconditionFailed(
@@ -75,18 +76,27 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:
-    """Whether the throttle turned the craft and not the steering, by a regression of the turn rate on both, and on
-    itself for the drag."""
+    """Whether the throttle turned the craft and not the steering."""
     if len(s.t) < FEWEST or s.seconds <= 0.0:
         return False
-    steps = np.diff(s.t, prepend=s.t[0])
-    parts = [np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)]
-    design = np.column_stack(parts)
-    found = np.linalg.lstsq(design, s.rate - s.rate[0], rcond=None)[0]
+    by_steering, by_throttle = _accelerations(s)
     steered, driven = (
-        abs(float(found[i])) * math.sqrt(float(np.mean(x**2))) for i, x in ((0, s.steering), (1, s.throttle))
+        abs(by) * math.sqrt(float(np.mean(x**2))) for by, x in ((by_steering, s.steering), (by_throttle, s.throttle))
     )
-    return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and found[0] > -STEERED * abs(found[1])
+    return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and by_steering > -STEERED * abs(by_throttle)
+
+
+def _accelerations(s: _Stretch) -> tuple[float, float]:
+    """Return what full steering and full throttle turn the craft by [rad/s^2], by a regression of its turn rate on the
+    integrals of both, and of itself for the drag.
+
+    A ship that is unstable on her course turns away from where she is steered as well, for she is steered against it;
+    yet the steering slows that turn.
+    """
+    steps = np.diff(s.t, prepend=s.t[0])
+    design = np.column_stack([np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)])
+    found = np.linalg.lstsq(design, s.rate - s.rate[0], rcond=None)[0]
+    return float(found[0]), float(found[1])
 
 
 def tripped(error: GuardTripped) -> str:

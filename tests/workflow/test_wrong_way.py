@@ -56,6 +56,20 @@ def test_a_craft_that_turns_away_from_where_it_is_steered_is_told_what_to_swap(s
     assert "swap SERVO1_FUNCTION and SERVO3_FUNCTION" in str(why) and "another limit" not in str(why)
 
 
+def test_a_ship_unstable_on_her_course_is_not_taken_for_one_with_swapped_steering() -> None:
+    """She turns away from where she is steered, for she is steered against the turn; the steering does slow it."""
+    t = np.arange(0.0, 10.0, 0.1)
+    N, r, psi = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
+    for i in range(1, len(t)):
+        N[i] = np.clip(-0.8 * psi[i - 1], -0.3, 0.3)
+        r[i] = r[i - 1] + 0.1 * (0.5 * r[i - 1] + 0.2 * N[i - 1] - 0.05)
+        psi[i] = psi[i - 1] + 0.1 * r[i]
+    columns = {"N": N, "X": np.full(len(t), 0.4), "psi": psi}
+    ship = Trial("own", {n: Channel(n, "1", t, v) for n, v in columns.items()})
+    told = why_tripped(ship, TRIPPED, BOAT, servos_of(RUDDER))
+    assert told is None or "opposite direction" not in str(told)
+
+
 def test_a_reversed_rudder_is_told_by_its_servo() -> None:
     why = why_tripped(turning(-1.0, 0.0, 0.5), TRIPPED, BOAT, servos_of(RUDDER, SERVO1_REVERSED=1.0))
     assert why is not None and "Set SERVO1_REVERSED to 0 (it is 1)" in str(why)
