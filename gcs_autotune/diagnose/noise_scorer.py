@@ -20,6 +20,7 @@ from gcs_autotune.diagnose.score import (
     CandidateScore,
     alike_of,
     is_form_of,
+    key_of,
     lack_by_parts,
     may_be_none,
     needed_of,
@@ -165,7 +166,7 @@ class WithProcessNoise:
         """Return the score of a fit with *effect*."""
         problem, tried = self.problem, self.tried
         gained, needed = fit.total - self.present.total, needed_of(fit.unknowns - self.present.unknowns, tried)
-        now = fit.own(effect)
+        now = next(e for e in fit.effects if key_of(e) == key_of(effect))
         before = densities_of(self.left_out, self.left_out)
         after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])

@@ -303,7 +303,7 @@ def supported(search: NoiseSearch) -> NoiseSearch:
 
 def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
     """Whether the 95 % interval of a cause's numbers in *fit* contains no effect."""
-    now = fit.own(cause.effect)
+    now = next(e for e in fit.effects if key_of(e) == key_of(cause.effect))
     return may_be_none(now, fit.errors_of(now))
 
 
