@@ -57,8 +57,9 @@ from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
-from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
+from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by

@@ -1,11 +1,13 @@
 """What any fit is of: segments and a form with limits, and the free numbers of a model in a row.
 
 Both problems (:class:`.Problem`, :class:`.NoisyProblem` with process noise) and their objectives build on these.
+Nothing here simulates or fits: an objective takes the data of a problem, a problem's ``fit`` takes an objective.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +19,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["FreeNumbers", "ModelFit", "ModelProblem"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,6 +77,60 @@ class ModelProblem:
         own = [EFFECTS[effects[i].slug].bounds(effects[i].place, self.data_summary) for i, _ in free_effects]
         pairs = [e.get(n, (-np.inf, np.inf)) for e, (_, n) in zip(own, free_effects, strict=True)]
         return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
+
+
+@dataclass(frozen=True, slots=True)
+class StampPrior:
+    """Standard deviation of the shift of stamps, and how far it may go, in units of ``Segment.dating``."""
+
+    std: float
+    reach: float
+
+
+WEAK = StampPrior(2.0, 8.0)
+"""Of an identification. Chosen: the shift may well stand at the very end of what the stamps allow, and twice that is
+weak enough not to pull it back by a tenth of its standard error."""
+
+DIAGNOSTIC = StampPrior(1.0, 1.5)
+"""Of a diagnosis, where a delay is among the causes looked for and must not be taken by the shift: to the end of what
+the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
+
+
+class StampedProblem(ModelProblem):
+    """A problem in which the stamps of all inputs may be off by one shift.
+
+    Parameters
+    ----------
+    As of :class:`ModelProblem`, and
+
+    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
+        With a free delay there is no shift: the two are one number.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        segments: Sequence[Segment],
+        data_summary: DataSummary | None,
+        limits: Limits,
+        free: Sequence[str] | None = None,
+        held: Collection[Held] = (),
+        stamps: StampPrior | None = None,
+    ) -> None:
+        super().__init__(form, segments, data_summary, limits, free, held)
+        self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
+        dating = max((s.dating for s in self.segments), default=0.0)
+        self.dating = 0.0 if "delay" in self.free else dating
+
+    @property
+    def known(self) -> tuple[object, ...]:
+        """All that the problem is made of."""
+        return *super().known, self.stamps
+
+    @property
+    def shift_std(self) -> float:
+        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
+        return self.stamps.std * self.dating
 
 
 class FreeNumbers:

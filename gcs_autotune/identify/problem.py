@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
-from gcs_autotune.identify.free_numbers import ModelFit, ModelProblem
+from gcs_autotune.identify.free_numbers import ModelFit, StampedProblem, StampPrior
+from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.least_squares import Rules, descend, inverse_of
-from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
+from gcs_autotune.identify.likelihood import Limits, Objective, Residual, sums_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
 from gcs_autotune.models import CoupledModel, Form
@@ -43,16 +44,8 @@ LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
 
 
-class Problem(ModelProblem):
-    """Segments and a form, ready to fit with any effects.
-
-    Parameters
-    ----------
-    As of :class:`.ModelProblem`, and
-
-    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
-        With a free delay there is no shift: the two are one number.
-    """
+class Problem(StampedProblem):
+    """Segments and a form, ready to fit with any effects; parameters as of :class:`.StampedProblem`."""
 
     def __init__(
         self,
@@ -64,25 +57,12 @@ class Problem(ModelProblem):
         held: Collection[tuple[str, str, str]] = (),
         stamps: StampPrior | None = None,
     ) -> None:
-        super().__init__(form, segments, data_summary, limits, free, held)
-        self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
+        super().__init__(form, segments, data_summary, limits, free, held, stamps)
         self.motion = (
             {} if data_summary is None else {n: min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
         )
         """Spread of every signal, up to what counts of it."""
         self.floors = {n: FLOOR * s for n, s in self.motion.items()}
-        dating = max((s.dating for s in self.segments), default=0.0)
-        self.dating = 0.0 if "delay" in self.free else dating
-
-    @property
-    def known(self) -> tuple[object, ...]:
-        """All that the problem is made of."""
-        return *super().known, self.stamps
-
-    @property
-    def shift_std(self) -> float:
-        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
-        return self.stamps.std * self.dating
 
     def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other segments (or with other base parameters free)."""
@@ -171,8 +151,6 @@ class Problem(ModelProblem):
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
         """Return initial states of any segments, read off their first samples."""
-        from gcs_autotune.identify.initial_guess import initial_guess_of
-
         return initial_guess_of(self.form, segments).initial
 
     def states(

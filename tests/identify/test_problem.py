@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance
-from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits
+from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK
+from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.problem import FLOOR, STRIDE, TURN, Problem, label_of
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.simulators import ExplicitForm

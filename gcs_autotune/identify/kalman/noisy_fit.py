@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.free_numbers import ModelFit
-from gcs_autotune.identify.kalman.noisy_objective import ProcessNoise, log_density
+from gcs_autotune.identify.kalman.noisy_objective import log_density
+from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.models import Form
 
 __all__ = ["NoisyFit", "Tangent"]
