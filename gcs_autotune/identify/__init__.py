@@ -43,6 +43,8 @@ from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
+from gcs_autotune.identify.fitted import Fitted
+from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
 from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse, harmonic_response
 from gcs_autotune.identify.information import (
@@ -91,7 +93,7 @@ from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
 from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_plan
 from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators

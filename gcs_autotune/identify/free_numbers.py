@@ -19,7 +19,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem", "label_of"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -177,18 +177,24 @@ class FreeNumbers:
         return theta, tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class ModelFit:
     """A model fitted to a problem: :class:`.Fitted` by least squares, :class:`.NoisyFit` with process noise.
 
-    ``free``: names of the base parameters fitted; ``effects`` with their values; ``free_effects``: (index, name) of
-    their numbers that were fitted, in the order of :class:`FreeNumbers`.
+    ``theta`` (p,) base parameters, ``free`` names of those that were fitted; ``effects`` with their values,
+    ``free_effects``: (index, name) of their numbers that were fitted, in the order of :class:`FreeNumbers`.
     """
 
-    __slots__ = ()
-
-    free: tuple[str, ...]
+    form: Form
+    theta: Array
     effects: tuple[EffectInstance, ...]
+    free: tuple[str, ...]
     free_effects: tuple[tuple[int, str], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
+        return (*self.free, *(label_of(self.effects[i], n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
         """Return the effect of the same slug and place with this fit's values."""
@@ -204,3 +210,8 @@ class ModelFit:
         variances = np.diag(covariance)[len(self.free) :]
         found = zip(self.free_effects, variances, strict=False)
         return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
+
+
+def label_of(own: EffectInstance, name: str) -> str:
+    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
+    return f"{own.slug}@{own.place}.{name}"

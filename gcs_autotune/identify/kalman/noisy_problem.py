@@ -133,8 +133,8 @@ class NoisyProblem(NoiseFilter):
 
     def _fit_at(self, objective: NoisyObjective, here: Point, covariance: Array) -> NoisyFit:
         theta, effects, noise = objective.unpack(here.x)
-        free = objective.free_effects
-        return NoisyFit(self.form, theta, effects, noise, here.each, free, covariance, here.innovations)
+        fitted = (self.form.free, objective.free_effects)
+        return NoisyFit(self.form, theta, effects, *fitted, noise, here.each, covariance, here.innovations)
 
     def tangent(self, fit: NoisyFit) -> Tangent | None:
         """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
