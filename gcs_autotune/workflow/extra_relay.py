@@ -78,7 +78,7 @@ def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watche
     """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
     watcher.say(third.why)
     try:
-        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
         watcher.say(f"{error}; continuing with the two flown")
         return []
