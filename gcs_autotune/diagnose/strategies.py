@@ -43,7 +43,7 @@ from gcs_autotune.diagnose.search import add_one_by_one, judge
 from gcs_autotune.diagnose.search_with_noise import wanders
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
@@ -378,7 +378,9 @@ def _as_likely(
 
 
 def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> list[EffectInstance]:
-    """Return the effect called *slug* at every place, its one number that of *effect*; none when they have more."""
+    """Return the effect called *slug*, of one number as *effect* is, at every place: with that number where it may have
+    it, and where *effect* is with those it usually begins from: a number of another meaning may lead astray.
+    """
     entry = EFFECTS[slug]
     if len(effect.values) != 1 or len(entry.parameters) != 1:
         return []
@@ -386,8 +388,10 @@ def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> lis
     found = []
     for place in entry.places(data):
         low, high = entry.bounds(place, data).get(name, (-math.inf, math.inf))
-        if low <= value <= high:
-            found.append(EffectInstance(slug, place, {name: value}, dict(entry.constants(place, data))))
+        starts = [{name: value}] if low <= value <= high else []
+        if effect.place in (place, *columns_of(place)):
+            starts += [dict(start) for start in entry.starts(place, data)]
+        found += [EffectInstance(slug, place, start, dict(entry.constants(place, data))) for start in starts]
     return found
 
 

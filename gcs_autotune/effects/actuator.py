@@ -269,6 +269,7 @@ class QuadraticActuator(Characteristic):
     grows_with = ("share",)
     shown_by = "residual against command bends: too little thrust at small commands, too much at large ones"
     mistaken_for = ("dead-zone", "quadratic-drag", "saturation", "speed-dependent-steering")
+    yields_to = ("asymmetric-thrust",)  # as a saturation does
     separated_by = (
         "steps from rest to a quarter, half, three quarters and all of full command: how hard each starts, before "
         "there is any speed, is the thrust curve itself; drag shows only in how fast each ends"

@@ -145,7 +145,9 @@ def turns(seed: int, *, astern: float, lag: float = 0.0) -> Trial:
 
 def test_where_the_hardest_turns_take_one_thruster_astern_its_weakness_comes_before_a_limit() -> None:
     runs = [turns(seed, astern=0.5) for seed in (1, 2)]
-    told = diagnose(runs, dof="yaw", effects=["saturation", "asymmetric-thrust", "quadratic-drag"])
+    told = diagnose(
+        runs, dof="yaw", effects=["saturation", "quadratic-actuator", "asymmetric-thrust", "quadratic-drag"]
+    )
     (cause,) = told.causes
     assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "N+X")
     assert cause.effect["ratio"] == pytest.approx(0.5, abs=0.05)
