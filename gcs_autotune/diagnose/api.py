@@ -112,13 +112,13 @@ def _diagnosed(
     """Do as :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
-        raise UsageError("no run was given to diagnose")
+        raise UsageError("no run to diagnose: name at least one run file")
     slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
     early: list[Doubt] = []
     given = None if model is None else model_in_question(model)
     if simulations:
         if given is not None:
-            raise UsageError("give either a model or a simulation's output, not both")
+            raise UsageError("supply either a model or a simulation's output, not both")
         given, early = surrogate_of(
             simulations, together, dof=dof, use=use, form=form, effects=slugs, progress=progress, jobs=jobs
         )

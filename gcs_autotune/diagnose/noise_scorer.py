@@ -110,7 +110,7 @@ class WithProcessNoise:
         """Fit to the end what was fitted roughly, from several starts of the process noise."""
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
-            self.say(f"{self.stage}: fitting to the end", k, RUNNERS)
+            self.say(f"{self.stage}: final fits", k, RUNNERS)
             tries = [fit, problem.fit(fit.theta, fit.effects, fit.noise)]
             same = alike_in(fit.noise, problem.runs)
             if fit.noise.day_thrust or fit.noise.day_force > 1.01 * same.day_force:
@@ -158,7 +158,7 @@ class WithProcessNoise:
         """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""
         found = []
         for k, (effect, fit) in enumerate(ends):
-            self.say(f"{self.stage}: runs left out", k, len(ends))
+            self.say(f"{self.stage}: held-out runs", k, len(ends))
             found.append(self._sound(self.score(effect, fit)))
         return sorted(found, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
 
@@ -193,7 +193,7 @@ class WithProcessNoise:
         if found.lacks is not None:
             return found
         if not stands(self.problem, found.fit):
-            return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
+            return replace(found, lacks="no-model", unsound="with it no model of the craft fits")
         seen: list[tuple[float, float]] = []
         unseen = self.unseen(found.fit)
         for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
@@ -207,7 +207,7 @@ class WithProcessNoise:
         found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
             return found
-        why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+        why = f"does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
         return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:

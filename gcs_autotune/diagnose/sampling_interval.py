@@ -251,7 +251,7 @@ def judged_at(
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
-    words = f"judged every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
+    words = f"sampled every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
     return begun, None, words + _told(far[1])
 
 
@@ -265,11 +265,11 @@ def _told(fit: NoisyFit) -> str:
 
 
 def _moved(first: Look, found: Look, seconds: float) -> str:
-    term = found.best.effects[0].slug if found.best.effects else "no term more"
+    term = found.best.effects[0].slug if found.best.effects else "no added term"
     return (
-        f"judged every {first.problem.interval:.2g} s the plain model has {_told(first.plain)} and the best model errs "
-        f"by {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s and more, with {term}, "
-        f"{_told(found.best)} and {found.error:.2g}: the runs are judged there"
+        f"sampled every {first.problem.interval:.2g} s the plain model has {_told(first.plain)}, and the best model an "
+        f"error of {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s or more, with {term}, "
+        f"{_told(found.best)} and {found.error:.2g}; this interval is used"
     )
 
 

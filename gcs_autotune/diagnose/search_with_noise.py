@@ -100,7 +100,7 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
         "process-noise",
         f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the causes reported still "
         f"improve prediction of the {search.dof} of held-out runs",
-        "treat the causes as hypotheses; repeat in calm water, or record a run on which the craft comes back to rest",
+        "treat the causes as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
@@ -123,7 +123,7 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
     return Doubt(
         "above-command",
         f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
-        "much as the commands do: no cause is identified beside a disturbance of that size",
+        "hard as the commands do: no cause can be identified under a disturbance of that size",
         "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
     )
 
@@ -143,10 +143,9 @@ def _without_names(state: SearchState) -> SearchState:
     names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
     doubt = Doubt(
         NO_MODEL,
-        "no model of the craft was found with process noise modelled: what is left over is no noise, and from no start "
-        "does an equation with a drifting force follow these runs"
-        + (f"; {names} is therefore not identified" * bool(names)),
-        "look at columns, units and clocks first; then calmer water, or slower and larger commands",
+        "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
+        "is more than noise" + (f"; {names} is therefore not identified" * bool(names)),
+        "check columns, units and clocks first; then record in calmer water, or with slower and larger commands",
     )
     return replace(
         state,
@@ -192,10 +191,10 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
 def _no_weather(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
-        f"what drives the {search.dof} besides its commands lasts {search.plain.noise.memory:.2g} s, no "
-        "more than two samples: that is no wind, wake or current",
-        "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
-        "trace",
+        f"the disturbance of the {search.dof} has a correlation time of {search.plain.noise.memory:.2g} s, at most two "
+        "samples: too short for wind, wake or current",
+        "check that commands are stamped when they take effect and that the sensor is logged unfiltered: either "
+        "fault looks like this",
     )
 
 
@@ -203,7 +202,8 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
     names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
     return Doubt(
         "not-under-process-noise",
-        f"{names} lowers the error of a simulation without process noise, and predicts nothing once it is modelled",
+        f"{names} lowers the error only without process noise modelled; with it, prediction of held-out runs does not "
+        "improve",
         "repeat the runs in calmer water",
     )
 

@@ -62,15 +62,15 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     if _is_another_craft(again):
         lost = Doubt(
             NO_MODEL,
-            f"no model of the craft was found to name a cause beside: in pieces of {seconds:.3g} s the plain fit ended "
-            f"at another time constant than it began with, by a factor of more than {ANOTHER_CRAFT:g}",
-            "look at columns, units and clocks first; then calmer water, or larger commands held longer",
+            f"no model of the craft fits, so no cause is reported: in pieces of {seconds:.3g} s the time constant of "
+            f"the plain fit moved by more than a factor of {ANOTHER_CRAFT:g}",
+            "check columns, units and clocks first; then record in calmer water, or with larger commands held longer",
         )
         return replace(state, doubts=(*state.doubts, lost), cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
-        f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
-        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+        f"over whole runs no cause improves prediction; the causes reported were found in pieces of {seconds:.3g} s",
+        "treat them as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
 
@@ -87,9 +87,8 @@ def look_at_all_runs(state: SearchState) -> SearchState | None:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
-        "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
-        "together",
-        "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
+        "the runs to fit alone do not predict the held-out runs; the causes were found in all runs together",
+        "fit runs with the same sizes of command as those to be predicted; here the gain is of parts left out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
 

@@ -213,7 +213,7 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and another", path.taken[-1].fit, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} and one more", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
@@ -261,7 +261,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
+    state, again = state.step(f"is {slug} still needed", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
     if rival is None:
         return state

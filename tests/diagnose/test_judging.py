@@ -387,4 +387,4 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
-    assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told
+    assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is told

@@ -266,7 +266,9 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith("it swings every 4.2 s besides, as waves or a mount that shakes make it: the heading by ")
+    assert told.startswith(
+        "it also oscillates with a period of 4.2 s, as from waves or a loose sensor mount: the heading by "
+    )
     assert "N m (standard deviations)" in told
 
 
