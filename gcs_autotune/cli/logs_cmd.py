@@ -69,8 +69,8 @@ def _fetch(args: argparse.Namespace) -> int:
 
     operator = ConsoleOperator(yes=True, bell=not args.quiet)
     connection = connection_of(args, uri_of(args))
-    with operator.listening(), watching(args) as watcher:
-        logs, log, data = fetch_onboard_log(connection, args.number, operator, watcher)
+    with operator.listening(), watching(args) as observer:
+        logs, log, data = fetch_onboard_log(connection, args.number, operator, observer)
     if log is None:
         for one in logs:
             when = f", {datetime.fromtimestamp(one.utc):%Y-%m-%d %H:%M}" if one.utc else ""

@@ -18,8 +18,8 @@ from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+from gcs_autotune.observer import Progress
 from gcs_autotune.sname import DOFS
-from gcs_autotune.watch import Progress
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor

@@ -25,8 +25,8 @@ from gcs_autotune.identify import (
     pays,
     unexplained,
 )
+from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 
@@ -74,13 +74,13 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watcher: Watcher) -> list[Trial]:
+def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, observer: Observer) -> list[Trial]:
     """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
-    watcher.say(third.why)
+    observer.say(third.why)
     try:
         return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
     except NotAchieved as error:
-        watcher.say(f"{error}; continuing with the two flown")
+        observer.say(f"{error}; continuing with the two flown")
         return []
 
 

@@ -28,8 +28,8 @@ from gcs_autotune.manoeuvres import (
     ThrustCheckSettings,
 )
 from gcs_autotune.mavlink import message_number
+from gcs_autotune.observer import Observer
 from gcs_autotune.untrusted_text import quoted
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 
 __all__ = [
@@ -313,7 +313,7 @@ class _Estimator:
         self._stop()
 
 
-def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
+def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
     """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
 
     After half a minute the checks are left to arming, which reports why they fail.
@@ -324,27 +324,27 @@ def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
         A boat without a position estimate after a minute and a half.
     """
     craft.send(Actuate())
-    _await_checks(craft, watcher)
+    _await_checks(craft, observer)
     if craft.firmware.needs_position:
-        _await_position(craft, watcher)
+        _await_position(craft, observer)
 
 
-def _await_checks(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
     deadline, said = Deadline.after(craft.clock, _CHECKS_PATIENCE), False
     while not craft.armed and craft.telemetry.latest.get("prearm_ok", math.nan) == 0.0 and not deadline.expired:
         if not said:
-            watcher.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
+            observer.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
             said = True
         craft.observe()
 
 
-def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
     estimator, said = _Estimator(craft), False
     deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
-                watcher.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
+                observer.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(

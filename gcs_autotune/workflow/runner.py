@@ -39,8 +39,8 @@ from gcs_autotune.manoeuvres import (
     TurnAboutSettings,
     far_out,
 )
+from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
 from gcs_autotune.workflow.preflight import check_signs
 from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
@@ -60,7 +60,7 @@ class ManoeuvreRunner:
         self,
         craft: MavlinkCraft,
         envelope: Envelope,
-        watcher: Watcher,
+        observer: Observer,
         keep: Callable[[Trial], None],
         patience: float = 0.0,
         ask: Callable[[str], bool] = lambda question: False,
@@ -69,8 +69,8 @@ class ManoeuvreRunner:
     ) -> None:
         self._gains = gains
         self._craft = craft
-        self._watcher = watcher
-        self._patience = Patience(craft, patience, watcher.say, ask)
+        self._observer = observer
+        self._patience = Patience(craft, patience, observer.say, ask)
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
@@ -79,7 +79,7 @@ class ManoeuvreRunner:
         """Whether sensors contradicted each other in a manoeuvre that more depends on."""
         self.too_fast = ""
         """Why the autopilot may drive too fast, in words, where that is known."""
-        self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
+        self._sequencer = Sequencer(craft, envelope, observer, self._keeping(keep))
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
         def keep_and_remember(trial: Trial) -> None:
@@ -125,7 +125,7 @@ class ManoeuvreRunner:
                 if not self.bear(error):
                     self._explain(error)
                     raise
-            self._watcher.say(f"continuing: {stage or again.name} is flown again from its start")
+            self._observer.say(f"continuing: {stage or again.name} is flown again from its start")
             self._come_down(again)
             manoeuvre = deepcopy(again)
 
@@ -146,7 +146,7 @@ class ManoeuvreRunner:
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
             if wrong or self.contradicted:
                 raise
-            self._watcher.say(f"steering, which is held during this: {error}")
+            self._observer.say(f"steering, which is held during this: {error}")
 
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
         """Whether this computer left the vehicle without commands for long since link time *begun* [s].
@@ -165,7 +165,7 @@ class ManoeuvreRunner:
         told = f"this computer paused for {pause:.1f} s without sending commands, so the vehicle released the overrides"
         if self._spoilt > MOST_SPOILT:
             raise PreconditionFailed(f"{reason}. But {told}. Close other programs or use a faster computer")
-        self._watcher.say(f"{reason}. But {told}")
+        self._observer.say(f"{reason}. But {told}")
         return True
 
     def _explain(self, error: AutotuneError) -> None:
@@ -195,7 +195,7 @@ class ManoeuvreRunner:
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
             self.contradicted = True
             raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run ends here")
-        self._watcher.say(f"{manoeuvre.name}: {found}")
+        self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
         """Return whether *error* was a silence that is over, the craft neutral and ready to go on."""

@@ -136,8 +136,8 @@ def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_fl
 ) -> None:
     flown: list[str] = []
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], armed=False)
-    watcher: Any = SimpleNamespace(say=print)
-    runner = ManoeuvreRunner(craft, Envelope(), watcher, print)
+    observer: Any = SimpleNamespace(say=print)
+    runner = ManoeuvreRunner(craft, Envelope(), observer, print)
     monkeypatch.setattr(
         runner, "attempt", lambda manoeuvre, stage: flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
     )
