@@ -123,7 +123,7 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until, e.g. --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
-    _see_it_is_known(args)
+    _verify_known(args)
     check_model_file(args.model)
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
@@ -131,7 +131,7 @@ def _run(args: argparse.Namespace) -> int:
     return run_flight(args)
 
 
-def _see_it_is_known(args: argparse.Namespace) -> None:
+def _verify_known(args: argparse.Namespace) -> None:
     """Reject an unknown manoeuvre before the slow imports."""
     from gcs_autotune.manoeuvres import MANOEUVRES
     from gcs_autotune.registry import lookup

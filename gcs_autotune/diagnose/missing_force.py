@@ -31,7 +31,7 @@ UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row
 """What the missing force is told over -> its unit."""
 
 TOLD = 0.1
-"""Share of the missing force that must go with something, foretold from other runs, to be told."""
+"""Share of the missing force that a quantity must explain, predicted from other runs, to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,15 +267,16 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
         return f"{fits}, but {unnamed.unsound}: not reported as a cause"
-    if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
+    if unnamed.held_out_gain > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
-            f"{fits}, that of held-out runs by {unnamed.foretold:+.1f} (90 % interval {low:+.1f} to {high:+.1f}): too "
-            "uncertain to report as a cause"
+            f"{fits}, that of held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to {high:+.1f}): "
+            "too uncertain to report as a cause"
         )
-    if unnamed.foretold > 0.0:
-        return f"{fits}, that of all held-out runs by {unnamed.foretold:+.1f}, but not of each: not reported as a cause"
-    return f"{fits}, but lowers that of held-out runs ({unnamed.foretold:+.1f}): rejected"
+    if unnamed.held_out_gain > 0.0:
+        together = f"that of all held-out runs by {unnamed.held_out_gain:+.1f}, but not of each"
+        return f"{fits}, {together}: not reported as a cause"
+    return f"{fits}, but lowers that of held-out runs ({unnamed.held_out_gain:+.1f}): rejected"
 
 
 def next_of(missing: MissingForce | None) -> str | None:

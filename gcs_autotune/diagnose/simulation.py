@@ -16,9 +16,9 @@ from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.plain_numbers import driven_by
 from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.two_records import compared
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for

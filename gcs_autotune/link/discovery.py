@@ -25,7 +25,7 @@ __all__ = [
     "cannot_be_commanded",
     "choose",
     "is_autopilot",
-    "nobody_found",
+    "no_vehicle_error",
     "not_believed",
 ]
 
@@ -105,7 +105,7 @@ def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
     return candidates[0]
 
 
-def nobody_found(
+def no_vehicle_error(
     description: str,
     timeout: float,
     system_id: int | None,

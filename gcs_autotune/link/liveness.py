@@ -17,7 +17,7 @@ __all__ = ["GONE", "HeldSender", "Liveness"]
 _LONGEST_PUMP = 0.5
 """Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
 that is busy or was suspended), and what has come meanwhile is still to be read."""
-_WORTH_KEEPING = 0.5
+_LEAST_KEPT = 0.5
 _KEPT = 50
 
 
@@ -27,13 +27,13 @@ class Liveness:
     Attributes
     ----------
     listened : seconds of link time spent pumping.
-    last_heard : what ``listened`` was when the vehicle was last heard.
+    last_received : what ``listened`` was when the vehicle was last heard.
     """
 
     def __init__(self, now: float) -> None:
         self._last_pump = now
         self.listened = 0.0
-        self.last_heard = 0.0
+        self.last_received = 0.0
         self._word = 0.0
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
@@ -44,7 +44,7 @@ class Liveness:
     @property
     def silence(self) -> float:
         """Seconds spent listening since the vehicle was last heard."""
-        return self.listened - self.last_heard
+        return self.listened - self.last_received
 
     def count(self, now: float) -> float:
         """Count the time since we listened last, now being link time *now* [s]; return how long [s] that is."""
@@ -53,7 +53,7 @@ class Liveness:
         return since
 
     @property
-    def unheard(self) -> float:
+    def actual_silence(self) -> float:
         """The same, whatever silence is borne."""
         return self.listened - self._word
 
@@ -63,13 +63,13 @@ class Liveness:
 
     def heard(self) -> None:
         """The vehicle has just said something."""
-        if self.unheard > _WORTH_KEEPING:
-            self._silences.append((self.listened, self.unheard))
-        self.last_heard = self._word = self.listened
+        if self.actual_silence > _LEAST_KEPT:
+            self._silences.append((self.listened, self.actual_silence))
+        self.last_received = self._word = self.listened
 
     def bear(self, silence: float) -> None:
         """Count the silence from *silence* [s] ahead: so long the vehicle may still be quiet."""
-        self.last_heard = self.listened + silence
+        self.last_received = self.listened + silence
 
 
 LOSSY = 0.1
@@ -149,7 +149,7 @@ class HeldSender:
         self.origin = ""
         self._notes = notes
         self._suspects: dict[str, str] = {}
-        self._strangers: dict[str, None] = {}
+        self._other_senders: dict[str, None] = {}
         self.loss = Loss()
         self._voices: dict[int, _Voice] = {}
         self._last: _Voice | None = None
@@ -162,7 +162,7 @@ class HeldSender:
     def hear(self, frame: Frame) -> None:
         """Follow the sequence numbers of the sender held to; tell, once, of two that interleave, and of strangers."""
         if self._suspects:
-            self._tell_of_strangers()
+            self._report_others()
         sequence = frame.raw[4] if frame.raw[0] == 0xFD else frame.raw[2]
         self.loss.hear(sequence)
         voice = self._voices.pop(sequence, None) or _Voice()
@@ -179,25 +179,24 @@ class HeldSender:
                 "Use a signed link if the other one is unknown"
             )
 
-    def note_stranger(self, frame: Frame) -> None:
+    def note_other_sender(self, frame: Frame) -> None:
         """Note somebody else who says that he is the vehicle; he is told of, once, when that is heard after him."""
-        if frame.origin not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+        if frame.origin not in self._other_senders and len(self._other_senders) < _MOST_STRANGERS:
             self._suspects[frame.origin] = f"system {frame.system}, component {frame.component}"
 
-    def _tell_of_strangers(self) -> None:
+    def _report_others(self) -> None:
         for origin, ids in self._suspects.items():
-            self._strangers[origin] = None
+            self._other_senders[origin] = None
             self._notes.append(
                 f"another sender at {origin} uses the vehicle's ids ({ids}); the vehicle is at {self.origin}. The "
-                f"other is "
-                "ignored. Give one of the two another system id, or use a signed link"
+                "other is ignored. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
 
     @property
     def others(self) -> tuple[str, ...]:
         """Where others spoke from under the vehicle's ids."""
-        return tuple(dict.fromkeys((*self._suspects, *self._strangers)))
+        return tuple(dict.fromkeys((*self._suspects, *self._other_senders)))
 
     def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
         """Whether *frame* is a stranger's AUTOPILOT_VERSION that shows him to be the *known* vehicle come back."""

@@ -43,7 +43,7 @@ class Routing:
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
 
-    def note_foreign(self, frame: Frame, our_system: int) -> None:
+    def note_other_station(self, frame: Frame, our_system: int) -> None:
         """Take a frame of somebody else's; a station with our own system id is told of, once."""
         self.foreign[frame.system, frame.component] += 1
         for hear in self._overhearing:

@@ -21,7 +21,7 @@ from gcs_autotune.link.discovery import (
     VehicleCandidate,
     cannot_be_commanded,
     choose,
-    nobody_found,
+    no_vehicle_error,
     not_believed,
 )
 from gcs_autotune.link.frame_port import FramePort
@@ -66,14 +66,14 @@ _ASKED_AGAIN = 0.5
 """Seconds after which a heartbeat that did not come is asked for again."""
 _ROUNDING = 1e-6
 """Seconds: what sums of decimal fractions may be off."""
-_HEARD_OUT = 2.0
+_LISTEN_FOR_SECOND = 2.0
 """Seconds that the link is listened to for a second autopilot: two heartbeats."""
 _VERSION_TRIES = 3
 
 
 _SEEN = 3
 """Chosen: messages without a gap between them, after which a link does not lose half of all."""
-_TO_TELL = 20.0
+_TIME_TO_KNOW = 20.0
 """Chosen [s]: a vehicle that streams nothing sends twenty heartbeats in so long."""
 
 
@@ -248,7 +248,7 @@ class Session:
             self._route(frame)
         if was_away and data:
             self._catch_up()
-        self.check_heard(self._timeout)
+        self.check_contact(self._timeout)
 
     def _catch_up(self) -> None:
         """Read on what came while this computer was busy: the oldest comes first, and what counts is the newest."""
@@ -265,19 +265,19 @@ class Session:
             if not self._sightings.take(frame):
                 self.routing.foreign[frame.system, frame.component] += 1
         elif (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
-            self.routing.note_foreign(frame, self.port.system)
+            self.routing.note_other_station(frame, self.port.system)
         elif self._held_sender.is_held(frame):
             self._held_sender.hear(frame)
             self.liveness.heard()
             self._held_at = self.liveness.listened
             self.routing.tell(frame)
         else:
-            self._hear_stranger(frame, self.vehicle)
+            self._receive_from_other(frame, self.vehicle)
 
-    def _hear_stranger(self, frame: Frame, vehicle: VehicleIdentity) -> None:
+    def _receive_from_other(self, frame: Frame, vehicle: VehicleIdentity) -> None:
         """Somebody at another address says that he is the vehicle. When that has fallen silent, he may be."""
         if self.liveness.listened - self._held_at <= GONE:
-            self._held_sender.note_stranger(frame)
+            self._held_sender.note_other_sender(frame)
         elif self._held_sender.may_be(frame, vehicle):
             self._hold(frame.origin, vehicle)
         elif frame.name == "HEARTBEAT":
@@ -307,14 +307,14 @@ class Session:
         """
         if self.loss.received >= _SEEN and not self.loss.lost:
             return ""
-        self.wait_for(lambda: self.loss.is_known or None, _TO_TELL)
+        self.wait_for(lambda: self.loss.is_known or None, _TIME_TO_KNOW)
         return self.loss.words
 
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         self._held_sender.hold(origin, known)
         self.transport.hold(origin)
 
-    def check_heard(self, patience: float) -> None:
+    def check_contact(self, patience: float) -> None:
         """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
         if self.vehicle is not None and self.liveness.silence > max(patience, self.patience):
             raise LinkLost(
@@ -330,13 +330,13 @@ class Session:
         """
         deadline = Deadline.after(self.liveness, timeout)
         while (found := condition()) is None:
-            if deadline.expired and not self.bears_silence:
+            if deadline.expired and not self.tolerates_silence:
                 return None
             self.pump(_HEED if deadline.expired else deadline.remaining)
         return found
 
     @property
-    def bears_silence(self) -> bool:
+    def tolerates_silence(self) -> bool:
         """Whether the vehicle is silent now, and that is waited out."""
         return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
@@ -409,11 +409,11 @@ class Session:
         """
         if self.heartbeats == self._given_up_at:
             return False
-        last_heard = self.liveness.last_heard
+        last_received = self.liveness.last_received
         with self.operator.shielded(), suppress(LinkLost):
             if self.await_return(patience):
                 return True
-        self._given_up_at, self.liveness.last_heard = self.heartbeats, last_heard
+        self._given_up_at, self.liveness.last_received = self.heartbeats, last_received
         return False
 
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
@@ -448,10 +448,12 @@ class Session:
             if port.signer and port.signer.refused:
                 raise not_believed(port.signer, where)
             where += port.trouble
-            raise nobody_found(where, timeout, system_id, sightings.candidates, self.routing.foreign, port.bad_bytes)
+            raise no_vehicle_error(
+                where, timeout, system_id, sightings.candidates, self.routing.foreign, port.bad_bytes
+            )
         if system_id is not None:
             return wanted
-        self.pause(_HEARD_OUT)
+        self.pause(_LISTEN_FOR_SECOND)
         return choose(list(sightings.candidates.values()))
 
     def _introduce(self, wanted: VehicleCandidate) -> VehicleIdentity:

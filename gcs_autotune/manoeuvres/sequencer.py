@@ -137,12 +137,12 @@ class Sequencer:
             trial = replace(recorded, reason=outcome.reason, meta={**recorded.meta, **manoeuvre.settings})
             self._keep(trial)
         if failure is not None:
-            self._say_not_neutral(failure)
+            self._report_not_neutral(failure)
             if error is None:
                 raise failure
         return trial
 
-    def _say_not_neutral(self, failure: AutotuneError) -> None:
+    def _report_not_neutral(self, failure: AutotuneError) -> None:
         self._observer.say(
             f"Neutral outputs could not be confirmed ({failure}). The vehicle's own override time-out makes them "
             f"neutral."

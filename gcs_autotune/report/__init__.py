@@ -23,7 +23,7 @@ from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
-    TrialTold,
+    TrialSummary,
     flight_document,
     preview_document,
 )
@@ -62,7 +62,7 @@ __all__ = [
     "StageBar",
     "Study",
     "TerminalObserver",
-    "TrialTold",
+    "TrialSummary",
     "TuneStory",
     "beside_telemetry",
     "correlation_plot",

@@ -17,10 +17,10 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.observer import Observer
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
+__all__ = ["agreed", "ask", "ask_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -118,12 +118,12 @@ def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question
     return ask(craft, operator, question)
 
 
-def asked_now(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
+def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return the operator's answer to a question that ``--yes`` does not answer; False without an operator.
 
     The mode is left as it is, and the sticks neutral.
     """
-    if not can_be_asked(operator):
+    if not answers_questions(operator):
         observer.say(f"{question} No operator to ask (--yes): no.")
         return False
     return operator.ask(question, craft.session.pump)

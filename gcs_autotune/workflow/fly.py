@@ -195,7 +195,7 @@ class _Flight:
         """
         seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
         log.say(f"{of} (the manoeuvre alone): {seen.told()}")
-        self._tell_track(run)
+        self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
             raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
         if run.why_not and not only_preview:
@@ -206,7 +206,7 @@ class _Flight:
             by = ", with assumed parameters" if assumed else ""
             log.say(f"the {of} ends early{by}: {seen.trouble}")
 
-    def _tell_track(self, run: FlightRun) -> None:
+    def _report_track(self, run: FlightRun) -> None:
         """Tell the observer where the run is expected to go from where the vehicle is now."""
         seen, now = run.preview, self._visit.craft.observe()
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
@@ -362,7 +362,7 @@ class _Flight:
         next_run = self._next_planned if self._planner is not None else self._next_again
         while (run := next_run(think)) is not None:
             self.runs.append(run)
-            self._tell_track(run)
+            self._report_track(run)
             yield run
 
     def _next_planned(self, think: Callable[..., Any]) -> FlightRun | None:

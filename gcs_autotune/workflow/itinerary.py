@@ -246,7 +246,7 @@ class Itinerary:
 
 
 class MissionLog:
-    """An observer that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also states its stage."""
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer

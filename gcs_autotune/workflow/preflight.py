@@ -16,7 +16,7 @@ from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
-    HELD_MEANWHILE,
+    HELD_DURING,
     MANOEUVRES,
     Flown,
     Manoeuvre,
@@ -197,7 +197,7 @@ def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
     """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
     if dof == "yaw" or not servos.driving("N"):
         return False
-    held = HELD_MEANWHILE.get(excitation_of(dof).signal, ())
+    held = HELD_DURING.get(excitation_of(dof).signal, ())
     return firmware.needs_way or any(gains.signal == "psi" for gains in held)
 
 
@@ -387,7 +387,7 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
 
 
-_TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
+_MESSAGE_OF: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
 """Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
 _WAITING = 5.0
 """Chosen [s]: for the first of them."""
@@ -405,7 +405,7 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
         craft.rates.request(axis_kind(kind.axis).rates)
     if not kind.needs:
         return
-    message, rate = _TOLD_BY[kind.needs]
+    message, rate = _MESSAGE_OF[kind.needs]
     craft.rates.request({message: rate})
     now = craft.observe()
     until = now.t + _WAITING

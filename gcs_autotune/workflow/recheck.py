@@ -115,9 +115,9 @@ class Recheck:
         """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
         served."""
         sheet, why = think(partial(read_loop, trial))
-        if not self.factor or (sheet is not None and _is_telling(sheet)):  # else the first one says more
+        if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
             self.sheet, self.why, self.shown = sheet, why, trial
-        if self.factor or (sheet is not None and _is_telling(sheet)):
+        if self.factor or (sheet is not None and _is_informative(sheet)):
             return None
         small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
         factor = LARGER if small else SMALLER
@@ -144,7 +144,7 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
     return sheet, ""
 
 
-def _is_telling(sheet: Sheet) -> bool:
+def _is_informative(sheet: Sheet) -> bool:
     """Whether a verdict on the loop can be read off it: its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
@@ -192,7 +192,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
         return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
-    if sheet is None or not _is_telling(sheet):
+    if sheet is None or not _is_informative(sheet):
         why = check.why or next(
             (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
         )

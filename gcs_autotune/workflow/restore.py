@@ -33,7 +33,7 @@ from gcs_autotune.mavlink import Message, load_params, message_number, save_para
 from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.open_runs import forget_run
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
@@ -152,7 +152,7 @@ class _Restoring:
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
         foreign = {n: f"its value {now:g} was not written by the run" for n, (now, _) in changes.items()}
         self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
-        self._left |= self._foreign_state(self._state.left_in, armed_by_us=self._state.armed_by_us)
+        self._left |= self._state_changed_by_others(self._state.left_in, armed_by_us=self._state.armed_by_us)
         decided = self._decide(changes)
         changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
@@ -168,7 +168,7 @@ class _Restoring:
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
-            self._left |= self._foreign_state((), armed_by_us=False)
+            self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
             self._observer.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
             self._put_back_state()
@@ -190,8 +190,7 @@ class _Restoring:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
                 f"left unchanged, possibly set by another operator: {shown}. Run `gcs-autotune restore` without --yes "
-                f"to "
-                "decide each",
+                "to decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
@@ -224,7 +223,7 @@ class _Restoring:
     def _is_ours(self, name: str, held: float) -> bool:
         return any(same_float32(held, value) for value in self._state.written.get(name, ()))
 
-    def _foreign_state(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
+    def _state_changed_by_others(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
         """Return what of mode and armed state neither we, who *left_in* a mode, nor the vehicle by itself made so.
 
         A vehicle that another operator has put into a mode that drives it stays armed: that one needs it so.
@@ -291,7 +290,7 @@ class _Restoring:
 
     def _decide(self, changes: Mapping[str, tuple[float, float]]) -> set[str]:
         """Ask about each thing that another operator may want as it is; return what was decided either way."""
-        if not can_be_asked(self._operator):
+        if not answers_questions(self._operator):
             return set()
         asked = dict(self._left)
         for what, why in asked.items():

@@ -301,13 +301,13 @@ class Patience:
     def _is_back(self) -> bool:
         """Wait for the vehicle, as long as was stated."""
         session = self._craft.session
-        if session.liveness.unheard <= _HERE:
+        if session.liveness.actual_silence <= _HERE:
             return session.liveness.longest(_LATELY) <= self._seconds
-        left = self._seconds - session.liveness.unheard
+        left = self._seconds - session.liveness.actual_silence
         if left <= 0.0:
             return False
         self._say(
-            f"no messages for {session.liveness.unheard:.0f} s: waiting {left:.0f} s more (--patience); "
+            f"no messages for {session.liveness.actual_silence:.0f} s: waiting {left:.0f} s more (--patience); "
             "Ctrl-C ends the run"
         )
         with suppress(LinkLost):
@@ -317,7 +317,7 @@ class Patience:
     def _make_ready(self) -> bool:
         craft = self._craft
         craft.await_heartbeat()
-        craft.see_restart()
+        craft.check_restart()
         change = craft.intervention()
         if change is not None and not self._may_undo(change):
             return False

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.diagnose.command_match import match_commands
-from gcs_autotune.diagnose.two_records import compared
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.trial import Channel, Trial
 
 LASTS, ROW, ROW_SIMULATED = 120.0, 0.1, 0.05

@@ -67,7 +67,7 @@ def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, fl
             if not pending:
                 break
             if k == 0 and len(pending) <= IN_FLIGHT // 2:  # both answers in one round trip: a write waits for them
-                parameters.ask_besides(pending)
+                parameters.request_also(pending)
             parameters.read_all(pending, as_is=True)
     finally:
         stop()
@@ -152,7 +152,7 @@ class Parameters:
             )
         return found
 
-    def ask_besides(self, names: Iterable[str]) -> None:
+    def request_also(self, names: Iterable[str]) -> None:
         """Ask for several parameters once more, beside a reading to come; do not wait."""
         for name in names:
             self._exchange.request(name)

@@ -167,8 +167,7 @@ class MavsdkLink(Transport):
         if said.startswith(_REFUSED):
             raise CannotOpenLink(
                 f"cannot connect to {where}: MAVSDK reported: {said}. Check that the vehicle or simulator is running, "
-                f"and "
-                "its port"
+                "and its port"
             )
 
     def _hear(self, data: bytes) -> None:

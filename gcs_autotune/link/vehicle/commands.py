@@ -78,11 +78,11 @@ class Commands:
         *values: float,
         timeout: float = _REPLY,
         tries: int = _TRIES,
-        in_vain: Callable[[], bool] = lambda: False,
+        is_done: Callable[[], bool] = lambda: False,
     ) -> None:
         """Send COMMAND_LONG until it is answered; ``IN_PROGRESS`` is waited on.
 
-        in_vain : asked before it is sent again: True where it must not be.
+        is_done : asked before it is sent again: True where it must not be.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Commands:
         self._in_progress = command
         try:
             for confirmation in range(tries):
-                if confirmation and in_vain():
+                if confirmation and is_done():
                     break
                 self._session.send(self._message(command, confirmation, values))
                 if self._session.wait_for(lambda: True if answers else None, timeout):
@@ -159,7 +159,7 @@ class Commands:
             self.command_long(
                 mavlink.MAV_CMD_DO_SET_MODE,
                 *values,
-                in_vain=lambda: not self._session.ask_state(_KNOWN) or self._session.custom_mode != before,
+                is_done=lambda: not self._session.ask_state(_KNOWN) or self._session.custom_mode != before,
             )
         except NoReply:
             if self._session.custom_mode != number:
@@ -193,7 +193,7 @@ class Commands:
         """
         begun, count = self._session.clock.now(), self._session.texts.count
         try:
-            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, in_vain=lambda: self._session.armed)
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, is_done=lambda: self._session.armed)
         except NoReply:
             if not self._session.armed:
                 raise
@@ -233,7 +233,7 @@ class Commands:
             The vehicle will not disarm (it may be moving).
         """
         try:
-            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, in_vain=lambda: not self._session.armed)
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, is_done=lambda: not self._session.armed)
         except NoReply:
             if self._session.armed:
                 raise

@@ -34,13 +34,13 @@ __all__ = ["InterferenceMonitor", "RateKeeper"]
 
 _LOOK_BACK = 5.0
 """Chosen [s]: an order this old may be the cause of what is seen now; heartbeats show a mode a second late."""
-_OWN_DOING = "failsafe"
+_OWN_CAUSE = "failsafe"
 """ArduPilot names every one of its own accord so: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
 _AHEAD = 1.5
 """A simulation whose time goes faster than the clock by this is said to run ahead."""
 _SLACK = 0.3
 """Chosen [s]: what a pause of ours may seem longer to the vehicle: the way takes different times, one may be lost."""
-_WORTH_A_WORD = 0.4
+_LEAST_REPORTED = 0.4
 """Chosen [s of the vehicle's time]: a pause of ours that is told although it is not the cause."""
 _MODE_ORDERS = frozenset({"SET_MODE", "MAV_CMD_DO_SET_MODE", "MAV_CMD_NAV_RETURN_TO_LAUNCH", "MAV_CMD_MISSION_START"})
 _ARM_ORDERS = frozenset({"MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION"})
@@ -253,7 +253,7 @@ class InterferenceMonitor:
         pause = self._longest_pause()
         short = (
             f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
-            if pause > _WORTH_A_WORD and not self._is_own_doing()
+            if pause > _LEAST_REPORTED and not self._is_own_cause()
             else ""
         )
         who = self._lost_on_the_way(named, change) or self._who(change.kinds)
@@ -291,7 +291,7 @@ class InterferenceMonitor:
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
         """Return (failsafe, seconds without overrides, why, cure) where that time was long enough for it."""
         pause, pace = self._longest_pause(), max(self._send_rate.pace, 1.0)
-        silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.unheard) * pace
+        silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.actual_silence) * pace
         gap = max(pause, silence)
         for failsafe in self._fitting(change):
             if gap + _SLACK < failsafe.needs:
@@ -375,12 +375,12 @@ class InterferenceMonitor:
                 f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us, by a switch of the "
                 "transmitter, or overrides other than ours"
             )
-        if self._is_own_doing() and not name and not ordered:
+        if self._is_own_cause() and not name and not ordered:
             return "it was the vehicle's own failsafe. Fix its cause, and start again"
         return self._other_stations.culprit(kinds, since, name)
 
-    def _is_own_doing(self) -> bool:
-        words = (_OWN_DOING, *(failsafe.says for failsafe in self.failsafes))
+    def _is_own_cause(self) -> bool:
+        words = (_OWN_CAUSE, *(failsafe.says for failsafe in self.failsafes))
         return any(word in text.casefold() for text in self._recent_texts() for word in words)
 
     def _recent_texts(self) -> list[str]:

@@ -160,7 +160,7 @@ class MavlinkCraft:
                 self.session.ask_state(_FRESH)
         return self._interference.look()
 
-    def see_restart(self) -> None:
+    def check_restart(self) -> None:
         """Ask for the vehicle's time since boot, for a second; the watchdog then has what there is to be said of it."""
         watchdog = self.telemetry.watchdog
         seen = watchdog.stamps
@@ -318,7 +318,7 @@ class MavlinkCraft:
             if not self.session.outlast(_PATIENCE):
                 return
             with suppress(LinkLost):
-                self.see_restart()
+                self.check_restart()
         if self.telemetry.watchdog.has_restarted:
             self.telemetry.watchdog.check()
 

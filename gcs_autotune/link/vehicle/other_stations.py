@@ -94,7 +94,7 @@ class OtherStations:
         for name in MANUAL_INPUT_NAMES:
             session.listen(name, self._on_manual_input)
         session.listen("COMMAND_LONG", self._on_asked_for_control)
-        session.routing.overhear(self._on_foreign)
+        session.routing.overhear(self._on_other_station)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
@@ -113,12 +113,12 @@ class OtherStations:
     def _steered_by(self) -> str:
         """Return, in words, whose sticks the vehicle says count, where these are not ours."""
         told = self.steering
-        if told is None or not (told.is_receiver or self._is_foreign(told)):
+        if told is None or not (told.is_receiver or self._is_other_station(told)):
             return ""
         who = "its own RC receiver" if told.is_receiver else self._called(*told.station)
         return f"; the vehicle reports that {who} steers it (MANUAL_INPUT_STATUS)"
 
-    def _is_foreign(self, told: ManualInput) -> bool:
+    def _is_other_station(self, told: ManualInput) -> bool:
         packer = self._session.port.packer
         return told.station[0] != 0 and told.station != (packer.system, packer.component)
 
@@ -127,7 +127,7 @@ class OtherStations:
         if told is None or told == self.steering:
             return
         self.steering = told
-        if self._is_foreign(told):
+        if self._is_other_station(told):
             self._session.notes.append(
                 f"the vehicle reports that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS). Release the "
                 "joystick there"
@@ -193,7 +193,7 @@ class OtherStations:
         kind = self.stations.get((system, component), "")
         return f"{kind or 'station'} (system {system}, component {component})"
 
-    def _on_foreign(self, frame: Frame) -> None:
+    def _on_other_station(self, frame: Frame) -> None:
         if frame.name in ("RADIO_STATUS", "RADIO"):
             self._on_radio(frame.message)
             return

@@ -121,7 +121,7 @@ class RcMonitor:
         self.count += 1
         if self._sent:
             self._judge()
-            self._look_for_a_hand()
+            self._check_rc_sticks()
 
     def _judge(self) -> None:
         verdict = next(
@@ -135,7 +135,7 @@ class RcMonitor:
         self.obeyed = self.obeyed or verdict is None
         self._verdicts.append(verdict)
 
-    def _look_for_a_hand(self) -> None:
+    def _check_rc_sticks(self) -> None:
         for channel in range(1, _WATCHED + 1):
             pwm = self.shown[channel]
             if channel in self._driven or pwm < _NO_PULSE:

@@ -77,7 +77,7 @@ def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
     )
 
 
-_WORTH_KEEPING = 0.02
+_LEAST_KEPT = 0.02
 """Seconds: shorter ones never matter."""
 _KEPT = 200
 _TELLING = 1.0
@@ -122,7 +122,7 @@ class SendRate:
             self._count += 1
             self._time += pause
             self.longest = max(pause, self.longest) if not math.isnan(self.longest) else pause
-            if pause > _WORTH_KEEPING:
+            if pause > _LEAST_KEPT:
                 self._pauses.append((now, pause))
         self._last = now
 

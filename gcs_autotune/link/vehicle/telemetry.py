@@ -151,7 +151,7 @@ class Telemetry:
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
             "DISTANCE_SENSOR": self._distance,
-            "SYSTEM_TIME": lambda m: self.watchdog.see_boot_time(m.time_boot_ms * 1e-3),
+            "SYSTEM_TIME": lambda m: self.watchdog.check_boot_time(m.time_boot_ms * 1e-3),
         }
 
     @property
@@ -169,10 +169,10 @@ class Telemetry:
 
     def _attitude(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
-        if not self.watchdog.see_stamp(t):
+        if not self.watchdog.check_stamp(t):
             return
         attitude = (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
-        self.watchdog.see_attitude(t, attitude)
+        self.watchdog.check_attitude(t, attitude)
         if not math.isfinite(m.yaw):
             return
         self.t = t
@@ -196,7 +196,7 @@ class Telemetry:
             m.servo8_raw,
         )
         forces = self._servos.forces(pwms)
-        self.watchdog.see_outputs(t, forces)
+        self.watchdog.note_outputs(t, forces)
         self._record_outputs(t, forces)
         self.outputs, self.output_t = forces, t
         self.output_ticks += 1
@@ -321,7 +321,7 @@ _TICK_TIMEOUT = 3.0
 _MISSED = 1.0
 """Chosen [s]: so long after the last attitude the vehicle is asked for its time since boot."""
 _SYSTEM_TIME = message_number("SYSTEM_TIME")
-_UNHEARD = 2.0
+_SILENT_AFTER = 2.0
 """Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
 
 
@@ -342,14 +342,13 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         if session.liveness.listened - begun > _MISSED and not asked:  # a restart ends what was asked to be sent
             asked = True
             session.request_message(_SYSTEM_TIME)
-        if session.bears_silence:
+        if session.tolerates_silence:
             begun = session.liveness.listened
         if session.liveness.listened - begun > _TICK_TIMEOUT:
-            session.check_heard(_UNHEARD)
+            session.check_contact(_SILENT_AFTER)
             raise TelemetryFault(
                 f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s, although the vehicle sends messages. Check whether "
-                f"another "
-                "ground station changes the stream rates"
+                "another ground station changes the stream rates"
             )
         session.pump()
     telemetry.watchdog.check()

@@ -107,7 +107,7 @@ class Watchdog:
         self._acting_since = math.nan
         self._turning_since = math.nan
         self._stamp = math.nan
-        self._stamp_heard = clock.now()
+        self._stamp_received = clock.now()
         self._first = (math.nan, math.nan)
         self._pace = 1.0
         self.stamps = 0
@@ -125,29 +125,29 @@ class Watchdog:
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 
-    def see_stamp(self, t: float) -> bool:
+    def check_stamp(self, t: float) -> bool:
         """Judge the stamp [s] of an ATTITUDE; return whether the message is to be used."""
         before, now = self._stamp, self._clock.now()
         self.stamps += 1
         if math.isnan(before):
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             self._first = (t, now)
             return True
         if t > before:
-            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_heard):
+            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_received):
                 self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
             self._keep_pace(t, now)
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             return True
         if before - t > _LATE:
             self._report_back(before, t)
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             return True
-        if now - self._stamp_heard > _STANDING:
+        if now - self._stamp_received > _STANDING:
             self._report(f"its clock stopped at {t:.2f} s while messages arrive")
         return False
 
-    def see_boot_time(self, t: float) -> None:
+    def check_boot_time(self, t: float) -> None:
         """Judge the time [s] since boot of a message that comes seldom: only whether the autopilot has restarted."""
         self.stamps += 1
         if self._stamp - t > _LATE and self._may_have_booted(t):
@@ -155,7 +155,7 @@ class Watchdog:
 
     def _may_have_booted(self, t: float) -> bool:
         """Whether a boot *t* [s] ago would be later than the last stamp that was heard: else one came late."""
-        return t <= self._pace * (self._clock.now() - self._stamp_heard) + _BOOT_SLACK
+        return t <= self._pace * (self._clock.now() - self._stamp_received) + _BOOT_SLACK
 
     def _report_back(self, before: float, t: float) -> None:
         if self.fault is None and self._may_have_booted(t):
@@ -166,7 +166,7 @@ class Watchdog:
             )
         self._report(f"its clock jumped back: timestamps went from {before:.1f} s to {t:.1f} s")
 
-    def see_attitude(self, t: float, attitude: Sequence[float]) -> None:
+    def check_attitude(self, t: float, attitude: Sequence[float]) -> None:
         """Judge one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
         if not all(math.isfinite(value) for value in attitude):
             self._report("the attitude is not a number; the autopilot's estimator has failed")
@@ -178,7 +178,7 @@ class Watchdog:
             if not math.isnan(start) and t - max(self._since, start) > limit:
                 self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators work")
 
-    def see_outputs(self, t: float, forces: Mapping[str, float]) -> None:
+    def note_outputs(self, t: float, forces: Mapping[str, float]) -> None:
         """Take note of the measured outputs (fractions), stamped *t* [s]."""
         turning = abs(forces.get("N", 0.0)) > _ACTING
         acting = turning or any(abs(force) > _ACTING for force in forces.values())

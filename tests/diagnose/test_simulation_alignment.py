@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.two_records import compared
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial

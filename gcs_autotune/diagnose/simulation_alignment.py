@@ -35,7 +35,7 @@ from gcs_autotune.identify import Doubt
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["TwoRecords", "compared"]
+__all__ = ["SimulationAlignment", "compared"]
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ UNITS = (DEGREES, 100.0, 1000.0, 400.0, 500.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TwoRecords:
+class SimulationAlignment:
     """Simulations on the runs' clock, in their signs and units; what was wrong; and what is doubtful."""
 
     simulations: tuple[Trial, ...]
@@ -91,7 +91,7 @@ class TwoRecords:
     doubts: tuple[Doubt, ...] = ()
 
 
-def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
+def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationAlignment:
     """Return *simulations*, one per run in the same order, as they are once clock, signs and units are set right.
 
     They get the runs' own commands, whose stamps are the finer, wherever theirs are the same.
@@ -104,7 +104,7 @@ def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
     ready = [_divided(s, factors) for s in named]
     doubts = [*doubts, *more]
     driven = [_driven(s, r, doubts, m) for s, r, m in zip(ready, runs, laid.matches, strict=True)]
-    return TwoRecords(tuple(driven), (*laid.rows, *offsets, *inputs, *outputs), tuple(doubts))
+    return SimulationAlignment(tuple(driven), (*laid.rows, *offsets, *inputs, *outputs), tuple(doubts))
 
 
 def _factor_row(name: str, of: str, factor: float, std: float) -> Number:
