@@ -236,7 +236,7 @@ class Itinerary:
         self._flown = True
 
     def _enter(self, index: int) -> None:
-        """Begin a leg; what the last one took is what others of its kind are now thought to take."""
+        """Begin a leg; the duration of the last one updates the estimate for others of its kind."""
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
@@ -254,22 +254,22 @@ class MissionLog:
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
-        """Pass the tick on."""
+        """Forward the tick."""
         self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
-        """Pass it on."""
+        """Forward the sentence."""
         self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
-        """Pass it on."""
+        """Forward the fact."""
         self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """State, before anything moves, what will be done."""
+        """Announce, before anything moves, what will be done."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")
 
     def abort(self, error: BaseException) -> None:
-        """Take note of what ended the mission early."""
+        """Record what ended the mission early."""

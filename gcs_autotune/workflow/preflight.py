@@ -57,9 +57,10 @@ STAGE = "sign check"
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
 PULSES = (0.15, 0.3, 0.6)
-"""Chosen: fractions of full output; the first is beyond a transmitter's dead zone (0.06), the last is half a relay."""
+"""Sizes of the check, fractions of full output. Chosen: the first is beyond a transmitter's dead zone (0.06), the last
+is half a relay."""
 LEAST = 0.15
-"""Chosen: the least motion that counts, as a share of the least hysteresis of a relay on the signal."""
+"""Least motion that counts, relative to the least hysteresis of a relay on the signal. Chosen."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
 that is dead turns a craft by more than the second."""
@@ -156,7 +157,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to look at on a craft that thrust alone turns."""
+    """Return what to check on a craft that turns under thrust alone."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -268,7 +269,7 @@ def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
 
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:
-    """Return what is odd about the vehicle's settings and matters here: arming checks off, steering scaled by hand."""
+    """Return unusual settings of the vehicle that matter here: arming checks off, manual steering scaling."""
     wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.needs_way else [])]
     names, own = read_named(craft.parameters, wanted)
     values, found = names.to_canonical(own), []
