@@ -86,7 +86,7 @@ class TuneContext:
         return self.runner.fly(manoeuvre, stage)
 
     def come_down(self) -> None:
-        """Dive where the next manoeuvre needs depth and the craft is near the surface, where a buoyant one rises to."""
+        """Dive if the next manoeuvre needs depth and a buoyant craft has risen near the surface."""
         if self.craft.firmware.floats or not self.axis.excitation.below_surface:
             return
         dive = dive_for(self.axis.dof, self.craft.firmware, self.craft.observe())
@@ -105,7 +105,7 @@ class TuneContext:
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
     def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
-        """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
+        """Return ``work()``, done by the worker while a boat returns before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
             return work()

@@ -48,7 +48,7 @@ class Identified:
 
     @property
     def unexplained(self) -> float:
-        """What is left unexplained [percent]."""
+        """Unexplained part of the motion [percent]."""
         return unexplained(self.fit if self.curved is None else self.curved)
 
 
@@ -107,10 +107,10 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
 
 
 def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Identified:
-    """Fly one relay until the gains are known from it and *step*, and another size only where that cannot be.
+    """Fly one relay until the gains are known from it and *step*; fly another size only if that is impossible.
 
-    What needs two sizes (an actuator that is dead or weak for small commands) is fitted as ever, with *step*. What is
-    not explained then is flown again in full.
+    An actuator that is dead or weak for small commands needs two sizes, fitted together with *step*. If that leaves too
+    much unexplained, the experiments are flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
     throttle, relays, excitation = context.throttle, Relays.of(s, dof, craft, context.throttle), context.axis.excitation
@@ -145,7 +145,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
 
 
 BENT_UNEXPLAINED = 10.0
-"""Chosen [percent]: what a model with a bent or dead actuator may leave; a whole record of a BlueROV2 leaves 7."""
+"""Most of the motion that a model with a bent or dead actuator may leave unexplained [percent]. Chosen; a whole record
+of a BlueROV2 leaves 7."""
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
@@ -229,7 +230,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
 
 
 def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
-    """Return the fit of *trials*; None if they do not suffice: then more is flown."""
+    """Return the fit of *trials*, or None if they do not suffice and more must be flown."""
     try:
         return fitted(trials)
     except AutotuneError:
@@ -237,4 +238,4 @@ def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Tria
 
 
 UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")
-"""What must not be left open of a boat that flies no throttle steps back."""
+"""Doubts that require throttle steps back from a boat that flew only the way out."""

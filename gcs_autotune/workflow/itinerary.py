@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import SteeredBy
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
+from gcs_autotune.observer import Fact, Intentions, Observer, Progress
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -236,7 +236,7 @@ class Itinerary:
         self._flown = True
 
     def _enter(self, index: int) -> None:
-        """Begin a leg; what the last one took is what others of its kind are now thought to take."""
+        """Begin a leg; the duration of the last one updates the estimate for others of its kind."""
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
@@ -247,29 +247,29 @@ class Itinerary:
 
 
 class MissionLog:
-    """A watcher that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also states its stage."""
 
-    def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
-        """Pass the tick on."""
-        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
+        """Forward the tick."""
+        self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
-        """Pass it on."""
-        self._watcher.say(text)
+        """Forward the sentence."""
+        self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
-        """Pass it on."""
-        self._watcher.note(fact)
+        """Forward the fact."""
+        self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """State, before anything moves, what will be done."""
+        """Announce, before anything moves, what will be done."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")
 
     def abort(self, error: BaseException) -> None:
-        """Take note of what ended the mission early."""
+        """Record what ended the mission early."""

@@ -20,8 +20,8 @@ from gcs_autotune.manoeuvres import (
     relay_messages,
 )
 from gcs_autotune.manoeuvres.relay import WallRelay
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.watch import SilentWatcher
 
 from .pond import Buoyant, PondCraft, answered, at_rest
 
@@ -33,7 +33,7 @@ WIDE = Envelope(heading_excursion=math.radians(170.0))
 
 def fly(craft, settings, envelope=WIDE, rule=None):
     kept = []
-    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings, criterion=rule))
+    flown = Sequencer(craft, envelope, SilentObserver(), kept.append).fly(Relay(settings, criterion=rule))
     return flown, kept[0]
 
 
