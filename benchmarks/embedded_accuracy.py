@@ -124,9 +124,9 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), SilentObserver(), kept.append)
         relays = Relays(settings, axis.dof, throttle, keep_still=not craft.firmware.needs_way)
-        first = sequencer.fly(relays.relay("relay-1", None)).trial
+        first = sequencer.fly(relays.relay("relay-1", None))
         output = second_output(first)
-        second = sequencer.fly(relays.relay("relay-2", output)).trial
+        second = sequencer.fly(relays.relay("relay-2", output))
     return axis, [first, second]
 
 

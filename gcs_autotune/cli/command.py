@@ -67,10 +67,8 @@ GUARDING = (
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One verb: name, one-line help, options, and the function it runs (returns the exit code)."""
+    """One verb: description, options, and the function it runs (returns the exit code)."""
 
-    name: str
-    help: str
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]

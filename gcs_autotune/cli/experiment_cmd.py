@@ -89,8 +89,6 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    name="experiment",
-    help="fly relay experiments and identify one degree of freedom; writes no parameter",
     description="Fly two relay experiments in one degree of freedom and identify it. No parameter is written. "
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,

@@ -296,8 +296,6 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    name="fly",
-    help="fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model",
     description="Preview and announce a manoeuvre, fly it inside the safety limits, restore everything, and compute "
     "figures and a model from the record. No parameter is written. Without --connect a simulated boat is used.",
     add_arguments=_add_arguments,

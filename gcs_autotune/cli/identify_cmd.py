@@ -246,8 +246,6 @@ def _value(flag: str, pair: str, text: str) -> Any:
 
 
 COMMAND = Command(
-    name="identify",
-    help="identify inertia, damping and constant force from recorded runs",
     description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
     "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
     "r[rad/s], N[N m], telemetry logs (.tlog) or onboard logs (.bin). Several runs are fitted together.",

@@ -147,8 +147,6 @@ def _print(data: dict[str, Any]) -> None:
 
 
 COMMAND = Command(
-    name="logs",
-    help="show the contents of a telemetry or onboard log, and import its runs",
     description=f"Read {FORMATS}. Show their contents, or write their runs as CSV files for the other commands; a run "
     "is a segment armed in one mode. identify and diagnose also read the logs directly.",
     add_arguments=_add_arguments,

@@ -48,8 +48,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="params",
-    help="save or restore a vehicle's parameters",
     description="Save a vehicle's parameters to a file, or restore them from a file.",
     add_arguments=_add_arguments,
     run=_run,

@@ -47,8 +47,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="restore",
-    help="restore what an interrupted run left changed",
     description="Read the journal of an interrupted run (power, radio, kill) and restore the vehicle: actuators "
     "neutral, parameters at their original values, verified by reading back. Asks before it touches parameters that "
     "another operator changed since.",

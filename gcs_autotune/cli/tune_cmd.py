@@ -35,7 +35,7 @@ from gcs_autotune.errors import UsageError
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "tune_settings"]
+__all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth")
 """Names of the reference models, listed here because importing their table takes a second."""
@@ -203,8 +203,6 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    name="tune",
-    help="identify the craft, design gains, prove them, keep or restore them",
     description="Tune one loop of an ArduPilot boat or ROV. The present gains are flown first. New gains stay only if "
     "they follow the same step better. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,

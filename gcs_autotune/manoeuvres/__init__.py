@@ -24,7 +24,7 @@ from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
-from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
+from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
@@ -55,7 +55,6 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
-    "Flown",
     "Guard",
     "Manoeuvre",
     "ManoeuvreKind",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gcs_autotune.craft import Craft, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkError, LinkLost, NotAsFound, PreconditionFailed
@@ -20,15 +20,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.observer import LeftAs, Observer, Progress
 from gcs_autotune.trial import Trial
 
-__all__ = ["DISARMED_ITSELF", "Flown", "Sequencer", "restore_on_exit"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Flown:
-    """A manoeuvre that was flown to an end of its own: its record and how it ended."""
-
-    trial: Trial
-    outcome: Outcome
+__all__ = ["DISARMED_ITSELF", "Sequencer", "restore_on_exit"]
 
 
 _RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
@@ -55,8 +47,8 @@ class Sequencer:
         self._broken = ""
         self._home: Observation | None = None
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Flown:
-        """Fly *manoeuvre* to its end.
+    def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Trial:
+        """Fly *manoeuvre* to its end and return its record, which states how it ended.
 
         Raises
         ------
@@ -77,7 +69,7 @@ class Sequencer:
             self._broken = outcome.reason
             self._end(manoeuvre, outcome, error)
             raise
-        return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
+        return self._end(manoeuvre, outcome, None).proper
 
     def away(self, now: Observation) -> float:
         """Return the distance [m] from the start of the first manoeuvre; NaN if unknown."""

@@ -91,7 +91,7 @@ SHARE = 0.8
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:
     context.turn_around(name, STEP_AHEAD, last=True)
     context.runner.come_to_rest(stage, axis_kind("yaw"))
-    return context.fly(criteria.proof.step(name), stage).trial
+    return context.fly(criteria.proof.step(name), stage)
 
 
 def _compared(criteria: StepCriteria, before: Trial, after: Trial) -> Compared:

@@ -101,7 +101,7 @@ class _AutopilotLoop:
         context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
             context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
-        after = context.fly(criteria.proof.step("step-after"), PROVING).trial
+        after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
@@ -126,7 +126,7 @@ class _AutopilotLoop:
         """Return the step with the present gains; a boat turns around first where it would leave its space."""
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
-        return self.context.fly(proof.step("step-before"), "step with present gains").trial
+        return self.context.fly(proof.step("step-before"), "step with present gains")
 
 
 class _DesignedGains(_AutopilotLoop):

@@ -78,7 +78,7 @@ def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observ
     """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
     observer.say(third.why)
     try:
-        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
         observer.say(f"{error}; continuing with the two flown")
         return []

@@ -353,7 +353,7 @@ class _Flight:
             self._make_conditions(runner)
             manoeuvre = run.settings.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
             fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
-            flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope).trial)
+            flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope))
             self.runs[self.runs.index(run)] = flown
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightRun]:
@@ -392,7 +392,7 @@ class _Flight:
             return
         free = replace(run.envelope, heading_excursion=math.inf)
         flown = runner.attempt(ComeBack(home.x, home.y, run.throttle), COMING_BACK, free)
-        self._visit.log.say(f"{COMING_BACK}: {flown.outcome.reason}")
+        self._visit.log.say(f"{COMING_BACK}: {flown.reason}")
 
     def _make_conditions(self, runner: ManoeuvreRunner) -> None:
         """Dive and look for calm water where the plan requires it."""

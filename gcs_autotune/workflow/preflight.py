@@ -18,7 +18,6 @@ from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     HELD_DURING,
     MANOEUVRES,
-    Flown,
     Manoeuvre,
     ManoeuvreKind,
     Outlet,
@@ -29,6 +28,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.mavlink import message_number
 from gcs_autotune.observer import Observer
+from gcs_autotune.trial import Trial
 from gcs_autotune.untrusted_text import quoted
 from gcs_autotune.workflow.flight_plan import FlySettings
 
@@ -181,7 +181,7 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Trial]) -> None:
     """Fly the check.
 
     Raises
@@ -190,8 +190,8 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
         The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
     """
     flown = fly(check, STAGE)
-    if flown.outcome.ending == "aborted":
-        raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+    if flown.ending == "aborted":
+        raise PreconditionFailed(f"{STAGE}: {flown.reason}")
 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:

@@ -30,7 +30,6 @@ from gcs_autotune.manoeuvres import (
     ComeToRest,
     Dive,
     Envelope,
-    Flown,
     Manoeuvre,
     Sequencer,
     SignCheck,
@@ -93,7 +92,7 @@ class ManoeuvreRunner:
         """The safety limit of the speed over ground [m/s]."""
         return self._envelope.speed_limit
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
+    def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
         """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
 
         Raises
@@ -104,11 +103,11 @@ class ManoeuvreRunner:
         if isinstance(manoeuvre, Dive):
             self._dive = deepcopy(manoeuvre)
         flown = self.attempt(manoeuvre, stage, envelope)
-        if flown.outcome.ending == "aborted":
-            raise NotAchieved(f"{stage}: {flown.outcome.reason}")
+        if flown.ending == "aborted":
+            raise NotAchieved(f"{stage}: {flown.reason}")
         return flown
 
-    def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
+    def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
         """Fly *manoeuvre* and return it, however it ended.
 
         One that a silence interrupts is flown again; so is one that came to no good end while this computer paused.
@@ -118,7 +117,7 @@ class ManoeuvreRunner:
             begun = self._craft.clock.now()
             try:
                 flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
-                if flown.outcome.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.outcome.reason):
+                if flown.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.reason):
                     self._check_sensors_agree(manoeuvre)
                     return flown
             except AutotuneError as error:

@@ -16,7 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 from rich.console import Console
 
-from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.cli import COMMANDS, identify_cmd, main
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import overhear
 from gcs_autotune.observer import Progress
@@ -248,7 +248,7 @@ def test_ctrl_c_at_the_desk_is_one_line_and_code_130(capsys, tmp_path, monkeypat
     def cut_off(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(COMMANDS, "identify", replace(COMMANDS["identify"], run=cut_off))
+    monkeypatch.setattr(identify_cmd, "COMMAND", replace(identify_cmd.COMMAND, run=cut_off))
     assert main(["identify", str(tmp_path)]) == 130
     assert capsys.readouterr().err == "\ngcs-autotune: ended by Ctrl-C\n"
 

@@ -192,7 +192,7 @@ def test_process_noise_alone_has_no_constant(seed: int) -> None:
 
 def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
     noise, covariance = ProcessNoise(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
-    fit = NoisyFit(cast(Any, None), np.ones(2), (), noise, np.ones(1), (), covariance, ())
+    fit = NoisyFit(cast(Any, None), np.ones(2), (), ("k_N", "N_r"), (), noise, np.ones(1), covariance, ())
     assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
     assert fit.interval_of("memory") == pytest.approx((5.07, 78.9), abs=0.1)
     assert fit.interval_of("smoothing") == (0.0, math.inf)

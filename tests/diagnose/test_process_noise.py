@@ -276,7 +276,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
     """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
     own = np.array([0.1, -0.2, 0.05])
     calm, rough = (
-        NoisyFit(cast(Any, None), own, (), ProcessNoise(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
+        NoisyFit(cast(Any, None), own, (), (), (), ProcessNoise(1.0, 1.0, 1.0), own, np.eye(5), ((own, k * own, S),))
         for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
     )
     assert rough.roughness == pytest.approx(1e4 * calm.roughness)

@@ -56,7 +56,7 @@ def swing(hull: Hull, output: float = 0.4) -> Trial:
     craft = open_craft(Session(MemoryLink(hull)), wanted_rates=WANTED)
     craft.arm()
     relay = Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)), "relay")
-    return Sequencer(craft, WIDE, SilentObserver(), lambda trial: None).fly(relay).trial
+    return Sequencer(craft, WIDE, SilentObserver(), lambda trial: None).fly(relay)
 
 
 @pytest.fixture(scope="module")

@@ -39,12 +39,12 @@ def test_a_step_is_flown_to_its_end_with_neutral_actuators_and_its_record():
     craft, kept = PondCraft(), []
     _, fly = flight(craft, kept)
     flown = fly()
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert craft.command == Actuate()
     assert craft.log == ["mode ALT_HOLD", "neutral"]
-    assert [m.detail["phase"] for m in flown.trial.marks] == ["hold", "step", "back"]
+    assert [m.detail["phase"] for m in flown.marks] == ["hold", "step", "back"]
     assert kept[0].meta["size"] == pytest.approx(STEP.size)
-    psi = flown.trial["psi"]
+    psi = flown["psi"]
     assert psi.values.max() == pytest.approx(STEP.size, rel=0.2)
     assert psi.values[-1] == pytest.approx(0.0, abs=0.05)
 
@@ -99,7 +99,7 @@ def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boa
     craft, kept = Drifting(firmware=firmware), []
     _, fly = flight(craft, kept, envelope=SINKING)
     if not is_watched:
-        assert fly().outcome.ending == "completed"
+        assert fly().ending == "completed"
         return
     with pytest.raises(GuardTripped) as caught:
         fly()
@@ -296,5 +296,5 @@ def test_a_loop_that_runs_away_stops_the_step_by_itself():
     craft, kept = Wild(), []
     _, fly = flight(craft, kept, envelope=Envelope(heading_excursion=10.0))
     flown = fly()
-    assert flown.outcome.ending == "stopped"
-    assert "diverges" in flown.outcome.reason
+    assert flown.ending == "stopped"
+    assert "diverges" in flown.reason

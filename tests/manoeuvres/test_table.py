@@ -210,6 +210,6 @@ def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
     craft.arm()
     manoeuvre = kind.make({**options(kind, 0.0), "least-distance": least})
     ended = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(manoeuvre)
-    assert ended.outcome.ending == "aborted"
-    assert said in ended.outcome.reason
+    assert ended.ending == "aborted"
+    assert said in ended.reason
     assert craft.command == Actuate()

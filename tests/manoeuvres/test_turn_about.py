@@ -17,7 +17,7 @@ FREE = Envelope(heading_excursion=math.inf)
 def test_it_brings_the_bow_round_without_any_control_loop():
     craft = PondCraft(firmware="ardurover")
     flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(TurnAbout(TurnAboutSettings(0.5)))
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert abs(craft.psi) >= math.radians(165.0)
     assert craft.command == Actuate()
 
@@ -26,8 +26,8 @@ def test_a_boat_that_cannot_turn_is_given_up_in_time():
     craft = PondCraft(gain=0.0, firmware="ardurover")
     turn = TurnAbout(TurnAboutSettings(0.5, patience=20.0))
     flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(turn)
-    assert flown.outcome.ending == "stopped"
-    assert "turned only 0 deg" in flown.outcome.reason
+    assert flown.ending == "stopped"
+    assert "turned only 0 deg" in flown.reason
 
 
 def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():

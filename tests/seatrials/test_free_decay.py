@@ -59,5 +59,5 @@ def test_nobody_pushing_ends_in_a_sentence_and_no_swing_in_another() -> None:
     craft = PondCraft()
     craft.arm()
     ended = Sequencer(craft, Envelope(), SilentObserver(), lambda trial: None).fly(kind.make({"duration": 60.0}))
-    assert ended.outcome.ending == "aborted"
-    assert "no push within" in ended.outcome.reason
+    assert ended.ending == "aborted"
+    assert "no push within" in ended.reason

@@ -108,7 +108,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
         runner=SimpleNamespace(come_to_rest=lambda stage, axis: done.append(f"rest in {stage}")),
         turn_around=lambda name, ahead, last: done.append(f"back for {name}"),
-        fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
+        fly=lambda manoeuvre, stage: done.append(stage) or recorded(context.flies, 8.0, 7.0),
     )
     monkeypatch.setattr(autopilot_loop_module, "ParameterTransaction", Loan)
     read.clear()
