@@ -16,13 +16,11 @@ import pytest
 import report_stories
 
 from gcs_autotune.api import Fit, example_run, fit, save_model
-from gcs_autotune.cli import main
-from gcs_autotune.cli.config_file import read_config
+from gcs_autotune.cli import main, read_config
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal
-from gcs_autotune.report.tune.run_directory import write_story
-from gcs_autotune.workflow import CommonSettings, load_flight_plan
-from gcs_autotune.workflow.settings import Connection
+from gcs_autotune.report import write_story
+from gcs_autotune.workflow import CommonSettings, Connection, load_flight_plan
 
 from .identify.coupled.test_bad_coupled_runs import sailed
 

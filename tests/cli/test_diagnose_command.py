@@ -13,7 +13,7 @@ from gcs_autotune import clock
 from gcs_autotune.cli import main
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
-from gcs_autotune.workflow.diagnosis import DiagnosisSettings
+from gcs_autotune.workflow import DiagnosisSettings
 
 WIDTH, DT, INERTIA, DRAG, NOISE = 0.3, 0.1, 2.0, 1.0, 0.004
 FAST = ("--effects", "dead-zone,input-bias")

@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.manoeuvres import GUARDS, Dive, DiveSettings, Envelope, Step, StepSettings
-from gcs_autotune.manoeuvres.area import Area, Zone
+from gcs_autotune.manoeuvres import GUARDS, Area, Dive, DiveSettings, Envelope, Step, StepSettings, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
 from .pond import at_rest

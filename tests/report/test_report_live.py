@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.report.toolkit.live import TerminalWatcher, describe_progress
+from gcs_autotune.report import TerminalWatcher
+from gcs_autotune.report.toolkit.live import describe_progress
 from gcs_autotune.watch import Progress
 
 SWINGING = Progress(

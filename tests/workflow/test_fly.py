@@ -12,8 +12,7 @@ import pytest
 
 from benchmarks.zig_zag_accuracy import truth
 from gcs_autotune.errors import NotAchieved, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.model_file import ModelFile, load_model
+from gcs_autotune.identify import ModelFile, fit_axis, load_model
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.seatrials import ship_figures
