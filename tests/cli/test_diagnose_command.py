@@ -102,6 +102,7 @@ def starved(monkeypatch):
         yield patch
 
 
+@pytest.mark.slow
 def test_a_search_that_is_stopped_says_how_to_go_on_and_ends_as_a_whole_one(capsys, tmp_path, runs, starved):
     out = tmp_path / "out"
     command = ("diagnose", runs[0], runs[1], *FAST)

@@ -158,6 +158,7 @@ def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoe
     assert len(axes.patches) == 2 * len(proposal.names)
 
 
+@pytest.mark.slow
 def test_weighed_roughly_first_the_best_are_the_same_and_weighed_as_they_are_flown(
     circled: tuple[list[Trial], Fit, RankedManoeuvre], monkeypatch: pytest.MonkeyPatch
 ) -> None:

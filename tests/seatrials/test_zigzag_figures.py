@@ -236,6 +236,7 @@ def test_a_helm_is_told_in_degrees_of_a_rudder_and_in_percent_of_full_output(
     assert helm_text(helm, unit) == words
 
 
+@pytest.mark.slow
 def test_the_distance_to_the_second_execute_has_its_error_and_is_no_longer_for_noisy_positions():
     z = []
     for seed in range(12):
