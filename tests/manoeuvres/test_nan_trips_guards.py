@@ -73,15 +73,6 @@ def test_the_same_signal_trips_nothing_where_its_limit_is_off(guard):
     assert (name, share) == ("", 0.0)
 
 
-def test_a_position_that_comes_late_is_guarded_from_then_on():
-    watch = Watch(only("distance from start"), at_rest(x=math.nan, y=math.nan))
-    assert watch.check(at_rest(x=math.nan, y=math.nan)) == ("", 0.0)
-    assert watch.check(at_rest(x=1000.0, y=0.0)) == ("", 0.0)
-    assert watch.check(at_rest(x=1000.0, y=150.0)) == ("distance from start", pytest.approx(0.5))
-    with pytest.raises(GuardTripped, match="distance from start"):
-        watch.check(at_rest(x=1000.0, y=301.0))
-
-
 def test_what_was_known_at_the_beginning_of_the_visit_is_guarded_in_every_manoeuvre():
     blind = at_rest(battery_remaining=math.nan)
     with pytest.raises(GuardTripped, match="battery remaining"):

@@ -130,10 +130,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     ):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
     assert json.loads((harness.directory / "summary.json").read_text()) == {
@@ -162,10 +159,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
     watcher = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
         flown(harness, watcher=watcher, operator=watcher)
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     assert list((harness.directory / "trials").glob("*.csv"))
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert (summary["title"], summary["ending"]) == ("fly zig-zag", "aborted")
