@@ -238,6 +238,15 @@ def test_a_restart_is_told_as_one_although_nothing_but_heartbeats_comes(boat: Sc
         fly(craft)
 
 
+def test_the_question_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) -> None:
+    craft = lone(boat)
+    boat.intervals.clear()
+    craft.session.pause(1.0)
+    begun = craft.clock.now()
+    craft.see_restart()
+    assert craft.clock.now() - begun < 0.5
+
+
 def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: ScriptedVehicle) -> None:
     """As ArduRover 4.5 said when its stock boat span at full rudder."""
     craft = lone(boat)
