@@ -92,7 +92,7 @@ NO_FAULT: dict[str, str] = {
     "gcs_autotune/models/coupled/linear_kernel.py::linear_sweep: if 0 <= column < q: -> if 0 <= column <= q:": (
         "a column is below their number, or -1"
     ),
-    "gcs_autotune/link/vehicle/watchdog.py::Watchdog.see_boot_time: self.stamps += 1 -> self.stamps += 2": (
+    "gcs_autotune/link/vehicle/watchdog.py::Watchdog.check_boot_time: self.stamps += 1 -> self.stamps += 2": (
         "the craft only checks whether the count has grown"
     ),
 }

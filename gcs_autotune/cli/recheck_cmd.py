@@ -34,8 +34,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="recheck",
-    help="check whether the tune of the heading, depth or speed loop is still good; drives no actuator directly",
     description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), like fly "
     "set-point-relay. The verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. "
     "Without a clear result the relays are halved and flown again. The results are compared with the last tune of "

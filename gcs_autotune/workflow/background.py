@@ -16,11 +16,11 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.observer import Observer
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
+__all__ = ["agreed", "ask", "ask_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -110,21 +110,21 @@ def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     return operator.ask(question, craft.observe)
 
 
-def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return whether the operator agrees; a simulated vehicle needs no answer, which is reported."""
     if craft.session.transport.is_simulated:
-        watcher.say(f"{question} Simulated vehicle: yes.")
+        observer.say(f"{question} Simulated vehicle: yes.")
         return True
     return ask(craft, operator, question)
 
 
-def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return the operator's answer to a question that ``--yes`` does not answer; False without an operator.
 
     The mode is left as it is, and the sticks neutral.
     """
-    if not can_be_asked(operator):
-        watcher.say(f"{question} No operator to ask (--yes): no.")
+    if not answers_questions(operator):
+        observer.say(f"{question} No operator to ask (--yes): no.")
         return False
     return operator.ask(question, craft.session.pump)
 

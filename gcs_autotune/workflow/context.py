@@ -12,7 +12,7 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import LAWS, Law
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck
+from gcs_autotune.manoeuvres import Manoeuvre, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
@@ -74,14 +74,14 @@ class TuneContext:
         """The autopilot's control law of the axis (``UnknownName`` for an axis that is only identified)."""
         return lookup(LAWS, self.axis.law, "control law")
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Trial:
         """Report which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it fails."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
             self.visit.keep(flown)
             self.log.flown(flown)
             self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
-            return Flown(flown, Outcome("completed", flown.reason))
+            return flown
         self.come_down()
         self.log.say(stage)
         return self.runner.fly(manoeuvre, stage)

@@ -10,8 +10,8 @@ from gcs_autotune.errors import WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import Journal
+from gcs_autotune.observer import Observer
 from gcs_autotune.report import study_document, to_html
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
 from gcs_autotune.workflow.experiments import dive_for, speed_for
@@ -30,7 +30,7 @@ from gcs_autotune.workflow.tune_preview import excursion_of
 __all__ = ["experiment"]
 
 
-def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str = "") -> AxisFit:
+def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
     """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``, ``report.html``.
 
     No parameter is written. The vehicle is left as before on every ending.
@@ -42,7 +42,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
         What ended it early; the record is on disk.
     """
-    record, log = RunDirectory(settings.directory), TuneLog(settings, when, watcher)
+    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer)
     found: list[Identified] = []
     visit = visiting(settings, operator, log, record, settings.axis, dofs=(axis_kind(settings.axis).dof,))
     with record.summarised(f"experiment {settings.axis}", when):

@@ -25,12 +25,12 @@ from gcs_autotune.identify import (
     pays,
     unexplained,
 )
+from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 
-__all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
+__all__ = ["ExtraRelay", "extra_relay", "fly_extra"]
 
 Array = NDArray[np.float64]
 
@@ -44,14 +44,14 @@ _APART = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class ThirdRelay:
+class ExtraRelay:
     """What to fly: relay ``output`` [fraction of full], and ``why`` in words."""
 
     output: float
     why: str
 
 
-def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
+def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ExtraRelay | None:
     """Return the relay that separates a dead zone from a thrust curve; None if the *runs* need neither, or suffice.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
@@ -66,7 +66,7 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     if output is None:
         return None
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
-    return ThirdRelay(
+    return ExtraRelay(
         output,
         f"the oscillations so far fit a dead zone below {below:.0%} of full as well as a thrust "
         f"curve ({square:.0%} of its force with the square of the command). A third, of "
@@ -74,13 +74,13 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watcher: Watcher) -> list[Trial]:
+def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observer: Observer) -> list[Trial]:
     """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
-    watcher.say(third.why)
+    observer.say(third.why)
     try:
-        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
-        watcher.say(f"{error}; continuing with the two flown")
+        observer.say(f"{error}; continuing with the two flown")
         return []
 
 

@@ -15,8 +15,8 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, NominalPlant, PlantState, Preview, preview
+from gcs_autotune.observer import Observer
 from gcs_autotune.sname import DOFS
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
@@ -84,7 +84,7 @@ class FlightPreviewer:
     held: Mapping[str, float]
     area: Area | None
     least_depth: float | None
-    watcher: Watcher
+    observer: Observer
     checks: Sequence[str] = ()
     several: bool = False
 
@@ -110,7 +110,7 @@ class FlightPreviewer:
             fits = self.run_of(smaller)
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
-                self.watcher.say(
+                self.observer.say(
                     f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
                 )
                 return fits

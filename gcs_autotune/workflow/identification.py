@@ -89,11 +89,11 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     relay = relays.relay("relay-1", s.relay_output)
     if turns_first:
         context.turn_around("relay-1", SWING_AHEAD)
-    first = context.fly(relay, "first self-oscillation").trial
+    first = context.fly(relay, "first self-oscillation")
     room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
     relay = relays.relay("relay-2", second_output(first, room))
     context.turn_around("relay-2", SWING_AHEAD)
-    trials = [first, context.fly(relay, "second self-oscillation").trial]
+    trials = [first, context.fly(relay, "second self-oscillation")]
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
@@ -120,7 +120,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     context.turn_around("relay-1", SWING_AHEAD)
     relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
     again = context.earlier.has("relay-1")
-    first = context.fly(relay, "first self-oscillation").trial
+    first = context.fly(relay, "first self-oscillation")
     if again:
         rule.weigh(context.run_in_background(assess, rule.question, first))
     else:
@@ -134,7 +134,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
     relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
-    second = context.fly(relay, "second self-oscillation").trial
+    second = context.fly(relay, "second self-oscillation")
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")
     plain = log.fit = _plain(context, trials)
@@ -191,7 +191,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     if turns_first:
         context.turn_around("throttle-1", SWING_AHEAD)
     out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
-    first = context.fly(out, "first throttle steps").trial
+    first = context.fly(out, "first throttle steps")
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
         alone = context.compute_while_turning("step-before", partial(_or_none, fitted, [first]))
@@ -200,7 +200,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
             return Identified(alone, [first], short=True)
     else:
         context.turn_around("throttle-2", math.inf)
-    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps")]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials)
     return Identified(fit, trials)
@@ -223,7 +223,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
             log.fit = both
             return Identified(both, [first, step], short=True)
     context.turn_around("throttle-2", SWING_AHEAD)
-    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps")]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials, along=along)
     return Identified(fit, trials)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
+from gcs_autotune.observer import Fact, Intentions, Observer, Progress
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -246,23 +246,23 @@ class Itinerary:
 
 
 class MissionLog:
-    """A watcher that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also states its stage."""
 
-    def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
         """Pass the tick on."""
-        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
+        self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
         """Pass it on."""
-        self._watcher.say(text)
+        self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
         """Pass it on."""
-        self._watcher.note(fact)
+        self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
         """State, before anything moves, what will be done."""

@@ -16,9 +16,8 @@ from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
-    HELD_MEANWHILE,
+    HELD_DURING,
     MANOEUVRES,
-    Flown,
     Manoeuvre,
     ManoeuvreKind,
     Outlet,
@@ -28,8 +27,9 @@ from gcs_autotune.manoeuvres import (
     ThrustCheckSettings,
 )
 from gcs_autotune.mavlink import message_number
+from gcs_autotune.observer import Observer
+from gcs_autotune.trial import Trial
 from gcs_autotune.untrusted_text import quoted
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 
 __all__ = [
@@ -180,7 +180,7 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Trial]) -> None:
     """Fly the check.
 
     Raises
@@ -189,15 +189,15 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
         The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
     """
     flown = fly(check, STAGE)
-    if flown.outcome.ending == "aborted":
-        raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+    if flown.ending == "aborted":
+        raise PreconditionFailed(f"{STAGE}: {flown.reason}")
 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
     """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
     if dof == "yaw" or not servos.driving("N"):
         return False
-    held = HELD_MEANWHILE.get(excitation_of(dof).signal, ())
+    held = HELD_DURING.get(excitation_of(dof).signal, ())
     return firmware.needs_way or any(gains.signal == "psi" for gains in held)
 
 
@@ -313,7 +313,7 @@ class _Estimator:
         self._stop()
 
 
-def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
+def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
     """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
 
     After half a minute the checks are left to arming, which reports why they fail.
@@ -324,27 +324,27 @@ def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
         A boat without a position estimate after a minute and a half.
     """
     craft.send(Actuate())
-    _await_checks(craft, watcher)
+    _await_checks(craft, observer)
     if craft.firmware.needs_position:
-        _await_position(craft, watcher)
+        _await_position(craft, observer)
 
 
-def _await_checks(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
     deadline, said = Deadline.after(craft.clock, _CHECKS_PATIENCE), False
     while not craft.armed and craft.telemetry.latest.get("prearm_ok", math.nan) == 0.0 and not deadline.expired:
         if not said:
-            watcher.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
+            observer.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
             said = True
         craft.observe()
 
 
-def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
     estimator, said = _Estimator(craft), False
     deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
-                watcher.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
+                observer.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
@@ -387,7 +387,7 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
 
 
-_TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
+_MESSAGE_OF: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
 """Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
 _WAITING = 5.0
 """Chosen [s]: for the first of them."""
@@ -405,7 +405,7 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
         craft.rates.request(axis_kind(kind.axis).rates)
     if not kind.needs:
         return
-    message, rate = _TOLD_BY[kind.needs]
+    message, rate = _MESSAGE_OF[kind.needs]
     craft.rates.request({message: rate})
     now = craft.observe()
     until = now.t + _WAITING

@@ -13,11 +13,11 @@ from typing import Any
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
+from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, to_html, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
@@ -85,8 +85,8 @@ class Recheck:
 
     words = "fly once more at half or twice these sizes, if they do not determine the damping of the loop"
 
-    def __init__(self, axis: AxisKind, runs: Path, watcher: Watcher) -> None:
-        self._axis, self._runs, self._watcher = axis, runs, watcher
+    def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
+        self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
@@ -104,20 +104,20 @@ class Recheck:
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
         if self.tune is None:
-            self._watcher.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
+            self._observer.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
             return
         present = craft.parameters.read_existing(list(self.tune.gains))
         self.changed = self.tune.changed(present)
         others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
-        self._watcher.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
+        self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
         """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
         served."""
         sheet, why = think(partial(read_loop, trial))
-        if not self.factor or (sheet is not None and _is_telling(sheet)):  # else the first one says more
+        if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
             self.sheet, self.why, self.shown = sheet, why, trial
-        if self.factor or (sheet is not None and _is_telling(sheet)):
+        if self.factor or (sheet is not None and _is_informative(sheet)):
             return None
         small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
         factor = LARGER if small else SMALLER
@@ -131,7 +131,7 @@ class Recheck:
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
-        self._watcher.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
+        self._observer.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
         return other
 
 
@@ -144,7 +144,7 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
     return sheet, ""
 
 
-def _is_telling(sheet: Sheet) -> bool:
+def _is_informative(sheet: Sheet) -> bool:
     """Whether a verdict on the loop can be read off it: its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
@@ -192,7 +192,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
         return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
-    if sheet is None or not _is_telling(sheet):
+    if sheet is None or not _is_informative(sheet):
         why = check.why or next(
             (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
         )
@@ -232,14 +232,16 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
     return ""
 
 
-def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watcher, when: str, runs: Path) -> LoopCheck:
+def recheck(
+    plan: FlightPlan, axis: AxisKind, operator: Operator, observer: Observer, when: str, runs: Path
+) -> LoopCheck:
     """Fly the one run of *plan* and judge the loop of *axis*; ``report.html`` and ``recheck.json`` are written.
 
     *runs*: where earlier tunes lie. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
     """
-    common, check = plan.runs[0].common, Recheck(axis, runs, watcher)
+    common, check = plan.runs[0].common, Recheck(axis, runs, observer)
     plan = replace(plan, title=f"recheck {axis.name}", again=check)
-    result = fly_plan(plan, common, operator, watcher, when)
+    result = fly_plan(plan, common, operator, observer, when)
     shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)
     found = verdict_of(axis.name, check)
     directory = common.directory

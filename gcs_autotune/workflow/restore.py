@@ -30,10 +30,10 @@ from gcs_autotune.link import (
 )
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.mavlink import Message, load_params, message_number, save_params
-from gcs_autotune.watch import Watcher
+from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.open_runs import forget_run
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
@@ -86,7 +86,7 @@ def _is_finished(path: Path) -> bool:
 
 
 def restore_run(
-    connection: Connection, run: Path | None, operator: Operator, watcher: Watcher
+    connection: Connection, run: Path | None, operator: Operator, observer: Observer
 ) -> Mapping[str, tuple[float, float]]:
     """Finish the clean-up that *run* (directory or journal; None: the newest unfinished) left open.
 
@@ -114,9 +114,9 @@ def restore_run(
     journal = Journal.resume(path)
     try:
         state = Journal.read(path)
-        watcher.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
-        with connect(connection, operator, watcher) as session:
-            changes = _Restoring(session, state, operator, watcher, journal).run()
+        observer.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
+        with connect(connection, operator, observer) as session:
+            changes = _Restoring(session, state, operator, observer, journal).run()
         journal.close()
         forget_run(path)
     finally:
@@ -132,11 +132,11 @@ class _Restoring:
     """One restore over one session."""
 
     def __init__(
-        self, session: Session, state: JournalState, operator: Operator, watcher: Watcher, journal: Journal
+        self, session: Session, state: JournalState, operator: Operator, observer: Observer, journal: Journal
     ) -> None:
         vehicle = session.vehicle
         assert vehicle is not None
-        self._session, self._state, self._operator, self._watcher = session, state, operator, watcher
+        self._session, self._state, self._operator, self._observer = session, state, operator, observer
         self._journal = journal
         self._parameters = Parameters(session)
         _check_identity(session, state, self._parameters)
@@ -152,7 +152,7 @@ class _Restoring:
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
         foreign = {n: f"its value {now:g} was not written by the run" for n, (now, _) in changes.items()}
         self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
-        self._left |= self._foreign_state(self._state.left_in, armed_by_us=self._state.armed_by_us)
+        self._left |= self._state_changed_by_others(self._state.left_in, armed_by_us=self._state.armed_by_us)
         decided = self._decide(changes)
         changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
@@ -168,9 +168,9 @@ class _Restoring:
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
-            self._left |= self._foreign_state((), armed_by_us=False)
+            self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
-            self._watcher.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
+            self._observer.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
             self._put_back_state()
         for name, value in self._state.debts.items():
             if name in decided and name in self._left:
@@ -185,17 +185,16 @@ class _Restoring:
                 differences=self._differences,
             )
         if wanted:
-            self._watcher.say(f"done: {' and '.join(wanted)}; verified by reading back")
+            self._observer.say(f"done: {' and '.join(wanted)}; verified by reading back")
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
                 f"left unchanged, possibly set by another operator: {shown}. Run `gcs-autotune restore` without --yes "
-                f"to "
-                "decide each",
+                "to decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
-            self._watcher.say(DISARMED_ITSELF)
+            self._observer.say(DISARMED_ITSELF)
         return changes
 
     def _put_back_state(self) -> None:
@@ -224,7 +223,7 @@ class _Restoring:
     def _is_ours(self, name: str, held: float) -> bool:
         return any(same_float32(held, value) for value in self._state.written.get(name, ()))
 
-    def _foreign_state(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
+    def _state_changed_by_others(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
         """Return what of mode and armed state neither we, who *left_in* a mode, nor the vehicle by itself made so.
 
         A vehicle that another operator has put into a mode that drives it stays armed: that one needs it so.
@@ -291,7 +290,7 @@ class _Restoring:
 
     def _decide(self, changes: Mapping[str, tuple[float, float]]) -> set[str]:
         """Ask about each thing that another operator may want as it is; return what was decided either way."""
-        if not can_be_asked(self._operator):
+        if not answers_questions(self._operator):
             return set()
         asked = dict(self._left)
         for what, why in asked.items():
@@ -372,21 +371,23 @@ def _journal_of(run: Path | None) -> Path | None:
     return path
 
 
-def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> tuple[int, int | None]:
+def save_parameters(
+    connection: Connection, path: Path, operator: Operator, observer: Observer
+) -> tuple[int, int | None]:
     """Write the vehicle's whole parameter list to *path*; return how many there are, and how many of them are not the
     firmware's defaults (None where it does not tell these)."""
-    with connect(connection, operator, watcher) as session:
+    with connect(connection, operator, observer) as session:
         told = len(session.notes)
         found = Parameters(session).read_whole()
         for note in session.notes[told:]:
-            watcher.say(note)
+            observer.say(note)
         changed = len(found.changed) if found.defaults else None
         save_params(path, found.values, comment=f"{session.vehicle}", defaults=found.defaults)
     return len(found.values), changed
 
 
 def restore_parameters(
-    connection: Connection, path: Path, operator: Operator, watcher: Watcher
+    connection: Connection, path: Path, operator: Operator, observer: Observer
 ) -> dict[str, tuple[float, float]]:
     """Put the parameters of *path* back; return name -> (found, wanted) of those that differed.
 
@@ -400,7 +401,7 @@ def restore_parameters(
         Some could not be put back; the message names them, the others are back.
     """
     wanted = load_params(path)
-    with connect(connection, operator, watcher) as session:
+    with connect(connection, operator, observer) as session:
         return _put_back(session, wanted, operator)
 
 

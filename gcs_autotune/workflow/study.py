@@ -37,14 +37,14 @@ from gcs_autotune.workflow.study_sections import (
     Intervals,
     Proposed,
     Weighed,
-    cannot_tell,
     chosen_form,
     compared,
     drags_weighed,
     forms_weighed,
     next_manoeuvres,
+    not_distinguished,
     profiled,
-    response_pictures,
+    response_plots,
 )
 
 __all__ = ["study", "study_of"]
@@ -117,13 +117,13 @@ def study(
         how_unseen=_how(runs, unseen, answer) if settings.check else "",
         choice=drags.rows or forms.rows,
         choice_verdict=drags.verdict or forms.verdict,
-        cannot_tell=cannot_tell(answer.fit, runs),
+        not_distinguished=not_distinguished(answer.fit, runs),
         intervals=stated.sentences,
         compared_with="" if beside is None else beside.name,
         comparisons=() if beside is None else compared(answer.fit, beside, runs),
         proposals=flown.rows,
         proposal_verdict=flown.verdict,
-        figures=(*response_pictures(fitted), *stated.pictures, *flown.pictures),
+        figures=(*response_plots(fitted), *stated.pictures, *flown.pictures),
         trials=(*runs, *unseen),
     )
 
@@ -143,7 +143,7 @@ def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Stud
         when=when,
         runs=tuple(_row(t, "identification") for t in runs),
         outcomes=(MethodOutcome(fit.method, fit, 0.0),),
-        cannot_tell=cannot_tell(fit, runs),
+        not_distinguished=not_distinguished(fit, runs),
         trials=tuple(runs),
     )
 
@@ -217,7 +217,7 @@ def _outcome(
 
     def identify(trials: Sequence[Trial]) -> Fit:
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
-        if method == "output-error" and _tells_a_thrust_curve(trials, settings):
+        if method == "output-error" and _shows_a_thrust_curve(trials, settings):
             return fit_surge(trials, structure=_drag(settings), delay=settings.delay)
         return fit(
             trials,
@@ -248,7 +248,7 @@ def _outcome(
     return MethodOutcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
-def _tells_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
+def _shows_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
     """Whether the runs were flown to tell how thrust goes with throttle, and nothing else was asked for."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
     drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in FREE)

@@ -43,14 +43,14 @@ __all__ = [
     "Intervals",
     "Proposed",
     "Weighed",
-    "cannot_tell",
     "chosen_form",
     "compared",
     "drags_weighed",
     "forms_weighed",
     "next_manoeuvres",
+    "not_distinguished",
     "profiled",
-    "response_pictures",
+    "response_plots",
 ]
 
 SHOWN = 6
@@ -91,7 +91,7 @@ class Proposed:
     pictures: tuple[Plot, ...] = ()
 
 
-def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     """Return what these runs cannot tell of the parameters, one sentence each."""
     try:
         doubts = identifiability(fit, runs).doubts
@@ -214,7 +214,7 @@ def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_pictures(fits: Sequence[Fit]) -> tuple[Plot, ...]:
+def response_plots(fits: Sequence[Fit]) -> tuple[Plot, ...]:
     """Return the Bode picture when one of the fits measured a frequency response."""
     found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
     if found is None:

@@ -10,9 +10,9 @@ import numpy as np
 from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.observer import Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -20,10 +20,10 @@ __all__ = ["TuneLog"]
 
 
 class TuneLog(MissionLog):
-    """A watcher that remembers, and passes everything on to the watcher in front of the person."""
+    """An observer that remembers, and passes everything on to the observer in front of the person."""
 
-    def __init__(self, settings: TuneSettings, when: str, watcher: Watcher) -> None:
-        super().__init__(watcher)
+    def __init__(self, settings: TuneSettings, when: str, observer: Observer) -> None:
+        super().__init__(observer)
         self._settings = settings
         self._when = when
         self._t = math.nan

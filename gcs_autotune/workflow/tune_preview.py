@@ -10,8 +10,8 @@ from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.manoeuvres import Envelope, Manoeuvre, PlantState
+from gcs_autotune.workflow.accompanying_step import flies_accompanying_step
 from gcs_autotune.workflow.announcement import ROV_ROOM, deepest
-from gcs_autotune.workflow.beside import flies_beside
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
@@ -94,7 +94,7 @@ def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, 
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
-    beside = flies_beside(context) and context.settings.gains is None
+    beside = flies_accompanying_step(context) and context.settings.gains is None
     return legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
 
 
@@ -131,5 +131,5 @@ def movements_of(context: TuneContext, now: Observation) -> str:
     signs = d.excitation.check
     kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
-    beside = ", steps in turn rate" if flies_beside(context) and context.settings.gains is None else ""
+    beside = ", steps in turn rate" if flies_accompanying_step(context) and context.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

@@ -243,7 +243,7 @@ def test_the_question_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) 
     boat.intervals.clear()
     craft.session.pause(1.0)
     begun = craft.clock.now()
-    craft.see_restart()
+    craft.check_restart()
     assert craft.clock.now() - begun < 0.5
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.observer import Progress
 from gcs_autotune.report.toolkit.live import describe_progress
-from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.excursion import Excursion

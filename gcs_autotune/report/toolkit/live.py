@@ -18,11 +18,11 @@ from rich.segment import ControlType
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
+from gcs_autotune.observer import Fact, Progress, Words
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
 from gcs_autotune.untrusted_text import quoted, visible
-from gcs_autotune.watch import Fact, Progress, Words
 
-__all__ = ["StageBar", "TerminalWatcher", "describe_progress"]
+__all__ = ["StageBar", "TerminalObserver", "describe_progress"]
 
 
 _SIGNALS: Mapping[str, tuple[str, str]] = {
@@ -122,7 +122,7 @@ def _unit_of_swing(signal: str) -> str:
     return "rad" if signal == "psi" else "m"
 
 
-class TerminalWatcher:
+class TerminalObserver:
     """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
     quiet : sentences only, no progress. verbose : plain lines in a terminal too, and the vehicle's messages.
@@ -142,7 +142,7 @@ class TerminalWatcher:
         self._line_open = False
         self._began = math.nan
 
-    def __enter__(self) -> TerminalWatcher:
+    def __enter__(self) -> TerminalObserver:
         return self
 
     def __exit__(self, *exception: object) -> None:

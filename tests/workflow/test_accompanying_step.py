@@ -11,7 +11,7 @@ from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow import Connection, TuneSettings
-from gcs_autotune.workflow.beside import within
+from gcs_autotune.workflow.accompanying_step import within
 from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
 
 DEG = math.pi / 180.0
