@@ -39,14 +39,14 @@ class Compared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccompanyingStep:
-    """How the step is read, and what was flown with the present gains."""
+    """How the step is evaluated, and the step flown with the present gains."""
 
     criteria: StepCriteria
     before: Trial
 
     @classmethod
     def flown(cls, context: TuneContext, known: Known | None) -> AccompanyingStep | None:
-        """Fly it with the present gains; None where the axis has none, or nothing is known of the craft to size it."""
+        """Fly it with the present gains; None if the axis has none, or the craft is unknown."""
         if known is None or not flies_accompanying_step(context):
             return None
         try:

@@ -1,4 +1,4 @@
-"""Computing and asking while a vehicle is armed in the water: the link must not fall silent.
+"""Compute and ask while an armed vehicle is in the water: the link must not fall silent.
 
 ArduSub disarms three seconds after the last pilot input, ArduRover changes to HOLD after two. So neutral overrides are
 sent while the worker computes in its own process, or while the operator thinks.
@@ -26,7 +26,7 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 _GLANCE = 0.01
-"""Chosen: seconds between two looks whether the work is done."""
+"""Seconds between two checks whether the work is done. Chosen."""
 
 
 def run_in_background(
@@ -37,7 +37,7 @@ def run_in_background(
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return the result of *work*, done by the *worker* while the link is served; what it raises is raised here.
+    """Return the result of *work*, done by the *worker* while the link is served; its exceptions are raised here.
 
     *bear* returns whether trouble with the craft is over; then the work continues. On a lock-stepped link time stands
     still, so there the work is done at once.
@@ -51,7 +51,7 @@ def run_in_background(
 
 
 def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneError], bool]) -> Any:
-    """Return what was begun at the *worker*, likewise."""
+    """Return the result begun at the *worker*, in the same way."""
     while True:
         try:
             _watch(craft, worker)
@@ -68,7 +68,7 @@ def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneEr
 
 
 def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:
-    """Monitor the craft until the *worker* is done, and return the result; likewise."""
+    """Monitor the craft until the *worker* is done, and return the result, in the same way."""
     try:
         _watch(craft, worker, meanwhile)
     except BaseException:
@@ -130,7 +130,7 @@ def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, questio
 
 
 def hold_neutral(craft: MavlinkCraft) -> None:
-    """Hold, unless it does already; sticks neutral."""
+    """Change to the hold mode, unless already in it; sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())
     else:

@@ -1,4 +1,4 @@
-"""Open the link, find the vehicle, learn what it is, ask for telemetry; and leave again."""
+"""Open the link, find the vehicle, read its configuration, request telemetry; and leave again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "t
 SERVO_RATE = 40.0
 """Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched: the fastest of a 50 Hz ArduRover."""
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
-"""Hz of a vehicle whose loop is quicker, on a link with room: a Falcon's damping is six times as certain by it."""
+"""Rate [Hz] for a vehicle with a faster loop on a link with room. It makes a Falcon's damping six times as certain."""
 
 
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
@@ -129,7 +129,7 @@ def connect_craft(
 
 
 def _pass_words_on(session: Session, observer: Observer) -> None:
-    """Pass the vehicle's STATUSTEXT messages on to *observer* from now on."""
+    """Forward the vehicle's STATUSTEXT messages to *observer* from now on."""
     told = session.texts.count
 
     def hear(message: Message) -> None:
@@ -154,7 +154,7 @@ def say_link_times(craft: MavlinkCraft, observer: Observer) -> None:
 
 
 def _leave(craft: MavlinkCraft) -> None:
-    """Release the overrides, which a broken visit may have left, and restore the message rates."""
+    """Release overrides that a broken visit may have left, and restore the message rates."""
     try:
         craft.release()
     finally:

@@ -1,4 +1,4 @@
-"""A third size of self-oscillation, when two do not separate a dead zone from a thrust curve.
+"""A third relay size, for cases where two do not distinguish a dead zone from a thrust curve.
 
 A square wave of one size shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit two
 points, whatever the noise; a third separates them. It is flown only if the first two need either, at the size at which
@@ -35,12 +35,12 @@ __all__ = ["ExtraRelay", "extra_relay", "fly_extra"]
 Array = NDArray[np.float64]
 
 _ALIKE = 0.9
-"""Chosen: two models whose residuals have at least this ratio are not separated."""
+"""Ratio of residuals from which two models are not distinguished. Chosen."""
 _WEAKEST = 0.5
-"""Chosen: a smaller relay must have this share of the force of the smallest flown; else it takes too long, and a
-constant force outweighs it."""
+"""Least force of a smaller relay, relative to the smallest flown. Chosen: below it the relay takes too long, and a
+constant force dominates."""
 _APART = 1.25
-"""Chosen: a third size differs at least so much (ratio) from those flown."""
+"""Least ratio of a third size to those flown. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def _force_of(found: Fit) -> ExtendedModel:
 
 
 def _force(model: ExtendedModel, u: Array) -> Array:
-    """Return what commands *u* (n,) come to, each of its own effect and inertia: an acceleration."""
+    """Return the accelerations caused by commands *u* (n,), by each model's effect and inertia."""
     own = model.effects[0]
     inertia = abs(float(model.base.inertia[0, 0]))
     actuator = EFFECTS[own.slug]
@@ -100,7 +100,7 @@ def _force(model: ExtendedModel, u: Array) -> Array:
 
 
 def _telling(dead: ExtendedModel, bent: ExtendedModel, flown: Sequence[float], room: float) -> float | None:
-    """Return the relay output that separates the two accelerations most per second of its oscillation."""
+    """Return the relay output that best separates the two accelerations per second of its oscillation."""
     u = np.arange(0.05, room + 1e-9, 0.01)
     one, other = _force(dead, u), _force(bent, u)
     mean = 0.5 * (one + other)

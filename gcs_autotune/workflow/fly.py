@@ -144,7 +144,7 @@ class _Flight:
         dives = any(dive_for(dof, firmware, now) is not None for dof in (*checked, *looped))
         whole = self._whole(DIVE * dives)
         first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dives
-        pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+        pace = pace_of(craft.steered_by)
         idle = not self._left and self._plan.until is None
         in_manual = {run.settings.make(run.throttle).in_manual for run in self._left}
         modes = [firmware.hold_mode] * (False in in_manual or dives or self._plan.min_depth is not None)
@@ -339,11 +339,11 @@ class _Flight:
         throttle = max(run.throttle for run in left)
         looped = self._looped
         for dof in checked:
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
             _dive(runner, dive_for(dof, firmware, home))
         for dof in self._steered(checked):
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             runner.check_steering(check, left[0].envelope)
         for dof in looped:
             _dive(runner, dive_for(dof, firmware, craft.observe()))

@@ -1,4 +1,4 @@
-"""What a tune will compute is compiled, in the process that will compute it, before anything is armed.
+"""Compile what a tune will compute, in the process that will compute it, before arming.
 
 The compiled parts are kept on disk; only the first run after an installation needs up to a minute for them.
 """

@@ -1,4 +1,4 @@
-"""The person at the keyboard: may stop everything, and is asked before writes."""
+"""The operator: may stop everything, and is asked before writes."""
 
 from __future__ import annotations
 

@@ -28,6 +28,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.mavlink import message_number
 from gcs_autotune.observer import Observer
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 from gcs_autotune.untrusted_text import quoted
 from gcs_autotune.workflow.flight_plan import FlySettings
@@ -56,9 +57,10 @@ STAGE = "sign check"
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
 PULSES = (0.15, 0.3, 0.6)
-"""Chosen: fractions of full output; the first is beyond a transmitter's dead zone (0.06), the last is half a relay."""
+"""Sizes of the check, fractions of full output. Chosen: the first is beyond a transmitter's dead zone (0.06), the last
+is half a relay."""
 LEAST = 0.15
-"""Chosen: the least motion that counts, as a share of the least hysteresis of a relay on the signal."""
+"""Least motion that counts, relative to the least hysteresis of a relay on the signal. Chosen."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
 that is dead turns a craft by more than the second."""
@@ -81,22 +83,24 @@ def sign_check_for(
     dof: str,
     craft: MavlinkCraft,
     throttle: float,
-    needs_speed: bool,
+    needs_speed: bool | None = None,
     output: float | None = None,
     *,
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``).
+
+    needs_speed : whether the actuator needs speed; None: as every one of such craft. output : of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
     A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
     course, so that they turn under way without steering.
     """
-    firmware, servos = craft.firmware, craft.servos
-    if excitation_of(dof).by_throttle:
+    firmware, servos, d = craft.firmware, craft.servos, excitation_of(dof)
+    needs_speed = firmware.needs_way if needs_speed is None else needs_speed
+    if d.by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
-    d = excitation_of(dof)
     force = d.names.force
     driving, ahead = servos.driving(force), servos.driving("X")
     return SignCheck(
@@ -153,7 +157,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to look at on a craft that thrust alone turns."""
+    """Return what to check on a craft that turns under thrust alone."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -195,10 +199,11 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
     """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
-    if dof == "yaw" or not servos.driving("N"):
+    excitation = excitation_of(dof)
+    if excitation.turns or not servos.driving("N"):
         return False
-    held = HELD_DURING.get(excitation_of(dof).signal, ())
-    return firmware.needs_way or any(gains.signal == "psi" for gains in held)
+    held = HELD_DURING.get(excitation.signal, ())
+    return firmware.needs_way or any(SIGNALS[gains.signal].wraps for gains in held)
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
@@ -264,7 +269,7 @@ def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
 
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:
-    """Return what is odd about the vehicle's settings and matters here: arming checks off, steering scaled by hand."""
+    """Return unusual settings of the vehicle that matter here: arming checks off, manual steering scaling."""
     wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.needs_way else [])]
     names, own = read_named(craft.parameters, wanted)
     values, found = names.to_canonical(own), []

@@ -28,13 +28,13 @@ from gcs_autotune_files import read
 __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
-"""What a vehicle held at the end of a tune."""
+"""The vehicle's parameters at the end of a tune."""
 SMALLER, LARGER = 0.5, 2.0
-"""The sizes of the second flight, as a share of those of the first: larger where a dead band or noise hid the loop."""
+"""Sizes of the second flight, relative to the first: larger if a dead band or noise hid the loop."""
 MORE = 0.1
-"""Chosen: overshoot of a step by so much more than at the tune counts as worse."""
+"""Increase of the overshoot since the tune that counts as worse. Chosen."""
 SLOWER = 1.5
-"""Chosen: a step that rises and settles in so many times the time of the tune is slower."""
+"""Factor on rise and settling time since the tune that counts as slower. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class LastTune:
     gains: Mapping[str, float]
 
     def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
-        """Return the gains that are others *present* now."""
+        """Return the gains that have another value at *present*."""
         return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
 
 
@@ -95,7 +95,7 @@ class Recheck:
         self.shown: Trial | None = None
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Look for the last tune of this vehicle, and whether it still has the gains of that."""
+        """Find the last tune of this vehicle, and whether its gains are still in place."""
         here = craft.session.vehicle
         assert here is not None
 
@@ -112,8 +112,7 @@ class Recheck:
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
-        served."""
+        """Return the next run, or None if the last one was sufficient; *think* computes while the link is served."""
         sheet, why = think(partial(read_loop, trial))
         if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
             self.sheet, self.why, self.shown = sheet, why, trial
@@ -136,7 +135,7 @@ class Recheck:
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
-    """Return the sheet of a flight, or why there is none."""
+    """Return the figures of a flight, or why there are none."""
     try:
         (sheet,) = ship_figures(trial)
     except NotInformative as error:
@@ -145,7 +144,7 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
 
 
 def _is_informative(sheet: Sheet) -> bool:
-    """Whether a verdict on the loop can be read off it: its damping is known."""
+    """Return whether a verdict on the loop is possible: its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
         return True
@@ -158,7 +157,7 @@ def _is_informative(sheet: Sheet) -> bool:
 
 
 def _why_not(check: Recheck) -> str:
-    """Return in words why nothing can be said of a loop."""
+    """Return in words why no verdict on a loop is possible."""
     if check.sheet is None:
         return check.why
     for doubt in check.sheet.doubts:
@@ -222,7 +221,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
 
 
 def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
-    """Return in words what is worse than at the tune; empty for nothing."""
+    """Return in words what is worse than at the tune; empty if nothing is."""
     if then is None:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:

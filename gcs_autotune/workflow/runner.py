@@ -197,7 +197,7 @@ class ManoeuvreRunner:
         self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, the craft neutral and ready to go on."""
+        """Return whether *error* was a silence that is over, with the craft neutral and ready to continue."""
         if not self._patience.bear(error):
             return False
         self._sequencer.go_on()
@@ -235,11 +235,12 @@ class ManoeuvreRunner:
 
 
 LEFT_ALONE = 0.5
-"""Seconds of the vehicle's time after which ArduRover without a receiver takes its pilot for lost (mid-2025 builds)."""
+"""Seconds of the vehicle's time after which ArduRover without a receiver assumes that its pilot is lost (mid-2025
+builds)."""
 MOST_SPOILT = 2
 """Chosen: manoeuvres of one run that are flown again because this computer paused."""
 MOST = 5
-"""Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
+"""Most interruptions in one run; a link that breaks more often is not usable for a tune. Chosen."""
 _PROMPT = 0.8
 """Chosen [s]: a link that answers within this carries commands in time."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
@@ -268,7 +269,7 @@ class Patience:
         self._borne = 0
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, and the craft is neutral and as it was before.
+        """Return whether *error* was a silence that is over, with the craft neutral and in its previous state.
 
         Raises
         ------

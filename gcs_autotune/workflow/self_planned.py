@@ -266,7 +266,7 @@ def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Fir
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialStep:
-    """One run of a trial that plans itself: why it was flown, what was known after it, why it was the last."""
+    """One run of a self-planned trial: the reason for it, the precision after it, why it was the last."""
 
     run: str
     why: str
@@ -371,7 +371,7 @@ class SelfPlanner:
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet; for an unstable model, which predicts nothing."""
+        """Return the gentlest run of a manoeuvre not flown yet, for an unstable model, which predicts nothing."""
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:

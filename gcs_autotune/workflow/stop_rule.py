@@ -193,7 +193,7 @@ class KnownDesign:
             self._judged(self._of_step, None)
 
     def update(self, relay: Relay, reversals: int) -> str:
-        """Take note of one tick of *relay* after so many *reversals*; return why it may end, empty while it may not."""
+        """Process one tick of *relay* after so many *reversals*; return why it may end, or an empty text."""
         if reversals >= LEAST_REVERSALS and reversals > self._reversals:
             self._reversals = reversals
             self._waiting.append(self._craft.recorded_so_far(relay.settings).proper)
@@ -230,7 +230,7 @@ class KnownDesign:
         return ""
 
     def _answered(self, answer: Callable[[], Assessment]) -> str:
-        """Take the worker's *answer*; return why the relay may end, empty while it may not."""
+        """Process the worker's *answer*; return why the relay may end, or an empty text."""
         self._at_work = False
         try:
             assessment = answer()
@@ -268,7 +268,7 @@ class KnownDesign:
         return ""
 
     def weigh(self, whole: Assessment) -> None:
-        """Take note of the assessment of a run that was flown earlier, to its end."""
+        """Process the assessment of a run flown earlier, to its end."""
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:

@@ -103,13 +103,13 @@ class TuneObserver(Protocol):
     verdict: tuple[bool | None, tuple[str, ...]]
 
     def say(self, text: str) -> None:
-        """Take note of something that happened, in one sentence."""
+        """Receive an event, in one sentence."""
 
     def note(self, fact: Fact) -> None:
-        """Take note of a fact."""
+        """Receive a fact."""
 
     def end(self, ending: str, reason: str) -> None:
-        """Take note of how it ended."""
+        """Receive the ending."""
 
 
 def tune_loop(

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from gcs_autotune.clock import Clock
-from gcs_autotune.craft import Actuate, Command, Intervention, Observation
+from gcs_autotune.craft import Actuate, Command, Intervention, Observation, SteeredBy
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, ModeRefused, NoReply, NotAsFound
 from gcs_autotune.firmware import Firmware, ServoMap, SetFailsafe
 from gcs_autotune.link.parameters.client import Parameters
@@ -170,6 +170,13 @@ class MavlinkCraft:
     def accept_intervention(self) -> None:
         """Accept the present mode and armed state: the operator has agreed."""
         self._interference.accept()
+
+    @property
+    def steered_by(self) -> SteeredBy:
+        """What turns it, for what is assumed of craft of its kind."""
+        if not self.firmware.needs_way:
+            return "rov"
+        return "thrusters" if self.skid else "rudder"
 
     @property
     def skid(self) -> bool:
