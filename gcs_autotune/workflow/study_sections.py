@@ -26,7 +26,9 @@ from gcs_autotune.identify import (
     AxisFit,
     Fit,
     FrequencyResponse,
+    Model,
     ModelFile,
+    is_of_one_axis,
     model_file_of,
     scaled_form,
 )
@@ -91,7 +93,7 @@ class Proposed:
     pictures: tuple[Plot, ...] = ()
 
 
-def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+def cannot_tell(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]:
     """Return what these runs cannot tell of the parameters, one sentence each."""
     try:
         doubts = identifiability(fit, runs).doubts
@@ -100,7 +102,7 @@ def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(f"{d.cause}: {d.cure}." for d in doubts)
 
 
-def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
+def compared(fit: Fit[Model], other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
     """Return how the model of *fit* and the *other* move under the inputs of *runs*, axis by axis.
 
     Raises
@@ -112,7 +114,7 @@ def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComp
     return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
 
 
-def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
+def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
     """Return the intervals of the parameters *names* by profile likelihood, and how the estimates move together.
 
     Raises
@@ -192,7 +194,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
     return Weighed(rows, "; ".join(choice.reasons) + ("." if choice.reasons else ""))
 
 
-def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed:
+def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> Proposed:
     """Return the manoeuvres worth flying next, the verdict, and a picture of what the best one buys."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
@@ -214,9 +216,9 @@ def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_pictures(fits: Sequence[Fit]) -> tuple[Plot, ...]:
+def response_pictures(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:
     """Return the Bode picture when one of the fits measured a frequency response."""
-    found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
+    found = next((f for f in fits if is_of_one_axis(f) and f.method == "frequency"), None)
     if found is None:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])

@@ -22,7 +22,7 @@ from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
-from gcs_autotune.identify.model_file import as_extended
+from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import FORMS, CoupledModel
 
