@@ -21,7 +21,7 @@ from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
-from gcs_autotune.identify.model_file import as_extended
+from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import FORMS, CoupledModel, SingleDof
 
 from .crafts import DEFAULTS, ROVER_DEFAULTS, ROVER_HEADING, SUB_DEPTH, SUB_HEADING, heave, yaw
