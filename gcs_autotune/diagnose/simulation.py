@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
+from gcs_autotune.effects import EFFECTS, EffectInstance, columns_of, in_order
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
@@ -171,8 +171,10 @@ def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
         ("net-buoyancy", [d for d in driven if d == "heave"]),
     ):
         entry = EFFECTS[slug]
+        lacking = set(places)
         for place in entry.places(data):
-            if place in places:
+            if lacking.issuperset(columns_of(place)):
+                lacking -= set(columns_of(place))
                 start = dict.fromkeys(entry.starts(place, data)[0], 0.0)
                 found.append(EffectInstance(slug, place, start, dict(entry.constants(place, data))))
     return in_order(found)

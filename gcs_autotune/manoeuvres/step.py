@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.axes import SIGNAL_FORCES
-from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
+from gcs_autotune.craft import Command, Observation, set_point
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
@@ -268,13 +268,7 @@ class Step(Manoeuvre):
 
     def _command(self) -> Command:
         s = self._settings
-        if s.signal == "z":
-            return DepthTarget(self.target)
-        if s.signal == "u":
-            return HeadingTarget(self._course, self.target)
-        if s.signal == "r":
-            return TurnRateTarget(self.target, s.speed)
-        return HeadingTarget(self.target, s.speed)
+        return set_point(s.signal, self.target, course=self._course, speed=s.speed)
 
 
 def windows_of(trial: Trial) -> tuple[float, ...]:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, over_windows, scatter_of
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Axis, Firmware, read_named
@@ -100,7 +99,7 @@ class _AutopilotLoop:
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
         context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
-            context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
+            context.runner.come_to_rest(PROVING, context.axis.kind)
         after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:

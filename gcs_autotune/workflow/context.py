@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ParamSpec, TypeVar
 
-from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import LAWS, Law
 from gcs_autotune.firmware import Axis
@@ -88,7 +87,7 @@ class TuneContext:
 
     def come_down(self) -> None:
         """Dive if the next manoeuvre needs depth and a buoyant craft has risen near the surface."""
-        if self.craft.firmware.floats or not excitation_of(self.axis.dof).below_surface:
+        if self.craft.firmware.floats or not self.axis.excitation.below_surface:
             return
         dive = dive_for(self.axis.dof, self.craft.firmware, self.craft.observe())
         if dive is not None:

@@ -62,7 +62,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     context, craft = _learn(settings, visit), visit.craft
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
     dive = dive_for(axis.dof, firmware, now)
-    pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+    pace = pace_of(craft.steered_by)
     legs = legs_of_experiment(axis.dof, pace, dives=dive is not None)
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
@@ -85,7 +85,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
 
 def _movements(context: TuneContext, depth: float) -> str:
     """Return in words what moves, after a dive to *depth* [m]; 0: there is none."""
-    kind, firmware = axis_kind(context.axis.name), context.craft.firmware
+    kind, firmware = context.axis.kind, context.craft.firmware
     down = f"dive to {depth:g} m, then " if depth else ""
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
@@ -112,4 +112,4 @@ def _axis(name: str, firmware: Firmware) -> Axis:
     kind = axis_kind(name)
     if kind.excitation.below_surface and firmware.floats:
         raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth. Use heading or speed")
-    return Axis(name, kind.dof, "", (), (), needs_speed=firmware.needs_way)
+    return Axis(name, "", (), (), needs_speed=firmware.needs_way)

@@ -15,7 +15,7 @@ import numpy as np
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import AxisFit
+from gcs_autotune.identify import is_of_one_axis
 from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings
 from gcs_autotune.observer import Observer, PredictedTrack
 from gcs_autotune.workflow.announcement import battery, exactly, whole_of
@@ -104,7 +104,7 @@ def fly_plan(
             return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
-    onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
+    onboard.identify([model.fit for model in result.models if is_of_one_axis(model.fit)], when)
     return result
 
 
@@ -144,7 +144,7 @@ class _Flight:
         dives = any(dive_for(dof, firmware, now) is not None for dof in (*checked, *looped))
         whole = self._whole(DIVE * dives)
         first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dives
-        pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+        pace = pace_of(craft.steered_by)
         idle = not self._left and self._plan.until is None
         in_manual = {run.settings.make(run.throttle).in_manual for run in self._left}
         modes = [firmware.hold_mode] * (False in in_manual or dives or self._plan.min_depth is not None)
@@ -339,11 +339,11 @@ class _Flight:
         throttle = max(run.throttle for run in left)
         looped = self._looped
         for dof in checked:
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
             _dive(runner, dive_for(dof, firmware, home))
         for dof in self._steered(checked):
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             runner.check_steering(check, left[0].envelope)
         for dof in looped:
             _dive(runner, dive_for(dof, firmware, craft.observe()))

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-from gcs_autotune.axes import excitation_of
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import (
     AxisFit,
     Fit,
+    Model,
     fit_axis,
     fit_surge,
     fit_thrust_curve,
@@ -44,7 +44,7 @@ class Identified:
 
     fit: AxisFit
     runs: Sequence[Trial]
-    curved: Fit | None = None
+    curved: Fit[Model] | None = None
     short: bool = False
 
     @property
@@ -68,7 +68,7 @@ def identify(
     turns_first : turn a boat around before the first of them, too.
     early : omit a boat's throttle steps on the way back where they add no information.
     """
-    if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
+    if context.axis.excitation.by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
     if rule is None or step is None:
         return _by_relays(context, step, turns_first=turns_first)
@@ -90,7 +90,7 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     if turns_first:
         context.turn_around("relay-1", SWING_AHEAD)
     first = context.fly(relay, "first self-oscillation")
-    room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
+    room = 0.9 - abs(throttle) if context.axis.excitation.by_throttle else 0.9
     relay = relays.relay("relay-2", second_output(first, room))
     context.turn_around("relay-2", SWING_AHEAD)
     trials = [first, context.fly(relay, "second self-oscillation")]
@@ -114,8 +114,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     much unexplained, the experiments are flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
-    noise = noise_in(step, excitation_of(dof).signal) if relays.keep_still else None
+    throttle, relays, excitation = context.throttle, Relays.of(s, dof, craft, context.throttle), context.axis.excitation
+    noise = noise_in(step, excitation.signal) if relays.keep_still else None
     rule.start()
     context.turn_around("relay-1", SWING_AHEAD)
     relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
@@ -130,7 +130,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         fit = log.fit = _plain(context, [step, first])
         return Identified(fit, [step, first])
     short = rule.another_size
-    output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
+    output = second_output(first, 0.9 - abs(throttle) if excitation.by_throttle else 0.9)
     turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
     relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
@@ -157,9 +157,9 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
     boat's steering is left out: it depends on the throttle, which the autopilot changes. For its surge the step is the
     way back.
     """
-    if found.short and excitation_of(context.axis.dof).by_throttle:
+    if found.short and context.axis.excitation.by_throttle:
         return _with_step_back(context, found, step)
-    if excitation_of(context.axis.dof).by_throttle or context.axis.needs_speed:
+    if context.axis.excitation.by_throttle or context.axis.needs_speed:
         return found
     context.log.say("identifying, with the step")
     return _with_curve(context, found.fit, found.runs, step, with_band=True)

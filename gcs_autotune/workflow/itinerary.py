@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
+from gcs_autotune.craft import SteeredBy
 from gcs_autotune.manoeuvres import LEVELS
 from gcs_autotune.observer import Fact, Intentions, Observer, Progress
 from gcs_autotune.workflow.preflight import STAGE
@@ -51,7 +52,7 @@ class Pace:
     under_way: bool = True
 
 
-_PACES: Mapping[str, Pace] = {
+_PACES: Mapping[SteeredBy, Pace] = {
     "rudder": Pace(40.0, 32.0, 110.0, 12.0, 30.0, 7.0, 12.0, 24.0, 16.0),
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
     "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
@@ -64,12 +65,12 @@ _RESTLESS = 110.0
 """Chosen [s]: a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone."""
 
 
-def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
-    """Return the pace of a boat (*under_way*) that steers by two thrusters (*skid*) or a rudder, or of an ROV.
+def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
+    """Return the pace of a craft by what turns it.
 
     restless : where it comes to no rest.
     """
-    pace = _PACES["rov" if not under_way else "thrusters" if skid else "rudder"]
+    pace = _PACES[steered_by]
     return replace(pace, relay=max(pace.relay, _RESTLESS)) if restless else pace
 
 
@@ -109,7 +110,7 @@ def legs_of_tune(
     """
     turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
-    legs = _first(pace, dives=dives, steers=dof != "yaw")
+    legs = _first(pace, dives=dives, steers=not excitation_of(dof).turns)
     before = Leg("step with present gains", step, kind="step")
     thorough = moving or not settings.ends_early
     turn = turn if not settings.ends_early else 0.0
@@ -132,7 +133,7 @@ def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
     first, second = _swings(dof, pace)
     return (
-        *_first(pace, dives=dives, steers=dof != "yaw"),
+        *_first(pace, dives=dives, steers=not excitation_of(dof).turns),
         first,
         replace(second, before=pace.turn),
     )

@@ -28,6 +28,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.mavlink import message_number
 from gcs_autotune.observer import Observer
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 from gcs_autotune.untrusted_text import quoted
 from gcs_autotune.workflow.flight_plan import FlySettings
@@ -82,22 +83,24 @@ def sign_check_for(
     dof: str,
     craft: MavlinkCraft,
     throttle: float,
-    needs_speed: bool,
+    needs_speed: bool | None = None,
     output: float | None = None,
     *,
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``).
+
+    needs_speed : whether the actuator needs speed; None: as every one of such craft. output : of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
     A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
     course, so that they turn under way without steering.
     """
-    firmware, servos = craft.firmware, craft.servos
-    if excitation_of(dof).by_throttle:
+    firmware, servos, d = craft.firmware, craft.servos, excitation_of(dof)
+    needs_speed = firmware.needs_way if needs_speed is None else needs_speed
+    if d.by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
-    d = excitation_of(dof)
     force = d.names.force
     driving, ahead = servos.driving(force), servos.driving("X")
     return SignCheck(
@@ -196,10 +199,11 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
     """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
-    if dof == "yaw" or not servos.driving("N"):
+    excitation = excitation_of(dof)
+    if excitation.turns or not servos.driving("N"):
         return False
-    held = HELD_DURING.get(excitation_of(dof).signal, ())
-    return firmware.needs_way or any(gains.signal == "psi" for gains in held)
+    held = HELD_DURING.get(excitation.signal, ())
+    return firmware.needs_way or any(SIGNALS[gains.signal].wraps for gains in held)
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:

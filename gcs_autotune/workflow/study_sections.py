@@ -26,12 +26,15 @@ from gcs_autotune.identify import (
     AxisFit,
     Fit,
     FrequencyResponse,
+    Model,
     ModelFile,
+    is_of_one_axis,
     model_file_of,
     scaled_form,
 )
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import StudySettings
 
@@ -91,7 +94,7 @@ class Proposed:
     pictures: tuple[Plot, ...] = ()
 
 
-def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+def not_distinguished(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]:
     """Return which parameters these runs do not determine, one sentence each."""
     try:
         doubts = identifiability(fit, runs).doubts
@@ -100,7 +103,7 @@ def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(f"{d.cause}: {d.cure}." for d in doubts)
 
 
-def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
+def compared(fit: Fit[Model], other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
     """Return how the model of *fit* and the *other* respond to the inputs of *runs*, axis by axis.
 
     Raises
@@ -112,7 +115,7 @@ def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComp
     return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
 
 
-def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
+def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
     """Return the profile-likelihood intervals of the parameters *names*, and how the estimates are correlated.
 
     Raises
@@ -156,8 +159,7 @@ def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
 def _people(value: float, signal: str) -> str:
     if not math.isfinite(value):
         return "cannot predict"
-    angular = signal in ("psi", "phi", "theta", "p", "q", "r")
-    return f"{math.degrees(value):.3g}\u00b0" if angular else f"{value:.3g}"
+    return f"{math.degrees(value):.3g}\u00b0" if SIGNALS[signal].angular else f"{value:.3g}"
 
 
 def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySettings) -> FormChoice:
@@ -192,7 +194,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
     return Weighed(rows, "; ".join(choice.reasons) + ("." if choice.reasons else ""))
 
 
-def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed:
+def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> Proposed:
     """Return the recommended manoeuvres, the verdict, and a plot of the improvement by the best one."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
@@ -214,9 +216,9 @@ def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_plots(fits: Sequence[Fit]) -> tuple[Plot, ...]:
+def response_plots(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:
     """Return the Bode plot if one of the fits measured a frequency response."""
-    found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
+    found = next((f for f in fits if is_of_one_axis(f) and f.method == "frequency"), None)
     if found is None:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])

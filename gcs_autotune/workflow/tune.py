@@ -63,9 +63,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     context = _learn(settings, earlier, visit)
     craft, log, axis = visit.craft, visit.log, context.axis
     now, firmware = craft.observe(), craft.firmware
-    pace, slow = (
-        pace_of(under_way=firmware.needs_way, skid=craft.skid, restless=restless) for restless in (False, True)
-    )
+    pace, slow = (pace_of(craft.steered_by, restless=restless) for restless in (False, True))
     itinerary = Itinerary(tune_legs(context, pace, now), pace.turn)
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.manoeuvres import Envelope, Manoeuvre, PlantState
@@ -64,9 +63,9 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
 
 def _stepped(context: TuneContext) -> tuple[float, float]:
     """Return how far a step of the settings goes from the start: heading [rad] and depth [m]."""
-    step, dof = context.settings.step, context.axis.dof
-    size = 0.0 if step is None or axis_kind(context.axis.name).stepped not in ("psi", "z") else abs(step)
-    return (size, 0.0) if dof == "yaw" else (0.0, size)
+    step, kind = context.settings.step, context.axis.kind
+    size = 0.0 if step is None or kind.controls_velocity else abs(step)
+    return (size, 0.0) if kind.angular else (0.0, size)
 
 
 def _what(context: TuneContext) -> str:
@@ -78,7 +77,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
     for itinerary in itineraries:
-        for like in assumed_crafts(under_way=True, skid=craft.skid):
+        for like in assumed_crafts(craft.steered_by):
             plant = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
             check = sign_check_for(axis.dof, craft, context.throttle, axis.needs_speed, settings.relay_output)
             limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
@@ -120,7 +119,7 @@ LEAST_STEP, TOLD = 20.0, 0.35
 
 def movements_of(context: TuneContext, now: Observation) -> str:
     """Return in words what moves during a tune."""
-    axis, d, speed = context.axis, axis_kind(context.axis.name), context.speed
+    axis, d, speed = context.axis, context.axis.kind, context.speed
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown

@@ -24,7 +24,7 @@ from gcs_autotune.trial import Channel, Mark, Trial
 __all__ = ["UNITS", "Recorder", "Telemetry", "await_tick", "observation"]
 
 UNITS: Mapping[str, str] = {
-    **{name: unit for name, (unit, _) in SIGNALS.items()},
+    **{name: signal.unit for name, signal in SIGNALS.items()},
     **dict.fromkeys("XYZKMN", "1"),
     "battery": "V",
     "battery_remaining": "1",

@@ -45,6 +45,7 @@ from gcs_autotune.report.toolkit.figures import (
 from gcs_autotune.report.toolkit.wording import format_number, format_quantity, pretty_unit, to_people
 from gcs_autotune.report.tune.bode import LoopMargins, draw_bode, loop_margins
 from gcs_autotune.report.tune.story import PLOTTED_SIGNALS, PlottedSignals, TuneStory
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Mark, Trial
 
 if TYPE_CHECKING:
@@ -321,7 +322,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
         bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
     top, bottom = columns[0]
     top.set_ylabel(f"{what}, from the start [{unit}]")
-    if story.stepped.position == "z":
+    if SIGNALS[story.stepped.position].down:
         top.invert_yaxis()  # shared by the row: depth grows downwards
     _label_output(bottom, story)
     legend(top)
@@ -385,7 +386,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
         )
         top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
     top.set_ylabel(f"{what} from reference [{unit}]")
-    if swung.position == "z":
+    if SIGNALS[swung.position].down:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
