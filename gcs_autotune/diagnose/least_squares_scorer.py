@@ -167,7 +167,7 @@ class LeastSquares:
         return ()
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
-        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        """Return whether *effect* of *fitted* explains the runs as well when driven by a recorded command."""
         others = fitted.without(effect)
         for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
             if any((e.slug, e.place) == (own.slug, own.place) for e in others):
