@@ -12,6 +12,7 @@ from gcs_autotune.identify.result import (
     AxisFit,
     Decision,
     Doubt,
+    Fit,
     IsoEstimate,
     LimitCycle,
     Parameter,
@@ -118,7 +119,7 @@ def fit(
             ("affine", 0.0042, 5, -7723.9),
         )
     )
-    return AxisFit(
+    return Fit(
         dof="yaw",
         structure=structure,
         method="output error",
