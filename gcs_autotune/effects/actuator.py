@@ -195,6 +195,7 @@ class Saturation(Characteristic):
     parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
     shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
     mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
+    yields_to = ("asymmetric-thrust",)  # of two thrusters, where the largest turns take the inner one astern
     separated_by = (
         "steps from rest to a quarter, half, three quarters and all of full command, each held until the speed is "
         "steady, both ways: with a limit the largest steps start equally hard; with drag they start harder and end "
