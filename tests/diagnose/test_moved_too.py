@@ -9,7 +9,7 @@ import pytest
 from runs_in_the_tank import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
+from gcs_autotune.identify import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import StudySettings, study
