@@ -28,7 +28,7 @@ on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``op
 from __future__ import annotations
 
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
-from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names, structure_of
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.base_model import (
     THRUSTERS,
@@ -39,10 +39,10 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
-from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
+from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
@@ -74,7 +74,6 @@ from gcs_autotune.identify.model_file import (
     model_document,
     model_file_of,
     save_model,
-    whole_model,
 )
 from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
@@ -115,11 +114,13 @@ from gcs_autotune.identify.result import (
     Fit,
     IsoEstimate,
     LimitCycle,
+    Model,
     Parameter,
     Status,
-    Structure,
     StructureFit,
     Trace,
+    is_of_one_axis,
+    whole_model,
 )
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
@@ -159,7 +160,7 @@ __all__ = [
     "THRUSTERS",
     "Agreement",
     "AxisFit",
-    "CoupledCase",
+    "Case",
     "Day",
     "Decision",
     "Doubt",
@@ -178,6 +179,7 @@ __all__ = [
     "Local",
     "LocalFit",
     "Method",
+    "Model",
     "ModelFile",
     "MonitorState",
     "NoiseModel",
@@ -243,6 +245,7 @@ __all__ = [
     "information_on",
     "initial_guess_of",
     "inverse_of",
+    "is_of_one_axis",
     "join",
     "judged_by",
     "label_of",
@@ -290,6 +293,7 @@ __all__ = [
     "spread_between",
     "square_of",
     "steered",
+    "structure_of",
     "thinned_to",
     "thrust_curve_told",
     "unexplained",
