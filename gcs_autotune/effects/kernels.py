@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["SETTLED", "earlier", "fading", "following", "limited", "backlash"]
+__all__ = ["SETTLED", "backlash", "earlier", "fading", "following", "limited"]
 
 Array = NDArray[np.float64]
 
