@@ -24,8 +24,8 @@ law at most doubles from here to full output, which is only passed through; the 
 
 
 class ActuatorStep(NamedTuple):
-    """An :class:`Actuator` moved on by one loop: as there, but ``rate`` a loop, ``lag`` the share of the way to a new
-    output that is gone in one loop, ``backlash`` half of it, and ``acts`` 0 where nothing is to be done. All are floats.
+    """An :class:`Actuator` for one loop: ``rate`` per loop, ``lag`` the share of the way covered in one loop,
+    ``backlash`` half of it, ``acts`` 0 for an ideal actuator. All are floats.
     """
 
     acts: float
@@ -119,11 +119,10 @@ class Actuator:
         return _output_for(self, force)
 
     def slopes(self) -> tuple[float, ...]:
-        """Return the gains around which small motions live: by direction, size of output and state of the battery.
+        """Return the local gains of small motions: by direction, size of output and state of the battery.
 
-        Outputs are fractions of full (:meth:`in_fractions`), sizes from rest to ``USED``, of which dead zone and backlash
-        take their part first. Margins are to hold at each. Within dead zone and backlash the loop is open; that is left to
-        the simulation.
+        Outputs are normalised (:meth:`in_fractions`), sizes from rest to ``USED``, less dead zone and backlash. Margins
+        must hold at each. Within dead zone and backlash the loop is open; that is left to the simulation.
         """
         return _slopes(self)
 

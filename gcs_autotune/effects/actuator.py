@@ -434,8 +434,8 @@ class Backlash(SharedActuatorEffect):
     yields_to = ("dead-zone",)  # to a relay, which always goes from end to end, both are the same
     separated_by = (
         "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
-        "speed is steady: with backlash the same command gives another speed on the way down than on the way up; with a "
-        "dead zone or a lag it does not"
+        "speed is steady: with backlash the same command gives another speed on the way down than on the way up; with "
+        "a dead zone or a lag it does not"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:

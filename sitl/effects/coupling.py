@@ -35,7 +35,7 @@ class CoriolisCoupling(HiddenEffect):
         """Verify that there are at least two horizontal degrees of freedom, sway among them or driven."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
-            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this one has not")
+            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this hull lacks one")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -61,7 +61,7 @@ class SwayYawCoupling(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Verify that the hull sways and yaws, and that its mass matrix stays positive definite."""
         if not {"sway", "yaw"} <= set(setting.dofs):
-            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this one has not")
+            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this hull lacks one")
         if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
         self._state = setting.state
@@ -85,7 +85,7 @@ class MomentOfFlow(HiddenEffect):
         """Verify that the hull has these degrees of freedom."""
         if not self.needs <= set(setting.dofs):
             wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
-            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this one has not")
+            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this hull lacks one")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:

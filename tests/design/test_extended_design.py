@@ -124,7 +124,7 @@ def test_a_loop_at_rest_stays_at_rest_whatever_the_actuator() -> None:
 
 
 def harmonic(backlash: float, amplitude: float) -> complex:
-    """Return the describing function of backlash of a total *backlash* for a sine of *amplitude*, from one settled period."""
+    """Return the describing function of a total *backlash* for a sine of *amplitude*, from one settled period."""
     phase = np.linspace(0.0, 4.0 * math.pi, 1601)
     u, y, held = amplitude * np.sin(phase), np.zeros(1601), 0.0
     for i, now in enumerate(u):
