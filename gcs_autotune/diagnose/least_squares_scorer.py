@@ -45,9 +45,10 @@ from gcs_autotune.identify import Fitted, Problem
 
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 
-BRIEF = 0.5
+BRIEF = 0.4
 """Chosen: a time of an effect, in samples of the record, below which it may as well be how commands are held between
-samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s."""
+samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. It is less
+than half, because commands with stamps half a sample early are a delay of just that."""
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""
