@@ -64,6 +64,7 @@ def test_noise_on_a_speed_is_no_motion():
     assert moved_besides([flown(thrust=0.0, noise=0.5)], {"yaw"}) == {}
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
     run = flown(COUPLED)
     told = diagnose(run, effects=["input-bias"])

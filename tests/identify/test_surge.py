@@ -144,7 +144,9 @@ def on_heading(run: Trial, heading: float, water: float) -> Trial:
 
 
 @pytest.mark.parametrize("square", [0.0, 1.0])
-@pytest.mark.parametrize("water", [0.0, 0.02, 0.15, -0.3])
+@pytest.mark.parametrize(
+    "water", [0.0, pytest.param(0.02, marks=pytest.mark.slow), 0.15, pytest.param(-0.3, marks=pytest.mark.slow)]
+)
 def test_any_run_on_the_way_back_shows_the_current_beside_what_the_way_out_foretells(
     water: float, square: float
 ) -> None:
