@@ -404,7 +404,7 @@ class GroundEffect(Effect):
     )
     shown_by = "residual against depth: right high up, too fast in the simulation near the bottom"
     mistaken_for = ("quadratic-drag", "net-buoyancy", "tether-pull", "gain-drift")
-    separated_by = "the same pushes up and down just above the bottom, a craft's length above it and far up"
+    separated_by = "the same vertical commands up and down just above the bottom, a craft's length above it and far up"
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

@@ -181,7 +181,7 @@ class Outliers(Effect):
 
     slug = "outliers"
     family = "sensor"
-    meaning = "single samples are far off: lost bits, reflections, jumps of a fix"
+    meaning = "single samples are outliers: lost bits, reflections, jumps of a fix"
     plain = "Your {signal} has single wrong samples; that of {simulation} has none."
     parameters = (
         Quantity("share", "1", "fraction of samples that are outliers"),

@@ -192,10 +192,10 @@ def _fit_coupled(
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
-    """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known.
+    """Return *form* with free gains ``k_X`` ... where inputs are normalised and an inertia is known.
 
-    Where none is, each equation is per full output of its own force, which is said as a doubt. Only the sum of mass and
-    added mass stands in the equations: a mass alone tells no force, and where it is known that is said as well.
+    If no inertia is known, each equation is per full output of its own force, and a doubt reports that. Only the sum of
+    mass and added mass appears in the equations: a mass alone does not determine a force, which is reported too.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
     if form.normalised or form.per_inertia or units != {"1"}:

@@ -72,7 +72,7 @@ class SubYaw(VelocityLoop):
         return self._heading.controller(settings, speed)
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return that of the heading law: the angle loop is in place."""
+        """Return the rate of the heading law, whose angle loop is active."""
         return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

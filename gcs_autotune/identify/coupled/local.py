@@ -28,8 +28,8 @@ GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
 
 HOPELESS = 10.0
-"""A fit that misses some signal by so many times the noise to begin with, that is by as much as the signal moves, has
-gone astray: it is tried on short pieces."""
+"""Misfit of a signal, in multiples of its noise, that equals its motion: the fit has failed and is tried on short
+pieces."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
 """Effort for each start; only the best is fitted to the end."""

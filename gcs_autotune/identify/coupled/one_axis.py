@@ -113,10 +113,10 @@ def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tup
 
 
 def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
-    """Make a method that fits forms one for single axes.
+    """Adapt a method that fits forms to single axes.
 
-    Without a structure asked for, all three drags are fitted and the one with the least Bayesian information
-    criterion of its free run is kept; its rivals stand in ``candidates``.
+    Without a requested structure, all three drags are fitted. The one with the lowest Bayesian information criterion of
+    its free run is kept; the others are in ``candidates``.
     """
 
     def fit_one_axis(case: Case) -> AxisFit:

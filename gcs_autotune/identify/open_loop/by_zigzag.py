@@ -50,7 +50,7 @@ def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: 
 
 
 CLEAR = 3.0
-"""Standard errors of the drag left out from zero at which it draws a doubt."""
+"""Standard errors from zero at which an omitted drag raises a doubt."""
 
 WORSE = 2.0
 """Factor by which the weighted misfit must grow without it, for the same."""

@@ -1,4 +1,5 @@
-"""Does a model obey physics: M symmetric and positive, C without power, D positive over the velocities visited.
+"""Check that a model is physical: M symmetric and positive definite, C without power, D positive over the velocities
+visited.
 
 Miskovic2007 (9)-(11).
 """
