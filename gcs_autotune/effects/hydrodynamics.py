@@ -131,7 +131,7 @@ TERMS: Mapping[str, tuple[str, str, str]] = {
     "Y_ur": ("sway", "surge", "yaw"),
     "N_uv": ("yaw", "surge", "sway"),
 }
-"""Coefficient -> equation it stands in, and the two velocities it goes with."""
+"""Coefficient -> its equation, and the two velocities whose product it multiplies."""
 
 SHARE = 0.2
 """Share of the largest force to begin from, at the largest speeds."""

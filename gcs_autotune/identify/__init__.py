@@ -13,11 +13,11 @@ likelihood        of parameters, effects, initial states and the shift of stamps
 problem           what is to be fitted, for searches over effects
 solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
 stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
-initial_guess     where a fit of a form begins; ``first_look`` before any fit
+initial_guess     where a fit of a form begins; ``quick_fit`` before any fit
 delay             whether the craft answers late: one rule for every form
-doubts            reasons not to trust a fit, with cause and cure; ``odd_run``: one of another craft
+doubts            reasons not to trust a fit, with cause and cure; ``outlier_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
-thrust_curve      an actuator that is weak for small commands; ``lopsided_thrust``: weaker one way
+thrust_curve      an actuator that is weak for small commands; ``asymmetric_thrust``: weaker one way
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
@@ -28,6 +28,7 @@ on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``op
 from __future__ import annotations
 
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
+from gcs_autotune.identify.asymmetric_thrust import with_doubt_of_thrust
 from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names, structure_of
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.base_model import (
@@ -57,15 +58,14 @@ from gcs_autotune.identify.information import (
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
-from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.run_to_run import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
-from gcs_autotune.identify.lopsided_thrust import with_doubt_of_thrust
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.model_file import (

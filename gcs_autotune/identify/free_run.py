@@ -20,10 +20,10 @@ from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.base_model import base_limits, data_summary_of
-from gcs_autotune.identify.first_look import first_levels, first_states
 from gcs_autotune.identify.least_squares import Local, descend
 from gcs_autotune.identify.preparation import prepare, prepare_as_recorded, prepare_form
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_levels, first_states
 from gcs_autotune.identify.result import AxisFit, Doubt, Trace
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment

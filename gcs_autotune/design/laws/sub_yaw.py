@@ -25,7 +25,7 @@ __all__ = ["SubYaw"]
 REPAID = 0.1
 """The craft falls behind the moving target at first and turns faster to catch up: no rate gains can help that."""
 UNUSED = ("ATC_SLEW_YAW", "ATC_INPUT_TC")
-"""They shape headings, not rates."""
+"""Parameters that shape headings, not turn rates."""
 DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
 
 

@@ -24,7 +24,7 @@ from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.moved import dof_option, moved_besides
-from gcs_autotune.identify.odd_run import CraftEstimate, OddRun, odd_run_doubts, odd_runs
+from gcs_autotune.identify.outlier_run import CraftEstimate, OutlierRun, outlier_run_doubts, outlier_runs
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import two_experiment_decision
@@ -336,13 +336,13 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
     if len(case.names) < 2 or not all(stretches):
         return []
-    odd = odd_runs(case.names, estimate)
+    odd = outlier_runs(case.names, estimate)
     if odd and 2 * sum(found.white for found in by_itself) < len(by_itself):
         return [_model_lacking(chosen, odd)]
-    return odd_run_doubts(odd)
+    return outlier_run_doubts(odd)
 
 
-def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
+def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
     """Return a doubt about runs that differ where the model misses something in each: no sign of another craft."""
     runs = [Trial(r.run, r.measured) for r in chosen.records]
     dof = chosen.records[0].dof.name

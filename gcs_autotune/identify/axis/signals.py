@@ -39,7 +39,7 @@ from gcs_autotune.identify.stamp_correction import switches_of
 from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.models import simulate_explicit
 
-__all__ = ["KINDS", "StepAgreement", "agreement", "first_names", "objection", "wanted_names"]
+__all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
 """What ``use`` may hold."""
@@ -140,7 +140,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepAgreement:
+class VelocityConsistency:
     """How the velocities differ from the fitted motion.
 
     ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
@@ -170,7 +170,7 @@ class _Compared:
     step: float
 
 
-def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement | None:
+def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsistency | None:
     """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
@@ -186,7 +186,7 @@ def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement |
     ends = np.cumsum([len(p.error) for p in parts])[:-1]
     gain, lag, bias = (float(v) for v in found[-3:])
     std = np.sqrt(np.diag(covariance)[-3:])
-    return StepAgreement(
+    return VelocityConsistency(
         gain,
         lag,
         bias,

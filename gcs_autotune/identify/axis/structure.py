@@ -15,8 +15,8 @@ from gcs_autotune.identify.axis.form import FREE, Explicit, ExplicitForm, Struct
 from gcs_autotune.identify.axis.start import Bounds, start_from_scan
 from gcs_autotune.identify.axis.uncertainty import numbers_of
 from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.first_look import first_levels, first_states, quanta_of
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_levels, first_states, quanta_of
 from gcs_autotune.identify.result import Decision, StructureFit
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import PHYSICAL, Explicit, ExplicitForm
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.first_look import first_states
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.likelihood import Objective, information_of
 from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_states
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve

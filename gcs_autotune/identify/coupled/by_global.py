@@ -22,7 +22,7 @@ from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.by_output_error import outcome, with_known_delay
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
-from gcs_autotune.identify.coupled.local import Delayed, LocalCost, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, LocalFit, local_fit
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
 from gcs_autotune.identify.least_squares import descend
@@ -257,7 +257,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     if plain is not None and ahead < 0.0:
         polished = plain
     extra = {"search": {**told, "ahead_of_local": ahead}}
-    return outcome(case, Delayed(LocalCost(polished, records), 0.0), limits, "global", extra)
+    return outcome(case, Delayed(LocalFit(polished, records), 0.0), limits, "global", extra)
 
 
 def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Solution | None:

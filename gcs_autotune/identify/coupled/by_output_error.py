@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import Delayed, LocalCost, fit_with_delay, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, LocalFit, fit_with_delay, local_fit
 from gcs_autotune.identify.doubts import delay_fitted
-from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.method import Method
-from gcs_autotune.identify.odd_run import odd_run
+from gcs_autotune.identify.outlier_run import outlier_run
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import quanta_of
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.solution import solve
 from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
@@ -120,12 +120,12 @@ def _doubts(chosen: Delayed, limits: Limits) -> list[Doubt]:
         _pieces(chosen.local),
         reversed_input(solution.form, values, dict(zip(solution.names, std, strict=True))),
         delay_fitted(solution, chosen.evidence),
-        odd_run(solution, records, limits),
+        outlier_run(solution, records, limits),
     )
     return [*solution_doubts(solution), *(d for d in of_its_own if d is not None)]
 
 
-def _pieces(local: LocalCost) -> Doubt | None:
+def _pieces(local: LocalFit) -> Doubt | None:
     if not local.pieces:
         return None
     longest = max(float(np.ptp(r.stamps)) for r in local.records)

@@ -12,11 +12,11 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.base_model import fit_base, given_base
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
-from gcs_autotune.identify.first_look import quanta_of
 from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import quanta_of
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.solution import Solution, solution_of, solve
 from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts

@@ -142,7 +142,7 @@ def _doubts(
             found.append(
                 Doubt(
                     f"{kind}-drag",
-                    f"the half periods ask for {kind} drag too ({clear:.0f} standard errors); what was fitted holds "
+                    f"the half periods show {kind} drag too ({clear:.0f} standard errors); the fit holds "
                     "for this rudder angle only",
                     "structure='affine' fits both; method='output-error' decides",
                 )

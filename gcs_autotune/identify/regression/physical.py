@@ -74,7 +74,11 @@ def _symmetric(M: Array) -> Check:
 
 def _positive(what: str, name: str, least: float) -> Check:
     holds = least > -ROUNDING
-    told = f"{name} is positive" if holds else f"{name} is not positive: an eigenvalue of {least:.2g} of its diagonal"
+    told = (
+        f"{name} is positive definite"
+        if holds
+        else f"{name} is not positive definite: least eigenvalue {least:.2g} times its diagonal"
+    )
     return Check(what, holds, least, told)
 
 

@@ -30,7 +30,7 @@ MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
 """The colour-blind-safe set of Okabe2008."""
 
 MOST_POINTS = 900
-"""Samples drawn of one trace; more cannot be told apart."""
+"""Most samples plotted per trace; more are not distinguishable."""
 
 
 def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
