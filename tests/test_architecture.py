@@ -60,8 +60,10 @@ def imports_of(files):
     found = {}
     for module, path in files.items():
         nodes = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.ImportFrom)]
-        named = {f"{n.module}.{a.name}" for n in nodes for a in n.names} | {n.module for n in nodes}
-        found[module] = {n for n in named if n in files and n != module}
+        places = {
+            f"{n.module}.{a.name}" if f"{n.module}.{a.name}" in files else n.module for n in nodes for a in n.names
+        }
+        found[module] = {place for place in places if place in files and place != module}
     return found
 
 

@@ -10,7 +10,7 @@ simulation        what a fitted model makes of inputs on its own
 simulators        what a likelihood asks of a model: one axis, coupled forms, forms with effects
 noise             Gaussian, robust, rounded by a coarse sensor
 likelihood        of parameters, effects, initial states and the shift of stamps
-problem           what is to be fitted, for searches over effects
+problem           what is to be fitted, for searches over effects; ``fitted``: what that leaves
 solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
 stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
 initial_guess     where a fit of a form begins; ``quick_fit`` before any fit
@@ -18,6 +18,7 @@ delay             whether the craft answers late: one rule for every form
 doubts            reasons not to trust a fit, with cause and cure; ``outlier_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
 thrust_curve      an actuator that is weak for small commands; ``asymmetric_thrust``: weaker one way
+case              what every method receives; ``fit_builder``: from what it found to a ``Fit``
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
@@ -46,7 +47,7 @@ from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
+from gcs_autotune.identify.free_run import Validation, free_run, join, residual_statistics, validate
 from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse, harmonic_response
 from gcs_autotune.identify.information import (
     BLIND,
@@ -95,7 +96,7 @@ from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_record
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
-from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
+from gcs_autotune.identify.relay.iso import decide
 from gcs_autotune.identify.relay.limit_cycle import SCATTER, LimitCycleMonitor, MonitorState, find_cycles
 from gcs_autotune.identify.relay.linear_process import (
     experiments_needed,
@@ -194,7 +195,6 @@ __all__ = [
     "RecordedMotion",
     "Remainder",
     "Residual",
-    "ResidualStatistics",
     "RunSays",
     "Segment",
     "ShipLog",
@@ -235,8 +235,6 @@ __all__ = [
     "fitted_model_of",
     "form_of",
     "free_run",
-    "from_delay",
-    "from_integrators",
     "gaussian_noise",
     "given_base",
     "harmonic_response",

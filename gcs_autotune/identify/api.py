@@ -66,7 +66,7 @@ def fit(
     Returns
     -------
     Fit
-        :class:`AxisFit` for one degree of freedom. A poor answer carries doubts.
+        An ``AxisFit`` for one degree of freedom. A poor answer carries doubts.
 
     Raises
     ------
