@@ -79,8 +79,8 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         fetch_log=args.fetch_log,
         envelope=envelope_from(args),
     )
-    with attending(args) as (operator, watcher):
-        fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
+    with attending(args) as (operator, observer):
+        fit = experiment(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's
         page = settings.directory / "report.html"
         put_out(fit_document(fit), f"Recorded in {settings.directory}", f"Report: {page}", as_json=args.json)

@@ -39,8 +39,8 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     connection = connection_of(args, args.connect or link_of(args.run))
-    with operator.listening(), watching(args) as watcher:
-        restored = restore_run(connection, args.run, operator, watcher)
+    with operator.listening(), watching(args) as observer:
+        restored = restore_run(connection, args.run, operator, observer)
     for name, (found, old) in restored.items():
         sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading back\n")
     return 0

@@ -118,8 +118,8 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
 
     now = datetime.now()
     settings = tune_settings(args, connection, now)
-    with attending(args, "or --dry-run to change nothing") as (operator, watcher):
-        story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
+    with attending(args, "or --dry-run to change nothing") as (operator, observer):
+        story = tune(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's
         page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
         put_out(tune_document(story), *page, as_json=args.json)

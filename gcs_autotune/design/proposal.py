@@ -14,7 +14,7 @@ from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.notes import NEAR_LIMIT, beside_told, notes_on, said
+from gcs_autotune.design.notes import NEAR_LIMIT, notes_on, other_mode_notes, said
 from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
@@ -79,7 +79,7 @@ def design(
     spec: Spec | None = None,
     reduction: Reduction | None = None,
 ) -> Proposal:
-    """Return new gains for *axis*, with what they promise and what the present ones do.
+    """Return new gains for *axis*, with their prediction and that of the present gains.
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
     present : the vehicle's parameters under canonical names; every gain of the axis, and as much of ``axis.context`` as
@@ -139,7 +139,7 @@ def design(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
             *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined, wider)),
-            *(() if beside is None else beside_told(beside)),
+            *(() if beside is None else other_mode_notes(beside)),
         ),
         remarks=remarks,
         left=left,
@@ -288,7 +288,7 @@ def _bound(
 
 
 def _left(problem: DesignProblem, pair: tuple[GainCandidate, GainCandidate]) -> tuple[Hunting, Hunting]:
-    """Return what dead zone and play leave behind with the present gains and with those shown, after a small step."""
+    """Return the error left by dead zone and backlash after a small step, for present and shown gains."""
     first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
     return first, second
 

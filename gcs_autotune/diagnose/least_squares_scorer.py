@@ -45,9 +45,10 @@ from gcs_autotune.identify import Fitted, Problem
 
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 
-BRIEF = 0.5
+BRIEF = 0.4
 """Chosen: a time of an effect, in samples of the record, below which it may as well be how commands are held between
-samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s."""
+samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. It is less
+than half, because commands with stamps half a sample early are a delay of just that."""
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""
@@ -115,7 +116,7 @@ class LeastSquares:
         """Fit to the end what was fitted roughly."""
 
         def told(done: int, total: int) -> None:
-            self.question.say(self.stage + ": fitting to the end", done, total)
+            self.question.say(self.stage + ": final fits", done, total)
 
         fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
@@ -133,7 +134,7 @@ class LeastSquares:
         silent = replace(self, question=replace(self.question, progress=None))
 
         def told(done: int, total: int) -> None:
-            self.question.say(self.stage + ": runs left out", done, total)
+            self.question.say(self.stage + ": held-out runs", done, total)
 
         executor = SerialExecutor() if self.quick else self.question.executor
         score = partial(_score_of, silent, correlation_of(best))
@@ -173,7 +174,7 @@ class LeastSquares:
         return ()
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
-        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        """Return whether *effect* of *fitted* explains the runs as well when driven by a recorded command."""
         others = fitted.without(effect)
         for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
             if any((e.slug, e.place) == (own.slug, own.place) for e in others):

@@ -26,10 +26,10 @@ __all__ = ["CONSTANT", "CURVED", "LATE", "PLAIN", "PlainNumber", "command_sizes"
 Array = NDArray[np.float64]
 
 PLAIN: Mapping[str, str] = {
-    "gain": "speed held per unit of command",
-    "time constant": "time to 63 % of it after a step",
-    "delay": "from command to action",
-    "trim": "command that holds it still",
+    "gain": "steady speed per unit of command",
+    "time constant": "time to 63 % of the steady speed after a step",
+    "delay": "from command to force",
+    "trim": "command that holds the craft still",
 }
 """Numbers of the plain model, and what they mean."""
 

@@ -16,19 +16,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, Trace, correlation_time, validate
+from gcs_autotune.identify import Fit, Model, Trace, correlation_time, validate
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
     "BLOCKS",
     "MOST_FOLDS",
     "Fold",
+    "amplitudes_of",
     "correlation_of",
     "cross_validated",
     "folds_of",
     "log_likelihood_of",
     "rms_per_signal",
-    "swings_of",
 ]
 
 BLOCKS = 4
@@ -75,7 +75,7 @@ def _part(trial: Trial, start: float, end: float, k: int, inputs: frozenset[str]
     return replace(trial, name=f"{trial.name}/{k + 1}", channels=channels, marks=(), meta={})
 
 
-Fitter = Callable[[Sequence[Trial]], Fit]
+Fitter = Callable[[Sequence[Trial]], Fit[Model]]
 
 
 def log_likelihood_of(traces: Sequence[Trace]) -> float:
@@ -98,7 +98,7 @@ def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:
     return {n: math.sqrt(float(np.mean(np.square(e)))) for n, e in _by_signal(traces).items()}
 
 
-def swings_of(traces: Sequence[Trace]) -> dict[str, float]:
+def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
     """Return the standard deviation of each measured signal, what an error is compared with."""
     names = dict.fromkeys(t.signal for t in traces)
     return {n: float(np.std(np.concatenate([t.measured for t in traces if t.signal == n]))) for n in names}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, fitted_model_of, information_on
+from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, Model, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -29,10 +29,10 @@ __all__ = [
     "Direction",
     "Identifiability",
     "Unseen",
+    "check_identifiability",
     "direction_doubt",
     "identifiability",
     "joined",
-    "look_into",
     "percent",
     "unseen_doubt",
 ]
@@ -246,7 +246,7 @@ class Identifiability:
         return (*groups, *(unseen_doubt(u, self.seen) for u in self.unseen))
 
 
-def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiability:
+def identifiability(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> Identifiability:
     """Return the identifiability of the parameters of *fit* from *trials*.
 
     Raises
@@ -254,10 +254,10 @@ def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiabilit
     UsageError, NotInformative
         As :func:`gcs_autotune.identify.information.fitted_model_of`.
     """
-    return look_into(fitted_model_of(fit, trials))
+    return check_identifiability(fitted_model_of(fit, trials))
 
 
-def look_into(subject: FittedModel) -> Identifiability:
+def check_identifiability(subject: FittedModel) -> Identifiability:
     """Return the identifiability of the subject's parameters from its runs."""
     information = information_on(subject)
     scales = scales_of(subject)

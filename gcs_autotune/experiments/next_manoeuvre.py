@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
+from gcs_autotune.experiments.identifiability import Identifiability, check_identifiability, percent
 from gcs_autotune.experiments.preview import (
     CONTROL_STEP,
     ROLES,
@@ -28,7 +28,7 @@ from gcs_autotune.experiments.preview import (
     allocation_of_shares,
     fly,
 )
-from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
+from gcs_autotune.identify import Fit, FittedModel, Information, Model, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -133,7 +133,7 @@ class RankedManoeuvre:
 
 
 def plan_next(
-    fit: Fit,
+    fit: Fit[Model],
     trials: Trial | Sequence[Trial],
     candidates: Sequence[str | Preset] | None = None,
     *,
@@ -167,7 +167,7 @@ def plan_next(
             f"the inputs {', '.join(allocation.channels)} give {', '.join(allocation.columns)}; "
             "no candidate manoeuvre uses these"
         )
-    now = look_into(subject)
+    now = check_identifiability(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
     if not plans:
         raise NotInformative(
@@ -208,7 +208,7 @@ def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> flo
     return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
 
 
-def relative_errors(fit: Fit, names: Iterable[str]) -> Mapping[str, float]:
+def relative_errors(fit: Fit[Model], names: Iterable[str]) -> Mapping[str, float]:
     """Return standard error over value of each of *names*; infinite for one that was not fitted."""
     found = {}
     for name in names:
@@ -219,7 +219,7 @@ def relative_errors(fit: Fit, names: Iterable[str]) -> Mapping[str, float]:
 
 
 def rank_by_precision(
-    fit: Fit,
+    fit: Fit[Model],
     trials: Trial | Sequence[Trial],
     wanted: Mapping[str, float],
     candidates: Sequence[Preset],
@@ -248,7 +248,7 @@ def rank_by_precision(
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})
-    now, present = look_into(subject), relative_errors(fit, wanted)
+    now, present = check_identifiability(subject), relative_errors(fit, wanted)
 
     def weighed(candidates: Iterable[Preset], step: float) -> list[PrecisionGain]:
         found = []

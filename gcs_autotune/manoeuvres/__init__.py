@@ -1,4 +1,4 @@
-"""What to do to a craft so that it reveals itself, and the engine that does it safely.
+"""Manoeuvres that reveal a craft's dynamics, and the engine that flies them safely.
 
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: a generator of commands that receives observations.
 Only :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
@@ -17,7 +17,7 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
@@ -40,7 +40,7 @@ __all__ = [
     "DOF_OF",
     "FAR_OUT",
     "GUARDS",
-    "HELD_MEANWHILE",
+    "HELD_DURING",
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",

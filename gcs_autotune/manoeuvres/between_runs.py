@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.trial import Purpose
 
@@ -22,9 +22,9 @@ rate at full rudder [rad/s] times its turning lag [s] stays below 3 or so."""
 THERE = 5.0
 """Chosen [m]: so near it is back."""
 LEAST_WAY = 0.3
-"""Chosen [m/s]: a boat is given the time that the distance takes at this speed, ..."""
+"""Assumed speed of a boat for the time limit of its return [m/s]. Chosen."""
 SPARE = 60.0
-"""... and so many seconds for turning round."""
+"""Additional seconds for turning around. Chosen."""
 
 
 class ComeBack(Manoeuvre):
@@ -119,7 +119,7 @@ class ComeToRest(Manoeuvre):
 
     def __init__(self, signal: str = "psi", force: str = "N") -> None:
         super().__init__(signal=signal, force=force)
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["x"]]
+        self._holds = [HoldController(gains) for gains in HELD_DURING["x"]]
 
     @property
     def asked(self) -> Mapping[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import sign_messages as messages
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.manoeuvres.pulse_response import FOLLOWS, Pulse
 from gcs_autotune.manoeuvres.sign_check import NOISES, STANDING
@@ -29,7 +29,7 @@ WINDOW = 3.0
 STILL = 0.04
 """Largest change of speed between the halves of the window, at rest or in steady drift [m/s]. Chosen."""
 LONGEST_REST = 30.0
-"""Chosen [s]: one that still is not at rest then is taken as it is."""
+"""Longest wait for rest [s]; then the check begins anyway. Chosen."""
 UNKNOWN = 12.0
 """Seconds without any speed after which there is none to be had."""
 SHORTEST = 1.5
@@ -74,7 +74,7 @@ class ThrustCheck(Manoeuvre):
         super().__init__(signal="u", force="X")
         self.answer: Pulse | None = None
         self._settings = settings
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if settings.keep_still else []
+        self._holds = [HoldController(gains) for gains in HELD_DURING["psi"]] if settings.keep_still else []
         self._size = 0
         self._command = 0.0
         self._began = math.nan

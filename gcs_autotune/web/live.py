@@ -27,7 +27,7 @@ BEHIND = 30
 MOST_VIEWERS = 32
 """Most simultaneous viewers. One with the token replaces one without, if all seats are taken. Chosen."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
-"""What is kept as it came, the last one counting."""
+"""Messages of which the last one is kept unchanged."""
 _LONGEST = 2000
 """Chosen: characters kept of a sentence."""
 _OVER = ""
@@ -126,12 +126,12 @@ class Live:
             self._let_go(guest)
         self._viewers[queue] = owner
         try:
-            yield self._anew(queue)
+            yield self._again(queue)
             while True:
                 told = await queue.get()
                 if told == _OVER:
                     return
-                yield self._anew(queue) if told is None else told
+                yield self._again(queue) if told is None else told
         finally:
             self._viewers.pop(queue, None)
 
@@ -147,7 +147,7 @@ class Live:
             queue.get_nowait()
         queue.put_nowait(_OVER)
 
-    def _anew(self, queue: asyncio.Queue[str | None]) -> str:
+    def _again(self, queue: asyncio.Queue[str | None]) -> str:
         """Return the whole document for a viewer, and drop its pending changes."""
         self.tell()
         while not queue.empty():

@@ -1,4 +1,4 @@
-"""A diagnosis from end to end: runs in, a verdict out, and its files written."""
+"""A diagnosis from end to end: runs in, verdict and files out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 
 KEPT_FILE = "search.jsonl"
-"""What a search that was stopped found so far, in the folder of its page."""
+"""File in the page's folder with the results of a stopped search."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +96,21 @@ def run_diagnosis(
             told = _diagnosed(runs, unseen, settings, watch)
     except AutotuneError:  # refused: there is nothing to go on with
         if kept is not None:
-            kept.remove()
-            with suppress(OSError):
-                if is_new:
-                    kept.path.parent.rmdir()
+            _forget(kept, is_new=is_new)
         raise
     if kept is not None and told.verdict == "unfinished":
         kept.begin()
     elif kept is not None:
         kept.remove()
     return told
+
+
+def _forget(kept: KeptResults, *, is_new: bool) -> None:
+    """Remove the results kept, and their folder where *is_new*, unless there is something else in it."""
+    kept.remove()
+    if is_new:
+        with suppress(OSError):
+            kept.path.parent.rmdir()
 
 
 def _diagnosed(

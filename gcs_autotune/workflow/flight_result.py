@@ -8,13 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import Fit, Validation, fit_axis, moved_besides, save_model, validate, with_doubt_of_thrust
+from gcs_autotune.identify import (
+    Fit,
+    Model,
+    Validation,
+    fit_axis,
+    moved_besides,
+    save_model,
+    validate,
+    with_doubt_of_thrust,
+)
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import (
     Document,
     FlightModel,
     FlightStory,
-    TrialTold,
+    TrialSummary,
     flight_document,
     preview_document,
     to_html,
@@ -59,7 +68,7 @@ class FlightResult:
         return self.runs[0].trial
 
     @property
-    def fit(self) -> Fit | None:
+    def fit(self) -> Fit[Model] | None:
         """The first model."""
         return self.models[0].fit if self.models else None
 
@@ -128,10 +137,10 @@ def read_flight(
     return FlightResult(runs, page, document, sheets, models, remarks, steps)
 
 
-def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
+def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialSummary]:
     """Return the steps of a trial that planned itself as the page shows them."""
     return [
-        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
+        TrialSummary(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
     ]
 

@@ -21,7 +21,7 @@ _STEERING_FULL, _THROTTLE_FULL = 4500, 100
 
 
 class Rover(Autopilot):
-    """The Rover firmware. Boots in INITIAL_MODE when that is a mode of ours, else in MANUAL."""
+    """The Rover firmware. Boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
 
     firmware = "ArduRover"
     mav_type = 11
@@ -48,21 +48,21 @@ class Rover(Autopilot):
 
     @property
     def failsafe(self) -> bool:
-        """Whether a failsafe has been acted on and its cause lasts."""
+        """Whether a failsafe has acted and its cause persists."""
         return bool(self._failsafe.triggered)
 
     @property
     def throttle_percent(self) -> int:
-        """The size of the throttle demand [%]."""
+        """Magnitude of the throttle demand [%]."""
         return round(abs(self.motors.throttle))
 
     def check_failsafes(self) -> None:
-        """Read the sticks and look for lost ones."""
+        """Read the sticks and check for a loss."""
         fresh = self.rc.update(self.ms)
         self._failsafe.update(self.rc.pwm[THROTTLE_CHANNEL], fresh)
 
     def act_on_battery(self, action: int) -> None:
-        """Carry out BATT_FS_LOW_ACT: 0 nothing, 5 disarm, anything else HOLD."""
+        """Execute BATT_FS_LOW_ACT: 0 nothing, 5 disarm, others HOLD."""
         if action == 5:
             self.disarm()
         elif action != 0:
@@ -81,7 +81,7 @@ class Rover(Autopilot):
         return self.battery.arming_fault()
 
     def write_outputs(self) -> None:
-        """Put steering and throttle on the servo rail."""
+        """Write steering and throttle to the servo outputs."""
         self.motors.output(self.rail, self.estimate.speed, armed=self.armed)
 
     def stick(self, channel: int, full: int) -> int:
@@ -117,7 +117,7 @@ class Rover(Autopilot):
         self.motors.set_throttle(100.0 * out)
 
     def pilot_speed(self, throttle: float) -> float:
-        """Return the speed [m/s] a throttle stick of -1..1 asks for: full stick is CRUISE_SPEED at 100 %."""
+        """Return the speed [m/s] commanded by a throttle stick of -1..1: full stick is CRUISE_SPEED at 100 %."""
         percent = self.parameters["CRUISE_THROTTLE"]
         return 0.0 if percent <= 0.0 else throttle * self.parameters["CRUISE_SPEED"] * 100.0 / percent
 
@@ -138,7 +138,7 @@ class _RoverMode(Mode):
 
 
 class RoverManualMode(_RoverMode):
-    """Sticks straight to the servos."""
+    """Passes sticks directly to the servos."""
 
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
 
@@ -184,19 +184,19 @@ class SteeringMode(_RoverMode):
 
 
 class HoldMode(_RoverMode):
-    """Everything off and amidships."""
+    """All outputs neutral."""
 
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand nothing."""
+        """Demand zero."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class GuidedTarget:
-    """A wanted speed [m/s] with a heading [rad] or, that being None, a turn rate [rad/s]; ``ms``: when it came."""
+    """A target speed [m/s] with a heading [rad] or, if None, a turn rate [rad/s]; ``ms``: arrival time."""
 
     ms: int
     speed: float
@@ -205,7 +205,7 @@ class GuidedTarget:
 
 
 class RoverGuidedMode(_RoverMode):
-    """Follows targets from the ground; 3 s without one and the boat stays where it is (loiters)."""
+    """Follows targets from the ground; after 3 s without one the boat loiters."""
 
     number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
     needs_position = True

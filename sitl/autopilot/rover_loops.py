@@ -30,7 +30,7 @@ class RoverSteering:
         self._last_ms = -_STALE_MS
 
     def rate_for_heading(self, error: float) -> float:
-        """Return the turn rate [rad/s] wanted for a heading *error* [rad]."""
+        """Return the demanded turn rate [rad/s] for a heading *error* [rad]."""
         values = self._values
         rate = values["ATC_STR_ANG_P"] * error
         brake = math.radians(values["ATC_STR_DEC_MAX"] or values["ATC_STR_ACC_MAX"])

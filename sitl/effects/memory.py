@@ -1,4 +1,4 @@
-"""Actuators that do not do what they are told: those with a memory. Each is placed on one input."""
+"""Actuator effects with memory. Each is placed on one input."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from collections import deque
 from sitl.effects.actuator import OnInput
 from sitl.effects.effect import EffectParameter, Setting
 
-__all__ = ["SimulatedActuatorLag", "SimulatedBacklash", "SimulatedInputDelay", "SimulatedRateLimit"]
+__all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
 
 
-class SimulatedInputDelay(OnInput):
-    """The command acts later; before anything has arrived, the first one acts."""
+class InputDelay(OnInput):
+    """Delayed command; before the first one arrives, it acts already."""
 
     slug = "input-delay"
     meaning = "commands act with a delay"
     parameters = (EffectParameter("delay", "s", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget what is under way."""
+        """Clear the delay line."""
         super().begin(setting)
         self._due: deque[tuple[float, float]] = deque()
         """(when it begins to act, command), oldest first."""
         self._last = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the mean of what arrives between *t* and *t + dt*."""
+        """Return the mean of the commands that arrive between *t* and *t + dt*."""
         due = self._due
         if u != self._last:
             due.append((t + self["delay"] if due else -math.inf, u))
@@ -45,15 +45,15 @@ class SimulatedInputDelay(OnInput):
         return (total + value * (end - since)) / dt
 
 
-class SimulatedActuatorLag(OnInput):
-    """First order."""
+class ActuatorLag(OnInput):
+    """First-order lag."""
 
     slug = "actuator-lag"
     meaning = "the actuator follows its command with a time constant"
     parameters = (EffectParameter("time_constant", "s", least=1e-6),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
@@ -67,15 +67,15 @@ class SimulatedActuatorLag(OnInput):
         return u - rest * math.expm1(-ratio) / ratio
 
 
-class SimulatedRateLimit(OnInput):
-    """No faster than a rate."""
+class RateLimit(OnInput):
+    """Limited rate of change."""
 
     slug = "rate-limit"
     meaning = "the actuator cannot move faster than a rate"
     parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
@@ -95,20 +95,20 @@ class SimulatedRateLimit(OnInput):
         return 0.5 * (before + self._now)
 
 
-class SimulatedBacklash(OnInput):
-    """Play: the output rests until one flank has crossed it."""
+class Backlash(OnInput):
+    """Backlash: the output rests until the command has crossed the gap."""
 
     slug = "backlash"
     meaning = "backlash in the linkage: every reversal first crosses the gap"
     parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Push or rest."""
+        """Return the output: moved by the command, or at rest."""
         half = 0.5 * self["width"]
         if self._now != self._now:
             self._now = u

@@ -29,7 +29,7 @@ _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 
 
 def handle_override(port: Port, message: Message) -> None:
-    """Take RC_CHANNELS_OVERRIDE from the ground station: it also counts as a sign of life."""
+    """Process RC_CHANNELS_OVERRIDE from the ground station; it also counts as a sign of life."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -39,22 +39,22 @@ def handle_override(port: Port, message: Message) -> None:
             pwm = {_RELEASE: _IGNORE, _RELEASE_HIGH: _RELEASE}.get(pwm, pwm)
         if pwm != _IGNORE:
             autopilot.rc.override(channel, pwm, autopilot.ms)
-    autopilot.hear_gcs()
+    autopilot.note_gcs()
     if isinstance(autopilot, Sub):
-        autopilot.hear_pilot()
+        autopilot.note_pilot()
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Take joystick axes from the ground station; they become overrides."""
+    """Process joystick axes from the ground station; they become overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
-    autopilot.hear_gcs()
+    autopilot.note_gcs()
     if isinstance(autopilot, Rover):
         _override_axis(autopilot, STEERING_CHANNEL, message.y)
         _override_axis(autopilot, THROTTLE_CHANNEL, message.z)
     elif isinstance(autopilot, Sub):
-        autopilot.hear_pilot()
+        autopilot.note_pilot()
         _override_sub_sticks(autopilot, message)
 
 
@@ -79,7 +79,7 @@ def _all_finite(*numbers: float) -> bool:
 
 
 def _yaw_of(q: Sequence[float]) -> float | None:
-    """Return the yaw [rad] of a quaternion (w, x, y, z), or None when it is none."""
+    """Return the yaw [rad] of a quaternion (w, x, y, z), or None if it is invalid."""
     if not _all_finite(*q) or not any(q):
         return None
     w, x, y, z = q

@@ -19,9 +19,9 @@ from rich.console import Console
 from gcs_autotune.cli import COMMANDS, identify_cmd, main
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import overhear
-from gcs_autotune.report import Document, StageBar, TerminalWatcher, print_document
+from gcs_autotune.observer import Progress
+from gcs_autotune.report import Document, StageBar, TerminalObserver, print_document
 from gcs_autotune.report.toolkit.document import Verdict
-from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import examine
 
 
@@ -216,9 +216,9 @@ def test_zsh_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path):
 )
 def test_quiet_keeps_sentences_and_drops_progress_and_verbose_keeps_its_lines(quiet, verbose, lines):
     console = Console(file=io.StringIO(), force_terminal=True, width=60, color_system=None)
-    with TerminalWatcher(console, ManualClock(), quiet=quiet, verbose=verbose) as watcher:
-        watcher.update(Progress("relay", "relay 1", 0.0))
-        watcher.say("a sentence")
+    with TerminalObserver(console, ManualClock(), quiet=quiet, verbose=verbose) as observer:
+        observer.update(Progress("relay", "relay 1", 0.0))
+        observer.say("a sentence")
     told = console.file.getvalue()
     assert "a sentence" in told
     assert ("relay 1" in told) is not quiet

@@ -15,6 +15,7 @@ from scipy import stats
 
 from gcs_autotune.diagnose import report_builder
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
+from gcs_autotune.diagnose.retries import _refuted, _surely_gains
 from gcs_autotune.diagnose.score import (
     ALIKE,
     LUCK,
@@ -30,7 +31,6 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
-from gcs_autotune.diagnose.second_looks import _refuted, _surely_gains
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
@@ -354,7 +354,7 @@ def test_a_plainer_law_at_another_place_is_another_cause() -> None:
 def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_for_all_together(
     beside: dict[str, float], refuted: bool
 ) -> None:
-    """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
+    """A run of one size of command knows nothing of a dead zone, and what it does show is predicted wrongly."""
     assert _refuted(SearchStep(BASE, (judged("input-delay", **beside),), None)) is refuted
 
 
@@ -388,4 +388,4 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
-    assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told
+    assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is told

@@ -64,14 +64,14 @@ def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_the
     sender.hear(numbered(1, origin=HOME))
     for _ in range(2):
         for k in range(2):
-            sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
+            sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
         assert len(notes) in (0, 2), "who is silent since may be him, at another port"
         sender.hear(numbered(2, origin=HOME))
         assert len(notes) == 2
     assert f"another sender at {ELSEWHERE}0 uses the vehicle's ids (system 3, component 9)" in notes[0]
     assert f"the vehicle is at {HOME}. The other is ignored" in notes[0]
     for k in range(40):
-        sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
+        sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
         sender.hear(numbered(3 + k, origin=HOME))
     assert len(notes) == 20
 
@@ -80,7 +80,7 @@ def test_one_who_turns_out_to_be_the_vehicle_is_no_stranger() -> None:
     notes: list[str] = []
     sender = HeldSender(notes)
     sender.hold(HOME)
-    sender.note_stranger(Frame(b"", None, "HEARTBEAT", 1, 1, ELSEWHERE))
+    sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 1, 1, ELSEWHERE))
     sender.hold(ELSEWHERE, VehicleIdentity(1, 1, 3, 11, uid="ab"))
     sender.hear(numbered(1, origin=ELSEWHERE))
     assert notes == [
@@ -128,3 +128,43 @@ def test_the_longest_of_several_silences_counts_while_its_end_is_in_the_span() -
         listened(liveness, 1.0)
         liveness.heard()
     assert liveness.longest(1e9) == 1.0, "fifty are kept"
+
+
+def test_only_what_was_listened_to_counts_as_silence() -> None:
+    """Half a second from pump to pump at most: longer, it was we who were away."""
+    hearing = Liveness(100.0)
+    hearing.count(100.4)
+    assert (hearing.listened, hearing.silence) == (pytest.approx(0.4), pytest.approx(0.4))
+    hearing.count(160.4)
+    assert hearing.silence == pytest.approx(0.9)
+    hearing.heard()
+    hearing.count(160.6)
+    assert (hearing.listened, hearing.silence) == (pytest.approx(1.1), pytest.approx(0.2))
+    hearing.bear(20.0)
+    assert hearing.silence == pytest.approx(-20.0)
+
+
+@pytest.mark.parametrize(("silence", "is_kept"), [(0.5, False), (0.51, True)])
+def test_the_longest_silence_is_of_those_worth_keeping_that_ended_in_the_span(silence: float, is_kept: bool) -> None:
+    liveness = Liveness(0.0)
+
+    def listen(until: float) -> None:
+        now = begun[0]
+        while now < until - 1e-9:
+            now = min(now + 0.3, until)
+            liveness.count(now)
+        begun[0] = until
+
+    begun = [0.0]
+    listen(silence)
+    liveness.heard()
+    listen(silence + 0.2)
+    liveness.heard()
+    assert liveness.longest(10.0) == (pytest.approx(silence) if is_kept else 0.0)
+    listen(silence + 5.0)
+    assert liveness.longest(5.1) == (pytest.approx(silence) if is_kept else 0.0)
+    assert liveness.longest(4.9) == 0.0
+    liveness.bear(3.0)
+    assert (liveness.silence, liveness.actual_silence) == (pytest.approx(-3.0), pytest.approx(4.8))
+    liveness.heard()
+    assert liveness.longest(1.0) == pytest.approx(4.8), "a silence that was borne was one"

@@ -8,8 +8,8 @@ import pytest
 from gcs_autotune.craft import Command, DepthTarget
 from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope, Sequencer
 from gcs_autotune.manoeuvres.dive import RAMP
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 
 from .pond import PondCraft, answered, at_rest
 
@@ -35,7 +35,7 @@ class Loop(PondCraft):
 
 def dive(offset: float = 0.0, swing: float = 0.0) -> Trial:
     envelope = Envelope(depth_excursion=20.0)
-    return Sequencer(Loop(offset, swing), envelope, SilentWatcher(), lambda trial: None).fly(Dive(DiveSettings(1.5)))
+    return Sequencer(Loop(offset, swing), envelope, SilentObserver(), lambda trial: None).fly(Dive(DiveSettings(1.5)))
 
 
 def test_a_craft_that_follows_is_there_at_once() -> None:

@@ -11,8 +11,8 @@ import pytest
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Outlet, Sequencer, SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 
 from .pond import Buoyant, PondCraft
 
@@ -23,7 +23,7 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
     manoeuvre = SignCheck(
         SignCheckSettings(signal, "N" if signal == "psi" else "Z", outlets=STEERING, cure="Turn it round", **changes)
     )
-    flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentObserver(), lambda trial: None).fly(manoeuvre)
     return manoeuvre, flown
 
 

@@ -19,12 +19,12 @@ from gcs_autotune.manoeuvres import (
     StepSettings,
     ThrottleSteps,
     ThrottleStepsSettings,
+    Zone,
 )
-from gcs_autotune.manoeuvres.area import Zone
 from gcs_autotune.manoeuvres.envelope import TO_COME_ABOUT, Watch
 from gcs_autotune.manoeuvres.set_point_relay import LEAST_SWITCHINGS, SetPointRelay
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 
 from .pond import PondCraft, at_rest
 
@@ -56,7 +56,7 @@ class Restless(Loose):
 
 def flown(manoeuvre: Manoeuvre, distance: float, craft: PondCraft | None = None, **limits: object) -> Trial:
     room = Envelope(heading_excursion=math.inf, distance=distance, cruise=CRUISE, **limits)  # type: ignore[arg-type]
-    return Sequencer(craft or Restless(), room, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    return Sequencer(craft or Restless(), room, SilentObserver(), lambda trial: None).fly(manoeuvre)
 
 
 def step() -> Step:

@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.manoeuvres.zig_zag import KIND
 from gcs_autotune.models import SingleDof
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 from .pond import PondCraft, answered, at_rest
 
@@ -33,7 +33,7 @@ def zigzag(heading: float = 20.0, side: int = 1, throttle: float = 0.0, **change
 
 
 def fly(manoeuvre: ZigZag, craft: PondCraft):
-    return Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    return Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(manoeuvre)
 
 
 @pytest.mark.parametrize("side", [1, -1])

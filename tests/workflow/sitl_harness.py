@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Transport
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import CommonSettings, Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 
@@ -128,6 +128,11 @@ class SitlHarness:
         assert self.found in ("", self.mode)
         assert dict(self.vehicle.parameters.values) == self.parameters
 
+    def assert_restored(self) -> None:
+        """As :meth:`assert_untouched`, of a vehicle whose state was recorded."""
+        assert self.found
+        self.assert_untouched()
+
     def assert_neutral(self) -> None:
         assert all(pwm in (0, 1500) for pwm in self.vehicle.autopilot.pwm)
 
@@ -137,7 +142,7 @@ class SitlHarness:
         assert (self.directory / "telemetry.tlog").exists()
 
 
-class Ear(SilentWatcher):
+class Ear(SilentObserver):
     """Remembers what was said."""
 
     def __init__(self, said: list[str]) -> None:

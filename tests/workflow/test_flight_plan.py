@@ -101,8 +101,8 @@ def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: s
 
 
 def fly(harness: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
-    watcher = operator or Ear(harness.said)
-    return fly_plan(read, replace(harness.common(), **changes), operator or Unattended(), watcher, WHEN)
+    observer = operator or Ear(harness.said)
+    return fly_plan(read, replace(harness.common(), **changes), operator or Unattended(), observer, WHEN)
 
 
 THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'
@@ -152,6 +152,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert not twin.vehicle.autopilot.armed
 
 
+@pytest.mark.slow
 def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_read_again(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "".join(

@@ -12,8 +12,7 @@ import pytest
 
 from benchmarks.zig_zag_accuracy import truth
 from gcs_autotune.errors import NotAchieved, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.model_file import ModelFile, load_model
+from gcs_autotune.identify import ModelFile, fit_axis, load_model
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.seatrials import ship_figures
@@ -45,10 +44,10 @@ class Stops(Ear):
 
 def flown(harness: SitlHarness, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
     common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
-    watcher, operator = more.pop("watcher", None), more.pop("operator", None)
+    observer, operator = more.pop("observer", None), more.pop("operator", None)
     only_preview = more.pop("only_preview", False)
     settings = FlySettings(name, harness.common(**common), options, **more)
-    ear = watcher or Ear(harness.said)
+    ear = observer or Ear(harness.said)
     return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
 
 
@@ -131,10 +130,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     ):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
     assert json.loads((harness.directory / "summary.json").read_text()) == {
@@ -160,13 +156,10 @@ def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Pat
 @pytest.mark.parametrize("phase", ["pulse", "execute 2"])
 def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    watcher = Stops(harness.said, phase)
+    observer = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
-        flown(harness, watcher=watcher, operator=watcher)
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+        flown(harness, observer=observer, operator=observer)
+    harness.assert_restored()
     assert list((harness.directory / "trials").glob("*.csv"))
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert (summary["title"], summary["ending"]) == ("fly zig-zag", "aborted")

@@ -13,10 +13,10 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.identify import Doubt, Reading
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import recheck_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.seatrials import Figure, Sheet
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, recheck
 from gcs_autotune.workflow.recheck import LastTune, LoopNumbers, Recheck, last_tune, verdict_of
 
@@ -35,7 +35,7 @@ def sheet(zeta: tuple[float, float], over: tuple[float, float], *doubts: Doubt, 
 
 
 def judged(of: Sheet | None, tune: LoopNumbers | None = None, **more: Any) -> Any:
-    check = Recheck(AXES["heading"], Path("runs"), SilentWatcher())
+    check = Recheck(AXES["heading"], Path("runs"), SilentObserver())
     check.sheet = of
     check.tune = None if tune is None else LastTune(Path("runs/a"), WHEN, tune, {})
     for name, value in more.items():
@@ -106,6 +106,7 @@ def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None =
     return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
 
 
+@pytest.mark.slow
 def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with with_pictures():
@@ -122,6 +123,7 @@ def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path
     harness.assert_neutral()
 
 
+@pytest.mark.slow
 def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_called_good(tmp_path: Path) -> None:
     """The space ends before the second relay, whatever its size."""
     harness = SitlHarness(tmp_path)

@@ -13,8 +13,8 @@ from gcs_autotune.errors import NotAsFound, PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer, ThrustCheck
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.preflight import check_throttle_is_free, sign_check_for
 from sitl import open_vehicle
 from sitl.effects import parse_effect
@@ -43,7 +43,7 @@ def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple
     check = sign_check_for("surge", craft, WORKING, needs_speed=False)
     assert isinstance(check, ThrustCheck)
     flying_since.append(server.now)
-    return check, Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(check)
+    return check, Sequencer(craft, Envelope(), SilentObserver(), lambda trial: None).fly(check)
 
 
 def pulses(flown: Trial) -> list[float]:

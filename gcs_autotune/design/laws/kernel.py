@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
 from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.jit import entry, inlined, pasted
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -29,16 +29,7 @@ __all__ = [
     "shaped_throttle",
 ]
 
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
-compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
-    **{**_LEAN, "no_cpython_wrapper": True, "forceinline": True}
-)
-"""Compile a function of floats and arrays for others that are compiled, into which it is copied. Nobody calls it from
-Python and it allocates nothing: an entry for that, and counting references, would be half of what there is to compile.
-No division is asked whether it is one by zero: a flight takes half the time it took with that and with calls. ``min``
-and ``max`` are not used here: each is compiled for every kind of number it is given."""
-pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
-"""The same for what is called in one place: pasted there before types are known, and never compiled for itself."""
+# ``min`` and ``max`` are not used here: each is compiled anew for every kind of number it is given.
 
 MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
@@ -219,29 +210,29 @@ def shaped_throttle(throttle: float, least: float, expo: float) -> float:
     return size if throttle > 0.0 else -size
 
 
-shape = compiled(shaped_throttle)
-clip = compiled(_clip)
+shape = inlined(shaped_throttle)
+clip = inlined(_clip)
 mixed = pasted(_mixed)
-wrap = compiled(_wrap)
-sqrt_control = compiled(_sqrt_control)
-smoothing = compiled(_smoothing)
+wrap = inlined(_wrap)
+sqrt_control = inlined(_sqrt_control)
+smoothing = inlined(_smoothing)
 advance = pasted(_advance)
 
 
 def _bent(u: float, actuator: ActuatorStep) -> float:
-    """Return the force of a settled output *u*, the play taken up."""
+    """Return the force of a settled output *u*, with backlash taken up."""
     size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
     size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
     return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
 
 
-bent = compiled(_bent)
+bent = inlined(_bent)
 
 
 def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
     """Return the force that *output* gives.
 
-    memory : (4,) whether it has begun, and where limiter, lag and play are; changed. It begins settled at *output*.
+    memory : (4,) whether it has begun, and where limiter, lag and backlash are; changed. It begins settled at *output*.
     """
     if actuator.acts == 0.0:
         return output
@@ -250,7 +241,7 @@ def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64])
         memory[0], memory[1], memory[2] = 1.0, wish, wish
     memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
     memory[2] += actuator.lag * (memory[1] - memory[2])
-    memory[3] = clip(memory[3], memory[2] - actuator.play, memory[2] + actuator.play)
+    memory[3] = clip(memory[3], memory[2] - actuator.backlash, memory[2] + actuator.backlash)
     u, noise = memory[3], actuator.dither
     force = bent(u, actuator)
     if noise > 0.0:  # the mean over normal noise: Gauss-Hermite quadrature of five points
@@ -264,7 +255,7 @@ actuate = pasted(_actuate)
 
 
 def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> float:
-    """Return what acts, on the mean, during loop *k* of outputs that are *late* (in loops, besides being held for one).
+    """Return the mean acting output in loop *k* for outputs delayed by *late* loops, in addition to being held for one.
 
     *before* acts until the first of *sent* arrives.
     """
@@ -410,7 +401,7 @@ def _fly(
         acceleration = (v - was) / dt
 
 
-fly: Callable[..., None] = njit(**_LEAN)(_fly)
+fly: Callable[..., None] = entry(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:

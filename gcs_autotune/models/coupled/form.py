@@ -124,8 +124,8 @@ class Form:
         return replace(self, inputs=inputs, free=(*self.free, *gains))
 
     @property
-    def tells_newtons(self) -> bool:
-        """Whether one of its inertias is known in full, so that a run driven by shares of full shows their forces."""
+    def is_in_newtons(self) -> bool:
+        """Whether one of its inertias is fully known, so that a run with normalised outputs determines their forces."""
         rigid = {"X": "m", "Y": "m", "Z": "m", "K": "I_x", "M": "I_y", "N": "I_z"}
         for dof in (DOFS[d] for d in self.dofs):
             added = f"{dof.force}_{dof.velocity}dot"
