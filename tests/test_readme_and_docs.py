@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from gcs_autotune.cli import COMMANDS
-from gcs_autotune.effects import EFFECTS
 
 from .conftest import module_of_the_docs
 
@@ -92,10 +91,3 @@ def test_version_and_licence_are_told_alike_everywhere():
     assert f"license: {project['license']}\n" in citation
     assert "BSD 3-Clause License" in (ROOT / "LICENSE").read_text()
     assert f"## {project['version']}" in (ROOT / "CHANGELOG.md").read_text()
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/diagnose.md"])
-def test_pages_count_the_effects_that_there_are(page: str):
-    counted = re.findall(r"(\d+) effects", (ROOT / page).read_text())
-    assert counted
-    assert set(counted) == {str(len(EFFECTS))}
