@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
-from gcs_autotune.identify import Day, Doubt, Trace
+from gcs_autotune.identify import Doubt, RunOffset, Trace
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
@@ -307,7 +307,7 @@ class MissingForce:
     memory: float
     share: float
     curves: Mapping[str, MissingCurve]
-    days: tuple[Day, ...] = ()
+    days: tuple[RunOffset, ...] = ()
     waves: Waves | None = None
     size95: tuple[float, float] = (0.0, math.inf)
     memory95: tuple[float, float] = (0.0, math.inf)

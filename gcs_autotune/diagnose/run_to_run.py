@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
-    Day,
     Doubt,
     NoisyFit,
     NoisyProblem,
     ProcessNoise,
-    RunSays,
+    RunLikelihood,
+    RunOffset,
     common_gain,
     spread_between,
 )
@@ -67,7 +67,7 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     return end if end is not None and end.total > none.total + WORTH else none
 
 
-def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunSays, ...], float] | None:
+def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ...], float] | None:
     """Return what runs say of their days at *fit*, and their log-likelihood were there none."""
     says = problem.says(fit)
     bare = problem.fit(
@@ -92,14 +92,14 @@ SIDES: Mapping[str, tuple[str, str]] = {
 """Where a positive and a negative force of each degree of freedom push."""
 
 
-def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[Day, ...]:
+def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
     """Return what each run had of its own, forces times *inertia*; nothing where runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
     found = [one.day(fit.noise.day_force, fit.noise.day_thrust) for one in says or ()]
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
 
 
-def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
+def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
     """Return the doubt that the runs differ, with each run's own bias and gain; empty if they agree."""
     unit = "of full output" if unit == "1" else unit
     told = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
@@ -114,7 +114,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
     ]
 
 
-def _own(dof: str, unit: str, day: Day) -> list[str]:
+def _own(dof: str, unit: str, day: RunOffset) -> list[str]:
     found = []
     if abs(day.thrust) > SURE * day.thrust_std > 0.0:
         found.append(f"thrust {100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'}")

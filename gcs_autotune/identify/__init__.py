@@ -63,7 +63,7 @@ from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import Day, RunSays, common_gain, spread_between
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood, RunOffset, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
@@ -162,7 +162,6 @@ __all__ = [
     "Agreement",
     "AxisFit",
     "Case",
-    "Day",
     "Decision",
     "Doubt",
     "Execute",
@@ -195,7 +194,8 @@ __all__ = [
     "RecordedMotion",
     "Remainder",
     "Residual",
-    "RunSays",
+    "RunLikelihood",
+    "RunOffset",
     "Segment",
     "ShipLog",
     "Signal",

@@ -19,7 +19,7 @@ from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilte
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import RunSays
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
 from gcs_autotune.identify.segment import Segment
@@ -51,7 +51,7 @@ class NoisyProblem(NoiseFilter):
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
-    def says(self, fit: NoisyFit) -> tuple[RunSays, ...] | None:
+    def says(self, fit: NoisyFit) -> tuple[RunLikelihood, ...] | None:
         """Return what each run says of its own constant force and thrust at *fit*; None where the filter fails."""
         full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
@@ -66,7 +66,7 @@ class NoisyProblem(NoiseFilter):
             cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)
             told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
-            found[track.record.run] = RunSays(track.record.run, told - np.diag(wide**-2.0), told @ mean)
+            found[track.record.run] = RunLikelihood(track.record.run, told - np.diag(wide**-2.0), told @ mean)
         return tuple(found.values())
 
     def fit(
