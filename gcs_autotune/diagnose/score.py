@@ -122,8 +122,7 @@ class CandidateScore(Generic[FitT]):
 
     @property
     def is_ample(self) -> bool:
-        """Whether at least three parts are left out, all but at most one contribute to a gain of ten nats, and none
-        loses it.
+        """Whether three or more left-out parts all gain: over ten nats in total, over three without the largest.
 
         Such a gain is accepted whatever its scatter over blocks, because a single gust cannot cause it.
         """

@@ -25,7 +25,7 @@ For craft with time constants above half a second, Simpson's rule for the proces
 """
 
 HASTE = 1.5
-"""Over-relaxation factor for the iteration of the drive levels, which converges slowly if process noise is weak."""
+"""Over-relaxation exponent for the drive levels, whose iteration converges slowly if process noise is weak."""
 
 _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
