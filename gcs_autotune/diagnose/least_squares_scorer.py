@@ -228,8 +228,8 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
 def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
     """Whether these runs do not distinguish *other* from *best*.
 
-    It must help on held-out data, and its evidence must be as good. A difference that comes only from the first moments
-    after a late start is ignored. So is a difference from numbers that the runs contain no information on.
+    It must help on held-out data, and its evidence must be as good. Between two effects that delay, a difference at the
+    start of the runs is ignored. So is the cost of numbers that the runs contain no information on.
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False

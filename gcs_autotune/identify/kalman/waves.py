@@ -1,8 +1,8 @@
 """Model waves as two states of a filter: a narrow-band force and an oscillation of the measured signal.
 
 Both are white noise through ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both states
-have unit standard deviation. The first is proportional to the integral of the second; the second acts as force and appears in
-the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
+have unit standard deviation. The first is proportional to the integral of the second. The second acts as a force and
+appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
 
 ``waves`` (4,): standard deviations of the oscillation [m, rad] and of the force per inertia; frequency [rad/s]; damping
 ratio. Between two stamps the force is held, as the drifting force is.
