@@ -78,7 +78,8 @@ def diagnose(
     jobs : number of parallel processes; the result does not depend on it.
     work : samples that simulations and filters may pass over, see :class:`.Budget`.
     max_seconds : time limit [s]. A search stopped by either limit reports no cause. Its verdict is
-        ``unfinished``, and it reports what was tried and what is left. Within :func:`.keeping` the same call continues from there.
+        ``unfinished``, and it reports what was tried and what is left.
+        Within :func:`.keeping` the same call continues from there.
 
     Raises
     ------
