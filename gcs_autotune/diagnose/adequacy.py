@@ -1,14 +1,13 @@
-"""Is anything left? Tests of residuals that have no particular cause in mind.
+"""Test whether a fit leaves anything unexplained, without a particular cause in mind.
 
-Pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the largest line of
-the periodogram (Fisher1929); a wave against ringing (:mod:`.resonance_check`); score tests for forces no base model
-has (cubes, moduli, sines of twice the heading, the past of a command ...), each read off the sensitivity of the
-motion to it. Bonferroni over all.
+Tests are pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the largest
+line of the periodogram (Fisher1929). A wave is compared with ringing (:mod:`.resonance_check`). Score tests look for
+forces that no base model has: cubes, moduli, sines of twice the heading, past commands and others. Each uses the
+sensitivity of the motion to that force. A Bonferroni correction covers all tests.
 
-And would a law without a name do better in a cause's place? A cause may bend the model the right way by the wrong
-law: where speeds hardly vary, drag that goes with the cube of speed is nearly one that goes with its square. So a
-named law has to hold its ground against one of the same kind that has no name; where that is likelier by odds of
-twenty to one, the name is a hypothesis.
+A cause may also fit by the wrong law. At nearly constant speed, cubic drag is almost the same as quadratic drag. Each
+reported law is therefore compared with a generic law of the same kind. If the generic law is likelier by odds of twenty
+to one, the cause is only a hypothesis.
 """
 
 from __future__ import annotations
@@ -48,21 +47,25 @@ SHORT, LONG = 8, 40
 """Lags of the two portmanteau tests."""
 
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
-"""What makes a sensor late; how long the response of a low-pass (Butterworth, second order) lasts, in units of its
-delay; lags left out of tests on that account, at most. The others are judged by the variance of Bartlett1946."""
+"""Constants for late sensors.
+
+LATE: effects that make a sensor late. RESPONSE: duration of the response of a low-pass (Butterworth, second order), in
+units of its delay. MOST_MEMORY: maximum number of lags left out of tests for it. The remaining lags are tested with the
+variance of Bartlett1946.
+"""
 
 WHITE = 0.005
-"""Chance of calling a complete model incomplete."""
+"""Probability of calling a complete model incomplete."""
 
 FEWEST_FOR_TAILS = 50
 
 BLOCK = 25
-"""Samples of a block whose mean is looked at."""
+"""Samples per block for the test of block means."""
 
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One test: what it looked at, in words, the signal, its probability, and a size for the words (may be NaN)."""
+    """One test: what it examines (in words), the signal, its p-value, and a size for the text (may be NaN)."""
 
     what: str
     signal: str
@@ -71,18 +74,18 @@ class Test:
 
 
 def whiteness_of(tests: list[Test]) -> float:
-    """Return the probability that white noise looks at least this coloured to the keenest test (Bonferroni)."""
+    """Return the p-value of the most sensitive test against white noise (Bonferroni)."""
     return min(1.0, len(tests) * min((t.p for t in tests), default=1.0))
 
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
-    """Return all tests of what a fit leaves over."""
+    """Return all tests of the residuals of a fit."""
     ringing = [Test(words, "", p) for words, p in resonance_checks(problem, fitted)]
     return [*_portmanteaus(fitted, problem.data_summary.lags), *_scores(problem, fitted), *ringing]
 
 
 def correlation_of(fitted: Fitted) -> float:
-    """Return how many samples make one independent one, the worst over signals."""
+    """Return how many samples are equivalent to one independent sample; the largest value over the signals."""
     worst = 1.0
     for name in fitted.levels:
         times = []
@@ -184,7 +187,7 @@ def _line(series: list[Array], name: str) -> Test:
 
 
 def generic_terms(form: Form) -> dict[str, str]:
-    """Return forces nobody named: derivative -> words."""
+    """Return generic forces: derivative -> description."""
     found: dict[str, str] = {}
     for dof in form.dofs:
         d = DOFS[dof]
@@ -275,12 +278,13 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
 
 
 def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    """Whether what a fit leaves of the runs it was fitted to may be noise."""
+    """Whether the residuals of a fit, on the runs it was fitted to, may be noise."""
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
 def explains_all(problem: Problem, found: SearchStep[Fitted]) -> bool:
-    """Whether some candidate of a step leaves nothing of the runs it was fitted to, whether or not it foretells any."""
+    """Whether some candidate of a step leaves only noise on the fitted runs, whether or not it predicts held-out
+    data."""
     return any(leaves_nothing(problem, j.fit) for j in found.judged if j.evidence > 0.0)
 
 
@@ -300,11 +304,11 @@ LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] 
     "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
     "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
 }
-"""Slug -> the derivatives that would stand in its place, and in words what it would mean if they did better."""
+"""Slug -> the derivatives of the generic law to compare with, and what it means if they fit better."""
 
 
 def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
-    """Return, in words, the laws without a name that are likelier than a cause of *fitted* they stand in for."""
+    """Return descriptions of the generic laws that are likelier than the cause of *fitted* they replace."""
     found = []
     for own in fitted.effects:
         if own.slug not in LAWS:

@@ -1,4 +1,4 @@
-"""The way in: :func:`diagnose`, from runs to a verdict."""
+"""Entry point of diagnosis: :func:`diagnose`, from runs to a verdict."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["diagnose"]
 
 WORK = 1e9
-"""Chosen: samples that a diagnosis may pass over, ten minutes or so of one core: see docs/diagnose.md."""
+"""Work limit of a diagnosis in samples: about ten minutes on one core, see docs/diagnose.md."""
 
 
 def diagnose(
@@ -58,7 +58,7 @@ def diagnose(
     work: float = WORK,
     max_seconds: float = math.inf,
 ) -> Diagnosis:
-    """Say what a simulation gets wrong, name the cause, and measure the gain on data it has not seen.
+    """Identify what a simulation gets wrong and measure the gain of each cause on held-out data.
 
     Parameters
     ----------
@@ -66,19 +66,20 @@ def diagnose(
     dof : degrees of freedom to look at, joined by commas; all in the file when None.
     use : signals to compare; all measured when None.
     form : the base model's structure instead of the plain one. model : a base model with its numbers, as a file names
-        them where it comes from one: first it is told which of these are wrong, and what setting them right gains;
+        them where it comes from one: first the wrong ones are reported, with the gain of correcting them;
         effects are looked for on top of the same model refitted, and their gains counted over it.
-    simulations : what somebody else's simulator made of the same commands, one per run. It is modelled itself first;
+    simulations : output of another simulator for the same commands, one per run. It is modelled itself first;
         that model takes its place, and the plain model's numbers are compared.
     effects : slugs to try; all there are when None.
     progress : called with a stage, how much of it is done, and how much there is.
     horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
-        whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
+        whole runs, and pieces if no cause helps over whole runs but much is left. A result from pieces is a
         hypothesis, unless pieces were requested and the model predicts whole runs down to the noise of pieces.
-    jobs : processes to share the work among; the answer is the same.
+    jobs : number of parallel processes; the result does not depend on it.
     work : samples that simulations and filters may pass over, see :class:`.Budget`.
-    max_seconds : the latest end. A search stopped by either names nothing: its verdict is ``unfinished``, and it
-        reports what was tried and what is left. Within :func:`.keeping` the same call goes on from there.
+    max_seconds : time limit [s]. A search stopped by either limit reports no cause. Its verdict is
+        ``unfinished``, and it reports what was tried and what is left.
+        Within :func:`.keeping` the same call continues from there.
 
     Raises
     ------

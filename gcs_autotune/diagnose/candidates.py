@@ -1,8 +1,8 @@
-"""Candidates: which effects are worth a fit, and their fits, roughly and to the end.
+"""Select the effects that are worth a fit, then fit them roughly and finally.
 
-Each effect is let loose at a few sizes, the rest of the model adapted to first order. One simulation per effect,
-place and size. What the residual has in common with what an effect would do is read off after everything the model
-could adapt (its own parameters, initial states) has been taken out of both.
+Each effect is tried at a few sizes, with the rest of the model adapted to first order. This takes one simulation per
+effect, place and size. Everything that the model itself could adapt (parameters, initial states) is projected out of
+the residual and of the effect's response. Their remaining correlation shows how promising the effect is.
 """
 
 from __future__ import annotations
@@ -45,24 +45,25 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Promise = tuple[int, EffectInstance, float, Array]
-"""Which of the fits to begin at, with what, the cost that promises, and how the fit's own numbers would move."""
+"""A promising start: which fit to begin at, with which values, the expected cost, and the moves of the fit's own
+numbers."""
 
 ALSO = 2
-"""Values kept beside the most promising ones."""
+"""Number of values kept in addition to the most promising ones."""
 
 TRACE = 0.02
-"""A trace of an effect, in shares of the size it is tried at: small enough to act in proportion."""
+"""A small amount of an effect, relative to the size it is tried at. The response is then proportional."""
 
 LONGEST_SCALE = 4.0
-"""An effect that acts linearly may turn out so many times the size it was tried at."""
+"""Largest factor by which a linear effect may exceed the size it was tried at."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffectCandidate:
-    """An effect at a place with values to begin from, where the fit is to begin, and the cost it promises.
+    """An effect at a place, with start values, the fit to begin at, and the expected cost.
 
-    ``adapted`` (q,): how the numbers of ``begin`` would have to move to first order, in the order of its Jacobian;
-    ``also``: values next in promise.
+    ``adapted`` (q,): first-order moves of the numbers of ``begin``, in the order of its Jacobian. ``also``: the next
+    most promising values.
     """
 
     effect: EffectInstance
@@ -78,7 +79,8 @@ def candidates(
     slugs: Sequence[str],
     starts: Callable[[Effect, str], Sequence[Mapping[str, float]]] | None = None,
 ) -> list[list[EffectInstance]]:
-    """Return for every effect and place not *present* the values to begin from; *starts*: others than its own."""
+    """Return start values for every effect and place not *present*; *starts*: values to use instead of the effect's
+    own."""
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
@@ -100,9 +102,9 @@ def screen(
     progress: Callable[[int, int], None] | None = None,
     executor: Executor | None = None,
 ) -> list[EffectCandidate]:
-    """Return the most promising start of each choice, the best promise first.
+    """Return the most promising start of each choice, the best first.
 
-    fits : where fits may begin: the present model first; others : where those of bookkeeping may begin as well.
+    fits : possible starting fits, the present model first. others : further ones for errors of the records.
     """
     grounds = [_TangentSpace(problem, fitted) for fitted in (*fits, *others)]
     known = [problem, *((f.theta, f.effects, f.initial, f.shift) for f in (*fits, *others))]
@@ -296,13 +298,13 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> boo
 Attempt = tuple[EffectCandidate, Fitted]
 
 ROUGH = 8
-"""Trials of a rough fit."""
+"""Maximum number of trials of a rough fit."""
 
 RUNNERS = 5
-"""Candidates of a step fitted to the end."""
+"""Number of candidates per step that are fitted until they converge."""
 
 MOMENTS, FEW = 6, 3
-"""Chosen: moments tried on either side of the one found, and trials of each."""
+"""Moments tried on either side of the estimated one, and trials of each."""
 
 
 def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
@@ -314,8 +316,10 @@ def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
 
 
 def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | None:
-    """Return a rough fit, begun at the model adapted to first order; at the model as it is when that leads nowhere,
-    and at other values of the effect when that is still no better than without it. None: the motion runs away.
+    """Return a rough fit, started at the model adapted to first order.
+
+    If that fails, the fit starts at the model as it is. If it is then no better than without the effect, other values
+    of the effect are tried. None: the motion diverges.
     """
     begin, fit = candidate.begin, problem.fit
     theta, effects, initial = problem.moved(begin, candidate.adapted)
@@ -330,8 +334,10 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
 
 
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
-    """Return the fit. Where the cost has many valleys, other values are tried too: of effects that act on commands,
-    and moments about the one found.
+    """Return the converged fit.
+
+    If the cost has many local minima, other values are tried too: for effects that act on commands, and for moments
+    near the estimated one.
     """
     best = rough
     if "commands" in EFFECTS[candidate.effect.slug].acts_on and candidate.effect.values:

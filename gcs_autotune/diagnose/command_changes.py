@@ -1,7 +1,8 @@
 """Commands of a recorded run, and when they change.
 
-A held command has switches. Rows do not show when between two of them a command changed: the middle is taken. Of a
-command that is never held (a joystick, a controller) the ways from one turning point to the next are its changes.
+The changes of a held command are its switches. Rows do not show when a command changed between them, so the midpoint is
+used. A command that is never held comes from a joystick or a controller. Its changes are the segments from one turning
+point to the next.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ __all__ = ["CHANGE", "Command", "commands_of"]
 Array = NDArray[np.float64]
 
 CHANGE = 0.1
-"""Chosen: share of its range by which a command changes at least for the change to be matched."""
+"""Smallest change of a command that is matched, relative to its range."""
 
 STEEP = 0.6
-"""Chosen: share of what a command moves in all that its switches make up, of one that is held."""
+"""Fraction of a command's total movement that its switches must account for if it counts as held."""
 
 MOST = 600
-"""Changes of one channel that are matched at most."""
+"""Maximum number of changes of one channel that are matched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """A command that changes: stamps (n,) and values as shares of its range from its least.
+    """A command that changes: stamps (n,) and values, scaled to its range (0 at its least).
 
-    ``times``, ``sizes`` (k,): of its changes [s] and as shares of the range. ``row`` [s]: between two rows, where it is
-    logged in rows; 0 where it is stamped when it changes. ``is_held``: whether its changes are switches.
+    ``times``, ``sizes`` (k,): times [s] and sizes of its changes, relative to the range. ``row`` [s]: interval between
+    rows; 0 if the command is stamped when it changes. ``is_held``: whether its changes are switches.
     """
 
     name: str
@@ -53,7 +54,7 @@ class Command:
         return float(np.median(np.diff(self.times))) if len(self.times) > 2 else float(np.ptp(self.t)) / 3.0
 
     def at(self, t: Array) -> Array:
-        """Return its values (n,) as shares of the range: held, or joined by straight lines where it is never held."""
+        """Return its values (n,) relative to the range: held, or interpolated linearly if it is never held."""
         if not self.is_held:
             joined: Array = np.interp(t, self.t, self.x)
             return joined

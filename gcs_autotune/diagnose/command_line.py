@@ -1,8 +1,8 @@
-"""The line on which the changes of a simulation's commands lie against those of the run: the clock between both.
+"""Fit the line that relates a simulation's clock to the run's, through the changes of their commands.
 
-Changes of one size in both files are paired, nearest first, and a line is fitted to their times. Its scale and shift
-have the standard errors of that line, raised where neighbours lie off it the same way (a clock that runs unevenly).
-Commands that are never held are laid on one another by least squares.
+Changes of equal size in both files are paired, nearest first, and a line is fitted to their times. Scale and shift have
+the standard errors of that line. These are raised if neighbouring changes deviate in the same direction, as with a
+clock that runs unevenly. Commands that are never held are aligned by least squares.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SLOWEST, FASTEST, MARGIN = 0.2, 5.0, 1.05
-"""Factors between the clocks that are looked for; by how much more one may come out."""
+"""Range of the clock factor that is searched, and how far the result may lie outside it."""
 
 NEAR, SIZES = 0.4, 0.25
-"""Chosen: how far apart changes may be to be paired at first, in usual times between two; how unlike their sizes."""
+"""Limits for the first pairing: distance in units of the usual interval between changes, and difference in size."""
 
 FEWEST, FREE = 3, 4
-"""Changes at least for an offset, and for a scale too: one more than the line has numbers."""
+"""Minimum number of changes for an offset, and for a scale too: one more than the line has parameters."""
 
 NEIGHBOURS = 5
-"""Changes whose median distance from the line is where the next is looked for."""
+"""Number of changes whose median distance from the line predicts where the next one lies."""
 
 ROUNDS = 12
-"""Times that pairs and line are found anew, at most."""
+"""Maximum number of times that pairs and line are updated."""
 
 WINDOW = 100.0
-"""Chosen: changes of the run that are searched at once; the line is extended over the others afterwards."""
+"""Number of changes of the run that are searched at once. The line is then extended over the others."""
 
 Pair = tuple[Command, Command]
 """A simulation's command and the run's."""
@@ -63,10 +63,10 @@ Pair = tuple[Command, Command]
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """How a simulation's stamps go with its run's: ``t_simulation = theirs + scale (t_run - ours)``, [s].
+    """Relation between a simulation's stamps and its run's: ``t_simulation = theirs + scale (t_run - ours)``, [s].
 
-    ``scale_std`` is infinite where too few changes tell the scale, which is then 1; ``shift_std`` [s] is that of
-    ``theirs``, and holds that no row tells when before it a command changed.
+    ``scale_std`` is infinite if there are too few changes to determine the scale, which is then 1. ``shift_std`` [s] is
+    the standard error of ``theirs``. It includes the unknown time of a change between two rows.
     """
 
     scale: float
@@ -93,7 +93,7 @@ class Clock:
 
 @dataclass(frozen=True, slots=True)
 class MatchedCommand:
-    """A channel of the simulation and the run's that it holds: ``theirs = factor ours + zero`` but for noise."""
+    """A channel of the simulation and the matching one of the run: ``theirs = factor ours + zero`` plus noise."""
 
     ours: str
     theirs: str
@@ -104,8 +104,11 @@ class MatchedCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """A clock with the run's times (n,) of the changes it was fitted to, and how far off it each is [s of the
-    simulation]; ``expected`` [s] of that by rows alone."""
+    """A clock, the times (n,) of the run's changes it was fitted to, and their deviations from it [s of the
+    simulation].
+
+    ``expected`` [s]: deviation that the row interval alone explains.
+    """
 
     clock: Clock
     t: Array
@@ -119,11 +122,11 @@ class Line:
 
     @property
     def local_scatter(self) -> float:
-        """Return that of changes from where their neighbours are: an uneven clock strays from any line."""
+        """Return the rms distance of changes from their neighbours; an uneven clock deviates from any line."""
         return max(float(np.sqrt(np.mean((self.left - self._astray()) ** 2))), self.expected)
 
     def near(self, t: Array) -> Array:
-        """Return how far off the line changes near *t* (n,) are [s of the simulation]."""
+        """Return the deviation from the line of changes near *t* (n,) [s of the simulation]."""
         astray: Array = np.interp(t, self.t, self._astray())
         return astray
 
@@ -137,8 +140,10 @@ class Line:
 
 
 class Guess(NamedTuple):
-    """A scale, a time of the run, the simulation's at that moment [s]; whether files usually lie so beside each other,
-    and whether these are stamped so."""
+    """A first guess of the clock: scale, a time of the run, and the simulation's time at that moment [s].
+
+    It also holds whether files are usually aligned in this way, and whether these are stamped so.
+    """
 
     scale: float
     ours: float
@@ -148,12 +153,12 @@ class Guess(NamedTuple):
 
 
 def is_looked_for(scale: float) -> bool:
-    """Whether a clock may run so many times as fast as another."""
+    """Whether a ratio of two clocks is within the searched range."""
     return SLOWEST / MARGIN <= scale <= FASTEST * MARGIN
 
 
 def fitted_line(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | None:
-    """Return the line through the changes of *pairs* that begins at a guess; None where there is none."""
+    """Return the line through the changes of *pairs*, started from a guess; None if there is none."""
     held = [p for p in pairs if p[0].is_held and p[1].is_held]
     return _by_switches(held, guess, steady) if held else _by_shape(pairs, guess, steady)
 
@@ -354,7 +359,7 @@ def _colour(left: Array) -> float:
 
 
 def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedCommand | None:
-    """Return the regression of a simulation's command on a run's, away from changes; None where either is constant."""
+    """Return the regression of a simulation's command on a run's, away from changes; None if either is constant."""
     clock = line.clock
     t = _grid([(theirs, ours)], (clock.scale, clock.ours, clock.theirs), math.inf)
     if t is None:
@@ -380,5 +385,5 @@ def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedComm
 
 
 def agreement(found: MatchedCommand | None) -> float:
-    """Return the log-likelihood per sample by which two commands are the same."""
+    """Return the log-likelihood per sample that two commands are the same."""
     return 0.0 if found is None else -math.log(1.001 - min(found.correlation**2, 1.0))

@@ -1,20 +1,20 @@
-"""Commands of a simulation's file matched with those of the measured run: clock, order, sign and unit of the channels.
+"""Match the commands of a simulation's file with the run's: clock, order, sign and unit of the channels.
 
-A simulation driven by the run's commands holds the same changes on its own clock. Where each lies in both files gives
-the clock whatever the craft is, to a fraction of a row; no model and no motion take part.
+A simulation driven by the run's commands contains the same changes on its own clock. The times of each change in both
+files give the clock to a fraction of a row. Neither a model nor the motion is needed.
 
-**Changes.** A held command has switches. Rows do not show when between two of them a command changed: the middle is
-taken. A command that is never held (a joystick, a controller) is compared by its shape instead.
+**Changes.** A held command has switches. Rows do not show when a command changed between them, so the midpoint is used.
+A command that is never held (a joystick, a controller) is compared by its shape.
 
-**Search.** First as both files are stamped, then with their beginnings, and beginnings and ends, laid on one another.
-Otherwise every factor from 1/5 to 5 and every shift are tried, by correlation over what both files cover.
+**Search.** The first guesses are the stamps as they are, then equal beginnings, then equal beginnings and ends.
+Otherwise all factors from 1/5 to 5 and all shifts are tried, by correlation over the overlap.
 
-**Line.** Changes of one size in both files are paired, nearest first, and a line is fitted to their times. Its scale
-and shift have the standard errors of that line, raised where neighbours lie off it the same way (a clock that runs
-unevenly). A match is believed when chance would rarely lay so many changes so close to one line.
+**Line.** Changes of equal size in both files are paired, nearest first, and a line is fitted to their times. Scale and
+shift have the standard errors of that line. These are raised if neighbouring changes deviate in the same direction, as
+with a clock that runs unevenly. A match is accepted if so many changes would rarely lie so close to one line by chance.
 
-**Channels.** With the clock known each channel is regressed on each of the run's: that gives their order, signs and
-units. Channels that change often enough are given a line of their own, and are reported where these disagree.
+**Channels.** With the clock known, each channel is regressed on each of the run's. The result is their order, signs and
+units. Channels that change often enough get their own line and are reported if the lines disagree.
 """
 
 from __future__ import annotations
@@ -55,45 +55,45 @@ __all__ = ["CommandMatch", "match_commands"]
 Array = NDArray[np.float64]
 
 FINE = 6.0
-"""Chosen: samples per change in the search by correlation."""
+"""Samples per change in the search by correlation."""
 
 SHARED = 0.35
-"""Chosen: share of the shorter record that both must cover."""
+"""Fraction of the shorter record that the overlap must cover."""
 
 PAIRED, ALIKE = 0.7, 0.85
-"""Chosen: share of the changes that must be paired; correlation from which on two commands are the same."""
+"""Fraction of the changes that must be paired; correlation from which two commands count as the same."""
 
 SURELY_OTHER = 2.0
-"""Chosen: log-likelihood per sample, for each of the channels exchanged, by which another order must be likelier."""
+"""Log-likelihood per sample and exchanged channel by which another order must be likelier."""
 
 CHANCE, CHANCE_USUAL = 1e-3, 1e-2
-"""Chosen: probability that changes which have nothing in common lie as close to a line."""
+"""Probability that unrelated changes lie as close to a line."""
 
 AT_ONCE = 3.0
-"""Scatter, in that of rows alone, up to which a line is taken without looking for others."""
+"""Scatter, relative to that of the row interval, up to which a line is accepted without trying others."""
 
 EVEN = 0.15
-"""Median deviation of intervals, as a share of their median, below which changes repeat evenly."""
+"""Median deviation of intervals relative to their median, below which changes count as periodic."""
 
 UNEVEN = 3.0
-"""Scatter of changes about the clock, in that of rows alone, from which on the clock runs unevenly."""
+"""Scatter of changes about the clock, relative to that of the row interval, from which the clock counts as uneven."""
 
 SAME_RATE = 0.002
-"""Difference of two clocks' rates that nobody minds."""
+"""Difference of two clock rates that does not matter."""
 
 APART = 5.0
-"""Standard errors from which on two channels disagree."""
+"""Standard errors from which two channels count as contradictory."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandMatch:
-    """What the commands of both files say of each other.
+    """Result of the comparison of the commands of both files.
 
-    ``kind``: ``absent`` (one file holds no command), ``constant`` (they do not change, or too seldom), ``repeating``
-    (evenly in both, so that any clock would do), ``different`` (they change, but not alike), ``matched``.
-    ``scatter`` [s of the run]: of single changes about the clock, beyond what the rows account for; ``is_uneven``:
-    whether it is several rows. ``changes``: how many were paired. ``period`` [s of the run]: shifts by it match as
-    well, 0 where none does. ``others``: channels whose own changes give another clock.
+    ``kind``: ``absent`` (a file contains no command), ``constant`` (they do not change, or too rarely), ``repeating``
+    (periodic in both, so that any clock fits), ``different`` (they change differently), ``matched``. ``scatter`` [s of
+    the run]: deviation of single changes from the clock, beyond the row interval. ``is_uneven``: whether it is several
+    rows. ``changes``: number of paired changes. ``period`` [s of the run]: shifts by it match as well; 0 for none.
+    ``others``: channels whose own changes give another clock.
     """
 
     kind: Literal["absent", "constant", "repeating", "different", "matched"]
@@ -107,7 +107,8 @@ class CommandMatch:
 
 
 def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> CommandMatch:
-    """Return how the commands of *simulation* go with those of *run*; *steady*: the clocks are known to run alike."""
+    """Return how the commands of *simulation* match those of *run*; *steady*: both clocks are known to run at one
+    rate."""
     both = [commands_of(trial) for trial in (simulation, run)]
     if not all(any(n in t for n in COMMANDS) for t in (simulation, run)):
         return CommandMatch("absent")

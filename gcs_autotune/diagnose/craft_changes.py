@@ -1,8 +1,8 @@
-"""Has a craft changed between two identifications? Inertia, drag, thrust and trim, told apart by how numbers move.
+"""Compare two identifications of a craft: changes of inertia, drag, thrust and trim.
 
-A model whose input is a command knows inertia and drag per thrust: more mass raises the first alone, fouling the second
-alone, a weaker thruster both alike, and trim moves the constant force. Which of these single changes explains all
-differences, given both fits' covariances, is asked by generalised least squares; when none does, two are tried.
+If the input is a command, a model contains inertia and drag per thrust. More mass raises only the inertia, fouling only
+the drag, and a weaker thruster raises both in proportion. Trim changes the constant force. Generalised least squares
+with both covariances finds which single change explains all differences. If none does, pairs of changes are tried.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ __all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.01
-"""Chosen: probability that an unchanged craft is said to have changed, per comparison."""
+"""Probability per comparison that an unchanged craft is reported as changed."""
 LEAST_KNOWN = 0.5
-"""Standard error of a logarithm above which a number tells nothing."""
+"""Standard error of a logarithm above which a number counts as unknown."""
 MODERATE = 0.02
-"""Chosen: what two days of one craft may differ by anyway (water, load, battery), as a standard deviation of logarithms
-and as a share of the force: standard errors know of noise only."""
+"""Usual difference between two runs of an unchanged craft (water, load, battery).
+
+It is a standard deviation, of logarithms and relative to the force. Standard errors include noise only.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class CraftChange:
-    """One way a craft changes: what it does to (ln inertia, ln drag, trim); ``slug`` is diagnosis' effect."""
+    """One kind of change: its effect on (ln inertia, ln drag, trim); ``slug`` is the effect that diagnosis uses."""
 
     name: str
     direction: tuple[float, float, float]
@@ -75,7 +77,7 @@ class CraftComparison:
 
     @property
     def told(self) -> str:
-        """One sentence for a person."""
+        """Summary in one sentence."""
         if not self.changed:
             return "unchanged"
         if not self.causes:
@@ -104,7 +106,7 @@ NAMES = ("inertia", "drag", "trim")
 
 
 def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
-    """Return how *now* differs from *reference*, drag compared at the speed that both moved at.
+    """Return how *now* differs from *reference*, with drag compared at a speed that both reached.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""What supports a cause: its own gain on data left out, and hints, which are causes supported too weakly to be named.
+"""Decide what supports a cause: its own held-out gain, and hints, which are causes with too little support.
 
-Evidence is the log-likelihood gained. A cause needs enough of it that noise alone would not give it in any of the
-candidates tried, a gain on every part left out, and a smaller error of prediction there. A candidate that has between
-three and ten nats, or more and not the rest, is a hint where noise gives some candidate as much in one search of twenty
-at most. Hints within three nats of each other are one group, for these runs do not distinguish them.
+The evidence is the gained log-likelihood. A cause needs more than noise could produce in any of the tried candidates.
+It also needs a gain on every left-out part, and a smaller held-out prediction error. A candidate is a hint if it gains
+three to ten nats, or more without meeting the other conditions. In addition, noise must produce such a gain in at most
+one search of twenty. Hints within three nats of each other form one group, because the runs do not distinguish them.
 """
 
 from __future__ import annotations
@@ -32,37 +32,42 @@ __all__ = [
 ]
 
 FAINT, ENOUGH = 3.0, 10.0
-"""Log-likelihood gained by one number from which on a candidate is a hint, and from which on it is named where it also
-holds on data left out. Chosen: odds of twenty to one, and of twenty thousand to one."""
+"""Log-likelihood gained by one number for a hint, and for a cause that also holds on held-out data.
+
+They correspond to odds of twenty to one, and of twenty thousand to one.
+"""
 
 RARE = 0.05
-"""Chosen: chance that noise gives some candidate as much, above which none is a hint. Of 31 rough-water cases where any
-candidate with three nats was one, the first was right in 17; with this, and the rule for what acts from outside, 13 of
-17 (seeds 1 to 20 and 100 to 149), and in 16 the right one is in its group."""
+"""Probability that noise produces the gain, above which a candidate is not a hint.
+
+Of 31 rough-water cases in which three nats alone made a hint, the first hint was right in 17. With this limit and the
+rule for external effects it was right in 13 of 17 (seeds 1 to 20 and 100 to 149). In 16 the right cause is in its
+group.
+"""
 
 ALIKE = 3.0
-"""Chosen: log-likelihood within which two hints are not distinguished, odds of twenty to one."""
+"""Log-likelihood within which two hints are not distinguished: odds of twenty to one."""
 
 MOST_HINTS = 3
 
 
 def chance_of(gained: float, numbers: int, tried: int) -> float:
-    """Return the chance that noise makes the best of *tried* candidates of *numbers* gain as much log-likelihood."""
+    """Return the probability that noise gives the best of *tried* candidates with *numbers* numbers this gain."""
     one = chi_square.exceeded_by_chance(2.0 * max(gained, 0.0), max(numbers, 1))
     return float(-math.expm1(max(tried, 1) * math.log1p(-min(one, 1.0 - 1e-12))))
 
 
 def worth(gained: float, numbers: int) -> float:
-    """Return the log-likelihood that one number would gain as rarely by chance as *numbers* gain *gained*."""
+    """Return the gain of one number that is as improbable by chance as a gain of *gained* by *numbers*."""
     p = chi_square.exceeded_by_chance(2.0 * max(gained, 0.0), max(numbers, 1))
     return 0.5 * chi_square.threshold(p, 1) if p > 0.0 else gained
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeakCandidate:
-    """A candidate that is a hint: ``size`` of its evidence, in nats of one number, its ``chance``, what it lacks.
+    """A candidate that is a hint: ``size`` of its evidence in nats of one number, its ``chance``, and what it lacks.
 
-    ``alike``: slugs of the others within :data:`ALIKE`, hints themselves or not.
+    ``alike``: slugs of the others within :data:`ALIKE`, whether hints or not.
     """
 
     one: CandidateScore[Any]
@@ -73,17 +78,17 @@ class WeakCandidate:
 
 
 def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequence[Segment]) -> tuple[Hint, ...]:
-    """Return the hints of a finished search over *segments*, the likeliest first; *causes*: those identified."""
+    """Return the hints of a finished search over *segments*, the likeliest first; *causes*: the identified ones."""
     known = {key_of(e) for e in causes}
     weak = [w for w in weak_among(search) if key_of(w.one.effect) not in known][:MOST_HINTS]
     return tuple(_hint(search, w, segments) for w in weak)
 
 
 def weak_among(search: Search) -> list[WeakCandidate]:
-    """Return the candidates of a search's last step that are hints, and causes refused in the end.
+    """Return the hints among the candidates of the last step and the causes rejected at the end.
 
-    Left out are those of which the 95 % interval contains no effect. What was refused comes first: it held on the parts
-    left out.
+    Candidates whose 95 % interval includes no effect are left out. Rejected causes come first, because they passed on
+    the left-out parts.
     """
     last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
     beside = [a for a in last if name_of(a.effect) not in search.names]

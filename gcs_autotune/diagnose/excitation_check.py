@@ -1,4 +1,4 @@
-"""Whether runs can tell causes apart: enough samples, commands that change, motion coherent with them."""
+"""Check whether runs can distinguish causes: enough samples, commands that change, motion coherent with them."""
 
 from __future__ import annotations
 
@@ -25,22 +25,26 @@ COMMANDS = frozenset(n for names in INPUTS.values() for n in names) | set(THRUST
 MOTIONS = frozenset(n for d in DOFS.values() for n in (d.velocity, d.position))
 
 FEWEST = 50
-"""Chosen: samples of all runs together below which no cause is told from another (twelve per block left out)."""
+"""Minimum number of samples of all runs together to distinguish causes: twelve per left-out block."""
 
 BINS, DWELL, MOVE = 10, 0.03, 0.2
-"""A level of an input: one of so many bins it spends this share of time in; a move changes it by ``MOVE`` of all."""
+"""Constants for the levels of an input.
+
+A level is one of BINS bins in which the input spends at least the fraction DWELL of the time. A move changes the input
+by at least the fraction MOVE of its range.
+"""
 
 ANSWER = 0.02
-"""Chosen: least share of a signal's variance that some input accounts for; noise alone reaches about 10 / samples."""
+"""Least fraction of a signal's variance that some input must explain. Noise alone reaches about 10 / samples."""
 
 
 def check_alive(runs: Sequence[Trial]) -> None:
-    """Refuse *runs* in which nothing is commanded, or nothing moves.
+    """Reject *runs* in which nothing is commanded or nothing moves.
 
     Raises
     ------
     NotInformative
-        Saying which columns stand still.
+        The message lists the columns that do not change.
     """
     inputs = sorted({n for run in runs for n in run.channels if n in COMMANDS})
     motions = sorted({n for run in runs for n in run.channels if n in MOTIONS})
@@ -61,7 +65,7 @@ def _vary(runs: Sequence[Trial], names: Sequence[str]) -> bool:
 
 
 def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] | None = None) -> None:
-    """Refuse *runs* that hold too little to diagnose *form* with; *signals*: those to compare, all when None.
+    """Reject *runs* with too little information to diagnose *form*; *signals*: those to compare, all when None.
 
     Raises
     ------
@@ -140,14 +144,14 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
 
 
 GRID = 2000
-"""Samples of the common grid, at most."""
+"""Maximum number of samples of the common grid."""
 
 LAGS = np.geomspace(0.3, 300.0, 13)
-"""Time constants tried, in steps of the grid."""
+"""Time constants tried, in grid steps."""
 
 
 def on_grid(*channels: Channel) -> tuple[float, list[Array]] | None:
-    """Return a common step [s] and all channels held on it where they overlap; None when they hardly do."""
+    """Return a common step [s] and all channels held on it over their overlap; None if they hardly overlap."""
     if any(len(c) < 2 for c in channels):
         return None
     start, end = max(float(c.t[0]) for c in channels), min(float(c.t[-1]) for c in channels)
@@ -159,10 +163,10 @@ def on_grid(*channels: Channel) -> tuple[float, list[Array]] | None:
 
 
 def coherence(follower: Array, leader: Array, *, integrated: bool = False) -> float:
-    """Return the share of *follower*'s variance (n,) that the best first-order lag of *leader* (n,) accounts for.
+    """Return the fraction of *follower*'s variance (n,) that the best first-order lag of *leader* (n,) explains.
 
-    Gain, offset and initial state are free, and what these account for without the leader does not count;
-    *integrated*: the follower is the integral of such a lag (a position).
+    Gain, offset and initial state are free; what they explain without the leader does not count. *integrated*: the
+    follower is the integral of such a lag (a position).
     """
     best = 0.0
     n = len(follower)
@@ -188,5 +192,5 @@ def _left(table: Array, y: Array) -> float:
 
 
 def held_share(values: Array) -> float:
-    """Return the share of samples (n,) that repeat the one before exactly, as a command between its changes does."""
+    """Return the fraction of samples (n,) that repeat the previous one exactly, as a held command does."""
     return float(np.mean(np.diff(values) == 0.0)) if len(values) > 1 else 0.0

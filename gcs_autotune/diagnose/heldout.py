@@ -1,4 +1,4 @@
-"""Error on data left out: folds, the error of a model there, and whether another model's is truly smaller."""
+"""Errors on held-out data: folds, the error of a model, and whether another model's error is really smaller."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ Array = NDArray[np.float64]
 METRIC = "held-out simulation RMSE"
 
 MOST_FOLDS = 4
-"""Parts left out in turn."""
+"""Maximum number of parts that are left out in turn."""
 
 BLOCKS = 24
-"""Blocks the held-out errors are averaged over before they are compared: neighbours share their errors."""
+"""Number of blocks over which held-out errors are averaged before comparison, because neighbours are correlated."""
 
 FEWEST = 8
 """Fewest samples of a block."""
@@ -57,7 +57,7 @@ class HeldOutFold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
-    """Residuals of a model on data it has not seen, ``complete`` False when it ran away somewhere."""
+    """Residuals of a model on held-out data; ``complete`` is False if it diverged somewhere."""
 
     rests: tuple[Residual, ...]
     complete: bool
@@ -65,9 +65,10 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """What is left out in turn: folds, initial states of what each fits and tests, and in ``words`` what it is.
+    """The parts left out in turn: folds, initial states of the fitted and tested segments, and a description
+    (``words``).
 
-    ``kind``: runs ``"apart"`` from those fitted, whole ``"runs"`` left out, or ``"blocks"`` of them.
+    ``kind``: ``"apart"`` for separate runs, ``"runs"`` for whole runs left out, ``"blocks"`` for blocks of runs.
     """
 
     kind: Literal["apart", "runs", "blocks"]
@@ -77,7 +78,8 @@ class Parts:
     words: str
 
     def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
-        """Return them with every segment beginning where its signals say that *fitted* takes for spoilt, set right."""
+        """Return the parts with new initial states, from signals corrected for the data errors that *fitted*
+        contains."""
         segments = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
         right = {at: undo_data_errors(fitted.effects, s) for at, s in segments.items()}
         if all(right[at] is s for at, s in segments.items()):
@@ -91,10 +93,10 @@ class Parts:
 
 
 def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: bool = False) -> Parts:
-    """Return what is left out of a problem's segments.
+    """Return the parts of a problem's segments that are left out.
 
-    With *unseen* runs these; with several runs each (or each group of runs) in turn; of the only run, or *in_blocks*
-    of every run, a part in turn.
+    These are the *unseen* runs if there are any. With several runs each run (or group of runs) is left out in turn.
+    With one run, or *in_blocks*, blocks of every run are left out.
     """
     segments = problem.segments
     runs = list(dict.fromkeys(s.run for s in segments))
@@ -143,9 +145,9 @@ def _begun(
 
 
 def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> HeldOut:
-    """Predict what each fold leaves out by a model fitted to the rest of it.
+    """Predict each left-out part with a model fitted to the rest.
 
-    refit : the model is fitted anew on each fold, beginning at *fitted*; False: it is taken as it is.
+    refit : whether the model is fitted again on each fold, starting from *fitted*; False: it is used as it is.
     """
     rests: list[Residual] = []
     complete = True
@@ -167,7 +169,7 @@ def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> 
 
 
 def rms_of(rests: Sequence[Residual]) -> dict[str, float]:
-    """Return the root mean square of what is left, per signal."""
+    """Return the root mean square of the residuals per signal."""
     squares: dict[str, list[Array]] = {}
     for rest in rests:
         good = rest.judged[np.isfinite(rest.judged)]
@@ -176,7 +178,7 @@ def rms_of(rests: Sequence[Residual]) -> dict[str, float]:
 
 
 def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[tuple[str, float, float, int]], int]:
-    """Return per block: signal, sum of squares before, after, and samples; cut alike for both."""
+    """Return per block: signal, sums of squares before and after, and samples. Both use the same blocks."""
     total = sum(len(r.judged) for r in before)
     size = max(FEWEST, total // BLOCKS)
     found = []
@@ -200,13 +202,15 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
 def p_value(
     before: HeldOut, after: HeldOut, levels: Mapping[str, float], raised: float, numbers: int, tried: int
 ) -> float:
-    """Return the chance that *after* only seems better on unseen data, times how many were *tried* (at most 1).
+    """Return the probability that *after* only seems better on held-out data, times the number *tried* (at most 1).
 
-    The split likelihood ratio (Wasserman2020): the likelihood of data
-    left out under a model fitted to the rest, with the noise *levels* found there, over the largest likelihood of the
-    model before, is an e-value; over folds their mean is one, and its inverse is a p value whatever the sample size.
-    The largest likelihood of the model before is that of its held-out error, with the *numbers* it would gain by being
-    fitted there. *raised*: samples that make one independent one.
+    The method is the split likelihood ratio (Wasserman2020). The numerator is the likelihood of held-out data under a
+    model fitted to the rest, with the noise *levels* found there. The denominator is the largest likelihood of the
+    model before. The ratio is an e-value. Over folds the mean is an e-value too, and its inverse is a p-value for any
+    sample size.
+
+    The largest likelihood of the model before comes from its held-out error, with the gain of its *numbers* if they
+    were fitted there. *raised*: samples equivalent to one independent sample.
     """
     if not after.complete or len(before.rests) != len(after.rests):
         return 1.0
@@ -246,7 +250,7 @@ def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: 
 
 
 def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReduction, ...]:
-    """Return the gain of every signal; *words* say what was left out. None where a model runs away."""
+    """Return the gain of every signal; *words* describe what was left out. None if a model diverges."""
     old, new = rms_of(before.rests), rms_of(after.rests)
     found = []
     for name in old:
@@ -261,12 +265,12 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReductio
 
 
 def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
-    """Return the gain on data left out of one cause, for the signal that surely gains most; None where unknown."""
+    """Return the held-out gain of one cause, for the signal that gains most surely; None if unknown."""
     if after is None or len(before.rests) != len(after.rests):
         return None
     return surest(gains_of(before, after, words))
 
 
 def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
-    """Return the gain with the smallest upper end of its interval."""
+    """Return the gain whose interval has the smallest upper end."""
     return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)

@@ -1,4 +1,4 @@
-"""What a cause gains on data left out, with process noise modelled: log-likelihood, and error some seconds ahead."""
+"""Held-out gain of a cause with process noise modelled: log-likelihood, and error some seconds ahead."""
 
 from __future__ import annotations
 
@@ -20,32 +20,31 @@ __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]
 Array = NDArray[np.float64]
 
 Folds = tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
-"""What is left out in turn: segments to fit, segments to predict."""
+"""The folds: segments to fit, segments to predict."""
 
 Unseen = Sequence[NoisyFit | None]
-"""A model refitted to the rest of each fold, as it is on what that leaves out; None where it runs away."""
+"""A model refitted without each fold and evaluated on that fold; None where it diverges."""
 
 REFIT = 4
-"""Scoring rounds of a fit to the rest when a run is left out."""
+"""Maximum number of scoring rounds of a refit without one run."""
 
 RUNS_AWAY = -1e6
-"""Log density of a sample on which a model runs away."""
+"""Log density of a sample for a model that diverges."""
 
 FAR_ROUGHER = 2.0
-"""Chosen: squares of innovations on data left out, over what the other runs' fit expects, from which on its weather is
-another's."""
+"""Ratio of squared held-out innovations to those expected, from which a part has another level of process noise."""
 
 FEWEST_WHOLES = 4
-"""Chosen: parts left out, of which the scatter tells something: two or three are alike by accident."""
+"""Minimum number of left-out parts whose scatter is used. Two or three are similar by chance."""
 
 SURE = 0.95
-"""Quantile at either end of a 90 % interval: a gain is none in one case of twenty."""
+"""Quantile for a 90 % interval: one gain in twenty is by chance."""
 
 
 def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFit) -> Unseen:
-    """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out.
+    """Return *fit*, refitted without each fold and evaluated on that fold.
 
-    plain : the model without any cause, by which it is chosen how far ahead refits are compared.
+    plain : the model without any cause. It determines how far ahead refits are compared.
     """
     seconds, found = prediction_horizon(problem, plain), []
     for train, test in folds:
@@ -55,10 +54,10 @@ def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFi
 
 
 def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
-    """Return the log densities (samples,) of what each fold leaves out, under the weather that *plain* shows there.
+    """Return the log densities (samples,) of each left-out part, with the noise level that *plain* shows there.
 
-    Where that is far rougher than the other runs' (a gust, a glitch, a worse day), it is so for every candidate:
-    by the others' calm, a few samples would outweigh all there is, to either side.
+    A part may be far rougher than the other runs (a gust, a glitch, a rougher run). Its noise level is then raised for
+    every candidate. Otherwise a few samples would outweigh all others, in either direction.
     """
     found = []
     for fit, base in zip(fits, plain, strict=True):
@@ -68,10 +67,11 @@ def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
 
 
 def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float, float]:
-    """Return the 90 % interval of the log-likelihood gained on all that is left out: of two the narrower.
+    """Return the 90 % interval of the held-out log-likelihood gain: the narrower of two.
 
-    From its scatter over blocks, for a single gust, or one manoeuvre, may bring all of a gain; and over what is left
-    out in turn: a noise level fitted anew takes from lively blocks what it gives to quiet ones, in every run alike.
+    One comes from the scatter over blocks, because a single gust or manoeuvre may cause the whole gain. The other comes
+    from the scatter over left-out parts. A refitted noise level shifts gain from lively blocks to quiet ones, in every
+    run alike.
     """
     size = max(FEWEST, sum(map(len, before)) // BLOCKS)
     wholes, sums = [], []
@@ -92,16 +92,16 @@ def _half_width(parts: Sequence[float]) -> float:
 
 
 SEED, DRAWS = 0, 400
-"""Of the interval of a ratio of errors, by drawing parts again with replacement."""
+"""Seed and number of draws for the interval of an error ratio, by drawing parts with replacement."""
 
 
 def gains_ahead(
     problem: NoisyProblem, plain: NoisyFit, folds: Folds, before: Unseen, after: Unseen, words: str
 ) -> Iterator[tuple[float, ErrorReduction]]:
-    """Yield how far ahead [s], and the error there on data left out, before and after, for each of :func:`.horizons`.
+    """Yield each horizon [s] and the held-out error there, before and after, for each of :func:`.horizons`.
 
-    plain : the model without any cause, by which these are chosen. words : what is left out. A model that runs away
-    has an infinite error; nothing is known where *before* does.
+    plain : the model without any cause, which determines the horizons. words : what is left out. A model that diverges
+    has an infinite error. If *before* diverges, nothing is known.
     """
     signal = next(iter(problem.segments[0].signals))
     for seconds in horizons(problem, plain):

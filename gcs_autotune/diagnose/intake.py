@@ -1,10 +1,8 @@
-"""Runs as they are handed in, made fit for a diagnosis, or refused with the reason.
+"""Prepare runs for a diagnosis, or reject them with the reason.
 
-Nothing is mended that an effect could be: wrong units, signs and clocks that are merely fast or late pass.
-
-One run that no cause could be read from: a clock of the wrong unit, a torn heading, columns that changed places.
-
-What is merely wrong by a factor, a sign or an offset is for the table of effects; here is what leaves nothing to fit.
+Nothing that an effect could explain is corrected. Wrong units, signs, offsets, and clocks that are fast or late are
+left to the effects. Runs from which no cause could be identified are rejected: a clock in the wrong unit, a broken
+heading, exchanged columns.
 """
 
 from __future__ import annotations
@@ -29,32 +27,39 @@ Array = NDArray[np.float64]
 
 
 SLOW, FAST = 5.0, 5e-4
-"""Chosen [s]: samples farther apart, or closer, are no telemetry of a marine craft unless another column says so."""
+"""Shortest and longest sample intervals [s] of a marine craft's telemetry, unless another column confirms the clock."""
 
 CONFIRMED = 3.0
-"""Factor within which a position's change must agree with its rate to confirm the clock."""
+"""Factor within which a position's change must match its rate to confirm the clock."""
 
 TORN, ISOLATED, NEIGHBOURS = 0.5, 8.0, 5
-"""A jump of the heading: larger than so many rad and so many times any of so many steps either side."""
+"""Limits for a jump of the heading: larger than TORN [rad], and ISOLATED times any of NEIGHBOURS steps on either
+side."""
 
 TURNS = (2.0 * math.pi, 360.0)
-"""A full turn; in degrees too, for a heading whose unit is wrong is an effect."""
+"""A full turn, also in degrees, because a wrong unit of the heading is an effect."""
 
 SAME = 0.1
 """Relative difference up to which a jump is a full turn."""
 
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
-"""The "input" follows the "output" at least so well, and leaves less than this share of what the output leaves when
-it is to follow the input; the output is held like a command in more than ``HELD`` of its samples, the input is not."""
+"""Limits for an exchanged input and output.
+
+The "input" follows the "output" at least this well (LEADS), and the residual is below the fraction ALONE of that in the
+other direction. More than the fraction HELD of the output's samples is held like a command; the input is not.
+"""
 
 
 STEADY, GRID, LEAST_LEFT = 0.25, 1000, 0.5
-"""Chosen: share of its usual value within which another axis' command counts as steady; places along a run at which
-what is usual is read; share of a run that its manoeuvre is at least."""
+"""Limits for the manoeuvre within a run.
+
+STEADY: deviation, relative to the usual value, within which another axis' command counts as steady. GRID: points along
+a run at which the usual value is read. LEAST_LEFT: least fraction of a run that is its manoeuvre.
+"""
 
 
 def check_clock(run: Trial) -> None:
-    """Refuse a clock that runs in milliseconds under a head of seconds, or the reverse.
+    """Reject a clock in milliseconds whose column header says seconds, or the reverse.
 
     Raises
     ------
@@ -98,12 +103,12 @@ def _confirmed(run: Trial) -> bool:
 
 
 def check_heading(run: Trial) -> None:
-    """Refuse a heading that jumps by what is no full turn.
+    """Reject a heading that jumps by something other than a full turn.
 
     Raises
     ------
     BadFile
-        It was wrapped at something else, or averaged across the wrap.
+        It was wrapped at another value, or averaged across the wrap.
     """
     if "psi" not in run or len(run["psi"]) < 4 * NEIGHBOURS:
         return
@@ -141,12 +146,12 @@ def _tears(x: Array) -> list[float]:
 
 
 def check_roles(run: Trial) -> None:
-    """Refuse an input and an output that have changed places: the "input" follows the "output", which is held.
+    """Reject exchanged input and output columns: the "input" follows the "output", which is held.
 
     Raises
     ------
     BadFile
-        Saying which two.
+        The message lists both columns.
     """
     for dof in DOFS.values():
         for name in INPUTS[dof.name]:
@@ -178,12 +183,12 @@ CHECKS: tuple[Callable[[Trial], None], ...] = (check_clock, check_roles, check_h
 
 
 def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
-    """Return the runs that can be used, split where their clocks restart, and what is doubtful about the others.
+    """Return the usable runs, split where their clocks restart, and the doubts about the others.
 
     Raises
     ------
     BadFile, MissingChannel
-        No run can be used: why the first one cannot.
+        No run can be used; the error is that of the first one.
     """
     found: list[Trial] = []
     doubts: list[Doubt] = []
@@ -199,11 +204,11 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
 
 
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
-    """Return a run of our own without its approach and its clean-up.
+    """Return a run flown by this program without its approach and its clean-up.
 
-    While the command of another axis is far from its usual value (throttle put on, thrust off), the craft is another
-    one: a rudder steers by the propeller's wash. That stretch is left out at either end. The inputs *driven* are kept
-    whole, because an actuator that lags begins where earlier commands have left it.
+    The craft differs while the command of another axis is far from its usual value (throttle being applied, thrust
+    off). For example, a rudder acts through the propeller's wash. Those stretches at both ends are left out. The inputs
+    *driven* are kept whole, because an actuator lag depends on earlier commands.
     """
     if "manoeuvre" not in run.meta:
         return run
@@ -226,21 +231,21 @@ def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
 
 
 def is_one_flight(runs: Sequence[Trial]) -> bool:
-    """Whether *runs* are our own and complete each other: a step, and relays of several sizes, each flown once.
+    """Whether *runs* come from one flight of this program: a step, and relays of several sizes, each flown once.
 
-    None of them predicts another: each holds one size of command, or none that is steady.
+    None of them predicts another: each contains one size of command, or none that is steady.
     """
     flown = [(run.meta.get("manoeuvre"), run.meta.get("C", run.meta.get("size"))) for run in runs]
     return len(runs) > 1 and all("manoeuvre" in run.meta for run in runs) and len(set(flown)) == len(flown)
 
 
 def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
-    """Return *runs* each once, and a doubt for those given twice.
+    """Return each of *runs* once, and a doubt for duplicates.
 
     Raises
     ------
     UsageError
-        A run is among the *unseen* ones too: it would be judged on what it was fitted to.
+        A run is also among the *unseen* ones. It would be tested on the data it was fitted to.
     """
     kept: list[Trial] = []
     doubts: list[Doubt] = []

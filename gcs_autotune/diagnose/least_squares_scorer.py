@@ -1,4 +1,4 @@
-"""Candidates fitted and scored by least squares: simulation against runs, and against runs left out."""
+"""Fit and score candidates by least squares: simulation compared with the runs, and with held-out runs."""
 
 from __future__ import annotations
 
@@ -46,24 +46,26 @@ from gcs_autotune.identify import Fitted, Problem
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 
 BRIEF = 0.4
-"""Chosen: a time of an effect, in samples of the record, below which it may as well be how commands are held between
-samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. It is less
-than half, because commands with stamps half a sample early are a delay of just that."""
+"""Time constant of an effect, in samples of the record, below which it may come from how commands are held.
+
+An autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. The limit is below
+one half, because stamps that are half a sample early are a delay of exactly that.
+"""
 
 SHORT_LIST = 18
-"""Candidates fitted roughly."""
+"""Number of candidates fitted roughly."""
 
 FOLLOWING = 12
-"""Chosen: trials of a fit in which an effect follows a command."""
+"""Maximum number of trials of a fit in which an effect follows a command."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastSquares:
-    """Fits and scores candidates added to the model ``present``, of ``tried`` in all.
+    """Fit and score candidates added to the model ``present``, of ``tried`` in all.
 
-    ``unseen``: what the model that gains are counted over leaves of the data left out, ``parts``. ``quick``: by the
-    likelihood on the runs fitted alone. ``begun``: fits to begin at, ``others``: where errors of the data may begin as
-    well; ``exchanges``: whether exchanged channels are tried; ``most``: candidates fitted roughly.
+    ``unseen``: held-out residuals of the model that gains are measured against, on the left-out ``parts``. ``quick``:
+    score by the likelihood of the fitted runs only. ``begun``: starting fits; ``others``: further ones for errors of
+    the data. ``exchanges``: whether exchanged channels are tried. ``most``: number of candidates fitted roughly.
     """
 
     question: Question
@@ -81,11 +83,11 @@ class LeastSquares:
 
     @property
     def runners(self) -> int:
-        """How many candidates are fitted to the end."""
+        """Number of candidates that are fitted until they converge."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
-        """Return the candidates fitted roughly, the best first."""
+        """Return the candidates after a rough fit, the best first."""
         question, stage, present = self.question, self.stage, self.present
 
         def screened(done: int, total: int) -> None:
@@ -113,7 +115,7 @@ class LeastSquares:
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit to the end what was fitted roughly."""
+        """Fit the roughly fitted candidates until they converge."""
 
         def told(done: int, total: int) -> None:
             self.question.say(self.stage + ": final fits", done, total)
@@ -122,13 +124,13 @@ class LeastSquares:
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
-        """Return the same: whether a candidate's fit leads to a better base is asked once it is accepted."""
+        """Return itself: a better base is looked for only after a candidate is accepted."""
         return self
 
     def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
-        """Return the scores of candidates fitted to the end, the best first.
+        """Return the scores of the converged candidates, the best first.
 
-        Against each other by one number of samples that make one independent one, that of the best.
+        All are compared with the best one's number of samples per independent sample.
         """
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
         silent = replace(self, question=replace(self.question, progress=None))
@@ -141,7 +143,7 @@ class LeastSquares:
         return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], told)))
 
     def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
-        """Return the score of a fit: against its rivals with the *common* number of samples that make one."""
+        """Return the score of a fit; *common*: samples per independent sample, for comparison with its rivals."""
         present, raised = self.present, correlation_of(fit)
         lower = present.cost - fit.cost
         found = CandidateScore(
@@ -163,14 +165,14 @@ class LeastSquares:
         return replace(found, lacks=lack_by_error(found, brief=brief))
 
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
-        """Return the winner; none that happens at a moment which a recorded command explains as well."""
+        """Return the winner, unless it happens at a moment that a recorded command explains as well."""
         left = [] if self.quick else list(scores)
         while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):
             left.remove(winner)
         return winner
 
     def alike(self, scores: Sequence[CandidateScore[Fitted]], winner: CandidateScore[Fitted]) -> tuple[str, ...]:
-        """Return nothing: it depends on the causes found later, so that the report calculates it."""
+        """Return nothing: it depends on the causes found later, so the report calculates it."""
         return ()
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
@@ -186,7 +188,8 @@ class LeastSquares:
 
 
 def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:
-    """Return those of *passed_over* that *effect* is easily mistaken for, there: a screening may misjudge them."""
+    """Return those of *passed_over* that are easily confused with *effect* at its place; screening may misjudge
+    them."""
     rivals = EFFECTS[effect.slug].mistaken_for
     return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]
 
@@ -223,10 +226,10 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
 
 
 def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
-    """Whether these runs cannot tell *other* from *best*.
+    """Whether these runs do not distinguish *other* from *best*.
 
-    It pays on unseen data too, and its evidence is as good, or would be but for the first moments of what is late; or
-    it is as likely and only pays for numbers that the runs say nothing about.
+    It must help on held-out data, and its evidence must be as good. Between two effects that delay, a difference at the
+    start of the runs is ignored. So is the cost of numbers that the runs contain no information on.
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
@@ -247,12 +250,14 @@ def _is_vague(problem: Problem, judged: CandidateScore[Fitted]) -> bool:
 
 
 LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
-"""Slug -> by how much things are late [s]."""
+"""Slug -> the delay it causes [s]."""
 
 
 def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
-    """Whether both are about something late, and fit alike once each run has gone on for that long and a time constant
-    *pace* [s] of the craft, in which it forgets where it began.
+    """Whether both effects cause a delay and fit equally well after the start of each run.
+
+    The start lasts for the delay and a time constant *pace* [s] of the craft, after which the initial state no longer
+    matters.
     """
     if one.effect.slug not in LATE or other.effect.slug not in LATE:
         return False

@@ -1,4 +1,4 @@
-"""The force that no name explains, estimated from the filter: a curve over what it goes with, and in words."""
+"""Estimate the force that no cause explains from the filter: a curve over related quantities, and a description."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
 Array = NDArray[np.float64]
 
 BINS, FEWEST = 9, 8
-"""Places along each axis where the missing force is told, and samples about one at least."""
+"""Number of points of a curve of the missing force, and the least number of samples at each."""
 
 WAY_ON = 0.1
-"""Chosen: share of the largest speed that a craft must always have for a drift angle to mean anything."""
+"""Fraction of the largest speed that a craft must always exceed for a drift angle to be defined."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
-"""What the missing force is told over -> its unit."""
+"""Quantity that the missing force is plotted over -> its unit."""
 
 TOLD = 0.1
-"""Share of the missing force that a quantity must explain, predicted from other runs, to be reported."""
+"""Fraction of the missing force that a quantity must explain, predicted from other runs, to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class _Estimate:
 
 
 def missing_of(search: NoiseSearch) -> MissingForce | None:
-    """Return the force that drifts beside the model found, in the base model's units, over everything recorded."""
+    """Return the force that drifts in addition to the model, in the base model's units, over the whole record."""
     data = search.problem.data_summary if search.whole is None else search.whole.data_summary
     unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
@@ -191,11 +191,11 @@ TELLING: Mapping[str, str] = {
     "psi": "two slow full turns, one each way: what depends on the heading is wind, current or the compass",
     "time": "the first manoeuvre again at the end of the run: what changes with time is battery, fouling or wind",
 }
-"""Quantity the missing force goes with -> the manoeuvre that would tell why."""
+"""Quantity related to the missing force -> the manoeuvre that identifies the cause."""
 
 
 def words_of_noise(search: NoiseSearch) -> str:
-    """Return size and memory of the drifting force."""
+    """Return a description of size and time constant of the drifting force."""
     noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"
@@ -203,7 +203,7 @@ def words_of_noise(search: NoiseSearch) -> str:
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
-    """Return in words what the missing force looks like, and which names did not hold."""
+    """Return a description of the missing force, and the causes that were rejected."""
     found = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
@@ -280,7 +280,7 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
 
 
 def next_of(missing: MissingForce | None) -> str | None:
-    """Return the manoeuvre that would tell what the missing force is."""
+    """Return the manoeuvre that would identify the missing force."""
     if missing is None or not missing.curves:
         return None
     best = next((c for c in missing.curves.values() if c.varies), None)

@@ -1,4 +1,4 @@
-"""Candidates fitted and scored with process noise modelled: each sample predicted from those before it."""
+"""Fit and score candidates with process noise modelled: each sample is predicted from those before it."""
 
 from __future__ import annotations
 
@@ -38,45 +38,54 @@ Attempt = tuple[EffectInstance, NoisyFit]
 Score = CandidateScore[NoisyFit]
 
 BRIEF = 1.0
-"""Chosen: a time of an effect, in samples of the record, below which it may as well be a filter of the sensor."""
+"""Time constant of an effect, in samples of the record, below which it may be a filter of the sensor."""
 
 AGAINST = 4.0
-"""Chosen: standard deviations of a rank correlation between innovations and the commands' next changes from which on a
-command is fed back; open loops of the blind suite came to 2 at most."""
+"""Rank correlation, in standard deviations, from which a command counts as fed back.
+
+The correlation is between innovations and the next changes of the command. Open loops of the blind suite reached at
+most 2.
+"""
 
 RUNNERS = 6
-"""Candidates fitted to the end."""
+"""Number of candidates that are fitted until they converge."""
 
 SLOWER_THAN_FOUND = 2.0
-"""Chosen: factor by which the craft may be slower than a fit took her for that lacks a delay or a lag: how long these
-may be goes with it."""
+"""Factor by which the craft may be slower than estimated by a fit that lacks a delay or a lag.
+
+The range of delays and lags that are tried scales with it.
+"""
 
 EVEN = 16
-"""Chosen: times alone are tried so many besides, evenly: beside commands that change often, a delay is found only where
-it is nearly right.
+"""Number of evenly spaced times to try in addition, for effects whose only number is a time.
+
+Where commands change often, a fit finds a delay only if it starts near the right value.
 """
 
 DOZEN = 12.0
-"""Samples of the record that such times are tried up to at least, and besides as far as the book allows: without her
-delay a quick craft may come out quicker still (rough water, seed 232 case 2: one of two time constants was none tried;
-seed 463: one of 0.39 s, nearly three, which is worth 338)."""
+"""Samples of the record up to which such times are tried at least; the effect's own bounds may extend the range.
+
+A fit without the delay may make a fast craft look faster still. In rough water, seed 232 case 2, the range otherwise
+ended below a delay of two time constants. Seed 463 has a delay of 0.39 s, nearly three time constants, which improves
+the log-likelihood by 338.
+"""
 
 LATE = ("input-delay", "actuator-lag")
-"""What a sensor that is late, or filters one way, does as well: of one signal alone they are the same but for noise."""
+"""Effects that a late sensor, or a one-way filter of the sensor, mimics. With one signal only their noise differs."""
 
 FAR_AHEAD = 0.85
-"""Chosen: share of the likeliest candidate's error some seconds ahead below which another is named in its place."""
+"""Ratio of errors ahead, to that of the likeliest candidate, below which another candidate is reported in its place."""
 
 TRACE = 0.1
-"""A small amount of an effect, in shares of the size it is tried at."""
+"""A small amount of an effect, relative to the size it is tried at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithProcessNoise:
-    """Fits and scores candidates added to the model ``present``, of ``tried`` in all.
+    """Fit and score candidates added to the model ``present``, of ``tried`` in all.
 
-    ``folds``: what is left out in turn, ``left_out`` the present model there, refitted to the rest. ``plain``: the
-    model without any cause. ``hint``: a fit with one cause to begin from as well.
+    ``folds``: the parts left out in turn. ``left_out``: the present model, refitted to the rest and evaluated on each
+    part. ``plain``: the model without any cause. ``hint``: a fit with one cause, as a further start.
     """
 
     problem: NoisyProblem
@@ -91,11 +100,11 @@ class WithProcessNoise:
 
     @property
     def runners(self) -> int:
-        """How many candidates are fitted to the end."""
+        """Number of candidates that are fitted until they converge."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
-        """Return the candidates fitted roughly, the best first."""
+        """Return the candidates after a rough fit, the best first."""
         rough: list[Attempt] = []
         tangent = self.problem.tangent(self.present)
         if tangent is None:
@@ -108,7 +117,7 @@ class WithProcessNoise:
         return sorted(rough, key=lambda f: -(f[1].total - f[1].price(f[1].unknowns - self.present.unknowns)))
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit to the end what was fitted roughly, from several starts of the process noise."""
+        """Fit the roughly fitted candidates until they converge, from several starts of the process noise."""
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
             self.say(f"{self.stage}: final fits", k, RUNNERS)
@@ -142,7 +151,7 @@ class WithProcessNoise:
         return other if far or other.total > best.total else best
 
     def rebased(self, ends: Sequence[Attempt]) -> WithProcessNoise:
-        """Return the same beside the better fit of the present model that the best of *ends* leads to, if any."""
+        """Return this scorer on a better fit of the present model, if the best of *ends* leads to one."""
         present = self.present
         if ends:
             best = max(ends, key=lambda e: e[1].total)[1]
@@ -152,11 +161,11 @@ class WithProcessNoise:
         return replace(self, present=present, left_out=self.unseen(present) if ends else ())
 
     def unseen(self, fit: NoisyFit) -> Unseen:
-        """Return *fit*, refitted to the rest of each fold, as it is on what that leaves out."""
+        """Return *fit*, refitted without each fold and evaluated on that fold."""
         return unseen_of(self.problem, self.plain, self.folds, fit)
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:
-        """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""
+        """Return the scores of the converged candidates, the likeliest on the fitted runs first."""
         found = []
         for k, (effect, fit) in enumerate(ends):
             self.say(f"{self.stage}: held-out runs", k, len(ends))
@@ -224,7 +233,7 @@ class WithProcessNoise:
         return plainest(min(better, key=lambda a: a.ahead, default=first), paid)
 
     def alike(self, scores: Sequence[Score], winner: Score) -> tuple[str, ...]:
-        """Return the names that these runs do not distinguish from *winner*, its own first."""
+        """Return the causes that these runs do not distinguish from *winner*, starting with *winner* itself."""
         paid = [a for a in scores if a.lacks is None]
         forms = [a for a in paid if is_form_of(a.effect, winner.effect) and a.evidence > HALF * winner.evidence]
         others = [a.effect for a in (*alike_of(paid), *forms, *_as_likely(scores, winner))]
@@ -236,7 +245,7 @@ class WithProcessNoise:
 def choices_of(
     data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]
 ) -> list[list[EffectInstance]]:
-    """Return for every effect and place not *present* the values to begin from, with times tried evenly besides."""
+    """Return starting values for every effect and place not *present*, including evenly spaced times."""
     slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
 
     def starts(entry: Effect, place: str) -> Sequence[Mapping[str, float]]:
@@ -253,17 +262,19 @@ def choices_of(
 
 
 def may_be_told(slug: str) -> bool:
-    """Whether a search under process noise looks for an effect: what acts on commands or in the equation of motion, at
-    all times.
+    """Whether a search with process noise considers an effect.
+
+    It considers effects that act all the time, on commands or in the equation of motion.
     """
     entry = EFFECTS[slug]
     return entry.family != "data errors" and not entry.happens_at and _is_motion(slug)
 
 
 def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
-    """Whether a filter can judge an effect that was found otherwise: one that happens at a time, or one of the records'
-    errors at a column of *inputs*, too. When something happened is no question for its tangent; what it is worth once
-    the time is known is.
+    """Whether a filter can score an effect that another search found.
+
+    This includes effects that happen at a time and, at a column of *inputs*, errors of the records. The filter cannot
+    find the time itself, but it can score the effect once the time is known.
     """
     if EFFECTS[effect.slug].family == "data errors":
         return all(n in inputs for n in columns_of(effect.place))
@@ -287,10 +298,10 @@ def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> b
 
 
 def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether commands turn against what the weather did just before: somebody, or something, keeps a course.
+    """Whether commands react to the disturbance just before them: an operator or a controller holds a course.
 
-    Between two samples judged commands then know of pushes that the filter has yet to see: it looks as if they acted
-    late. Told by the ranks of innovations and of the commands' next changes.
+    Between two judged samples such commands react to disturbances that the filter has not yet seen. The commands then
+    look as if they acted late. The test is a rank correlation between innovations and the next changes of the commands.
     """
     pushed, turned = [], []
     for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):

@@ -1,17 +1,17 @@
-"""Numbers of somebody's model held against what the runs say: which are wrong, by how much, what setting right gains.
+"""Compare the numbers of a given model with the runs: which are wrong, by how much, and what correcting them gains.
 
-A number is judged beside every cause that was found, for a missing effect bends the numbers of a model that is refitted
-without it. Three things make it wrong:
+Numbers are compared with all identified causes in the model, because a missing effect biases a refit. A number is wrong
+under three conditions:
 
-1. *As a whole*: the model with its own numbers, and the causes found fitted to it, is less likely than with numbers of
-   the runs, by more than chance allows, and foretells data left out less well.
-2. *Each*: numbers are given back to the model one by one, the least contradicted first, as long as the runs bear it
-   (backward elimination by Wald's statistic); what is left differs by three standard errors, those its file states
-   included.
-3. *It matters*: it differs by a fiftieth, and without it the simulation's error grows by as much.
+1. *As a whole*: with its own numbers and the identified causes the model is less likely than with refitted numbers,
+   by more than chance, and it predicts held-out data less well.
+2. *Each*: numbers are reset to the model's values one by one, the least contradicted first, as long as the runs
+   permit it (backward elimination by Wald's statistic). The remaining ones differ by three standard errors. These
+   include the ones stated in the model's file.
+3. *It matters*: it differs by a fiftieth, and without correction the simulation's error grows by as much.
 
-Of somebody else's simulator nothing is known but what it does: the plain model is fitted to it and to the runs alike,
-and its gain, time constant, delay and trim are compared.
+Of another simulator only the output is known. The plain model is fitted to it and to the runs. Gain, time constant,
+delay and trim are compared.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ __all__ = ["ModelInQuestion", "if_told", "judge_numbers", "model_in_question"]
 Array = NDArray[np.float64]
 
 SURE, BORNE = 3.0, 2.0
-"""Standard errors by which a wrong number differs; up to which the runs bear the model's own."""
+"""Standard errors by which a wrong number differs; limit up to which the runs permit the model's own value."""
 
 HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
+"""Half-width of a 95 % interval in standard errors."""
 
 OFF = 0.02
-"""Share by which a wrong number differs at least."""
+"""Least relative difference of a wrong number."""
 
 
 def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
-    """Return a model as its owner knows it: a file of one degree of freedom calls its inertia ``alpha``, positive."""
+    """Return a model in its owner's terms: a file of one degree of freedom calls its inertia ``alpha``, positive."""
     if isinstance(model, ExtendedModel):
         return ModelInQuestion(_to_be_judged(model))
     std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
@@ -145,9 +145,9 @@ class _Weighing:
 
 
 def judge_numbers(state: SearchState) -> SearchState | None:
-    """Compare the numbers of the model in question with the runs; None when no model was given.
+    """Compare the numbers of the model in question with the runs; None if no model was given.
 
-    Where some are wrong the present model becomes the one with these set right, and its other numbers as they were.
+    If some are wrong, they are corrected in the present model. Its other numbers keep their given values.
     """
     given = state.question.given
     if given is None:
@@ -322,11 +322,11 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
 
 
 READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-drag"})
-"""Effects of the stand-in that are told by gain, time constant, delay and trim."""
+"""Effects of the stand-in model that are described by gain, time constant, delay and trim."""
 
 
 def if_told(value: float, std: float, scale: float) -> tuple[float, float]:
-    """Return a number and its standard error; NaN where its interval is wider than all it might be."""
+    """Return a number and its standard error; NaN if its interval is wider than its possible range."""
     return (value, std) if HALF_WIDTH * std <= scale else (math.nan, math.nan)
 
 

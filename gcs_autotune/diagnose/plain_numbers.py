@@ -1,9 +1,8 @@
-"""Gain, time constant, delay and trim of a fitted model, each with its standard error: what a step of the command does.
+"""Gain, time constant, delay and trim of a fitted model, with standard errors, from its step response.
 
-They are read off the model's answer to a step as large as the runs' commands are (rms), from rest, either way: with
-drag that goes with the square of speed, or thrust that does not go with the command, there is no other gain. Effects
-that make drag, a constant force or a curve between command and force count; what wanders, turns with the heading or
-comes from sensors does not.
+The step is as large as the runs' commands (rms), from rest, in both directions. With quadratic drag or nonlinear
+thrust, the gain depends on that size. Effects count if they produce drag, a constant force, or a curve between command
+and force. Drifting forces, forces that depend on the heading, and sensor errors do not count.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ PLAIN: Mapping[str, str] = {
     "delay": "from command to force",
     "trim": "command that holds the craft still",
 }
-"""Numbers of the plain model, and what they mean."""
+"""Numbers of the plain model and their meaning."""
 
 LATE = frozenset({"input-delay", "actuator-lag", "measurement-delay", "time-offset"})
 CONSTANT = frozenset({"input-bias", "net-buoyancy", "tether-pull", "gyro-bias"})
@@ -47,7 +46,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class PlainNumber:
-    """One number with its standard error; ``beside``: the same with the causes found set aside."""
+    """One number with its standard error; ``beside``: its value without the identified causes."""
 
     unit: str
     value: float
@@ -70,7 +69,7 @@ def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
 
 
 def driven_by(form: Form) -> dict[str, tuple[str, float | str]]:
-    """Return the degrees of freedom that an input drives: with its channel and gain, the first of several."""
+    """Return the degrees of freedom that an input drives, with its channel and gain (the first of several)."""
     found: dict[str, tuple[str, float | str]] = {}
     for dof in form.dofs:
         for channel, pairs in form.inputs.items():
@@ -83,10 +82,10 @@ def driven_by(form: Form) -> dict[str, tuple[str, float | str]]:
 def plain_numbers(
     problem: Problem, fitted: Fitted, sizes: Mapping[str, float], causes: Collection[Key] = ()
 ) -> dict[Key, PlainNumber]:
-    """Return (kind, where) -> number of a fitted model, delay and trim fitted beside what it has.
+    """Return (kind, where) -> number of a fitted model, with delay and trim fitted in addition.
 
-    sizes : of the step of every input. causes : effects (slug, place) that ``beside`` leaves out. Of a craft that no
-    drag stops there is neither gain nor time constant.
+    sizes : of the step of every input. causes : effects (slug, place) that ``beside`` leaves out. A craft without drag
+    has neither gain nor time constant.
     """
     driven = driven_by(fitted.form)
     fit = _with_delay_and_trim(problem, fitted, driven)

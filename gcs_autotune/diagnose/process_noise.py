@@ -1,9 +1,9 @@
-"""The cause search with process noise modelled, in one degree of freedom.
+"""Search for causes with process noise modelled, in one degree of freedom.
 
-Wind and wakes push a craft. Over a free run these pushes add up until no simulation follows, whatever its model, and
-every candidate looks alike. Here they are part of the model (:class:`.NoisyProblem`): a force of fitted size and
-memory. Each sample is predicted from those before it. A candidate is fitted to all runs, and to all but each run (or
-block of one) in turn; it must gain on both.
+Wind and wakes push a craft. In a free run their effects add up until no simulation follows the record, whatever its
+model, and all candidates look alike. Here they are part of the model (:class:`.NoisyProblem`): a force whose size and
+time constant are fitted. Each sample is predicted from those before it. A candidate is fitted to all runs, and again
+with each run (or block of one) left out in turn. It must gain on both.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ __all__ = [
 ]
 
 PRESENT = 8.0
-"""Log-likelihood by which a drifting force, with waves, must beat none to be there at all."""
+"""Log-likelihood that a drifting force, with waves, must gain to be accepted."""
 
 CONSTANT = ("input-bias", "net-buoyancy")
-"""The constant force of a degree of freedom, by the slugs that it may have."""
+"""The slugs of a constant force for each degree of freedom."""
 
 SHRUNK = 0.3
-"""Chosen: share of its size and memory at which the process noise of a fit begins once a constant is beside it."""
+"""Fraction of its size and time constant at which the process noise starts once a constant is added."""
 
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
@@ -55,11 +55,12 @@ MOST_BLOCKS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseSearch:
-    """What a search under process noise ended with.
+    """Result of a search with process noise.
 
-    ``plain``: without any cause, ``fit``: with those accepted. ``steps``: every candidate that was fitted to the end.
-    ``calm``: log-likelihood gained by the drifting force, and waves, over none. ``still``: the same beside the causes
-    accepted, inf where it was stopped before; ``cut``: where, in words. ``words``: what was left out in turn.
+    ``plain``: the model without any cause; ``fit``: with the accepted ones. ``steps``: every candidate that was fitted
+    until it converged. ``calm``: log-likelihood gained by the drifting force and waves. ``still``: the same with the
+    accepted causes, inf if the search was stopped before; ``cut``: where it was stopped, in words. ``words``: what was
+    left out in turn.
     """
 
     problem: NoisyProblem
@@ -74,15 +75,15 @@ class NoiseSearch:
     still: float = math.inf
     cut: tuple[str, ...] = ()
     hint: NoisyFit | None = None
-    """A fit with one cause to begin from, besides those the search has itself."""
+    """A fit with one cause, as a start in addition to the search's own."""
     whole: Problem | None = None
-    """The runs as they were given, with the base model's form and units."""
+    """The runs as given, with the base model's form and units."""
     refused: tuple[CandidateScore[NoisyFit], ...] = ()
-    """Causes that were accepted and are not :func:`supported` in the end."""
+    """Causes that were accepted first but are not :func:`supported`."""
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
-    """What each cause that is gains on data left out, over the model without it."""
+    """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """How the answer changes with the interval between the samples judged, in words; empty where it does not."""
+    """How the result changes with the interval between the judged samples, in words; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
@@ -95,22 +96,22 @@ class NoiseSearch:
         return tuple(one for key, one in found.items() if key in there)
 
     def alike(self, order: Sequence[EffectInstance] = ()) -> tuple[tuple[str, ...], ...]:
-        """Return groups of names that these runs do not distinguish, that of the cause first."""
+        """Return groups of causes that these runs do not distinguish, that of the accepted cause first."""
         known = self.accepted
         return tuple(s.alike for s in self.steps if len(s.alike) > 1 and s.accepted in known)
 
     @property
     def names(self) -> set[str]:
-        """Names of the causes accepted, and those that these runs do not distinguish from them."""
+        """The accepted causes, and those that these runs do not distinguish from them."""
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
-        """Return the search as it is, stopped."""
+        """Return the search in its present state, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     @property
     def inertia(self) -> float:
-        """The inertia that the model stands for, in the base model's own units."""
+        """Inertia that the model represents, in the base model's units."""
         d, gain = DOFS[self.dof], float(self.fit.theta[0])
         for pairs in () if self.whole is None else self.whole.form.inputs.values():
             for force, share in pairs:
@@ -134,7 +135,7 @@ class NoiseSearch:
         return found
 
     def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
-        """Return by which share each cause lowers the variance of the force that drifts."""
+        """Return the relative reduction of the drifting force's variance by each cause."""
         found, before = {}, self.plain
         first = before.noise.size
         for a in self.accepted:
@@ -144,16 +145,16 @@ class NoiseSearch:
         return found
 
     def gain_over(self, other: NoisyFit) -> ErrorReduction | None:
-        """Return the error ahead on data left out of *other* and of all causes; None where unknown.
+        """Return the held-out error ahead of *other* and of the model with all causes; None if unknown.
 
-        Of :func:`.horizons`, that where the error falls more.
+        The horizon is the one of :func:`.horizons` at which the error falls more.
         """
         before, after = (unseen_of(self.problem, self.plain, self.folds, fit) for fit in (other, self.fit))
         found = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
         return min((gain for _, gain in found), key=lambda g: g.ratio, default=None)
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
-        """Return the error ahead on data left out, before and after all causes."""
+        """Return the held-out error ahead, before and after all causes."""
         if len(order) < 2:  # of a single cause what it gains is known
             return tuple(self.own_gains.values())[: len(order)]
         found = self.gain_over(self.plain)
@@ -162,19 +163,19 @@ class NoiseSearch:
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[tuple[str, str], ErrorReduction]:
-        """Return what each cause gains on data left out, over the model without it."""
+        """Return the held-out gain of each cause over the model without it."""
         return self.own_gains
 
     @property
     def momentary(self) -> bool:
-        """Whether what wanders is forgotten so soon that it is no weather."""
+        """Whether the drifting force has so short a time constant that it is not a disturbance."""
         return momentary(self.problem, self.plain)
 
 
 def form_alone(form: Form, dof: str) -> Form | None:
     """Return the equation of *dof* alone, per unit of its inertia.
 
-    None where it is not an uncoupled equation with linear damping, or nothing drives it.
+    None if it is not an uncoupled equation with linear damping, or if no input drives it.
     """
     d = DOFS[dof]
     gain = f"k_{d.force}"
@@ -194,7 +195,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
 
 
 def asked_of(problem: Problem) -> tuple[Form, str] | None:
-    """Return the equation that a search under process noise looks at, and the signal it is judged by; None for none."""
+    """Return the equation that a search with process noise examines, and its signal; None if there is none."""
     dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
     form = form_alone(problem.form, dof)
     d = DOFS[dof]
@@ -211,11 +212,11 @@ def search_with_process_noise(
     *,
     in_blocks: bool = False,
 ) -> NoiseSearch | None:
-    """Look for causes in the degree of freedom that these runs show best; None where this cannot be done, or where no
-    model of the craft is found with process noise.
+    """Search for causes in the degree of freedom that these runs show best.
 
-    problem, base : the plain model fitted as ever, for where to begin. slugs : effects to try. unseen : runs kept
-    apart, to judge on only. in_blocks : blocks of every run are left out in turn, not whole runs.
+    Return None if that is impossible, or if no model of the craft with process noise is found. problem, base : the
+    plain model from the usual fit, as a start. slugs : effects to try. unseen : separate runs, used only for scoring.
+    in_blocks : leave out blocks of every run in turn instead of whole runs.
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_with_process_noise(problem, base, *asked, say)
@@ -268,11 +269,12 @@ def _without_idle(search: NoiseSearch) -> NoiseSearch:
 
 
 def supported(search: NoiseSearch) -> NoiseSearch:
-    """Return the search without the causes that help on no data left out, and with what each other one gains there.
+    """Return the search without the causes that do not help on held-out data, and with the held-out gains of the
+    others.
 
-    A cause is refused where its 95 % interval contains no effect beside those found later, or where the error ahead on
-    data left out is no smaller with it than without it. The weakest goes first: beside it another may seem to help.
-    None stands beside a drifting force above the commands.
+    A cause is rejected if its 95 % interval includes no effect once later causes are present. It is also rejected if
+    the held-out error ahead is no smaller with it. The weakest cause is removed first, because it may make another seem
+    to help. No cause is accepted if the drifting force exceeds the commands.
     """
     refused: list[CandidateScore[NoisyFit]] = []
     while True:
@@ -308,7 +310,7 @@ def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
 
 
 def above_the_command(search: NoiseSearch) -> float:
-    """Return the size of the drifting force over that of what is commanded, both rms; 0 where nothing is."""
+    """Return the size of the drifting force relative to the commanded force, both rms; 0 without commands."""
     reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
     return search.fit.noise.size / reach if reach > 0.0 else 0.0
 

@@ -1,8 +1,8 @@
-"""Where a search with process noise begins: the plain model, fitted from several starts.
+"""Starting points of a search with process noise: the plain model, fitted from several starts.
 
-In rough water a fit without process noise may have the gain and the time constant of another craft. So the fit with it
-begins at several time constants as well, each with the gain that the record shows there. Where it finds another craft
-than it began with, the runs are thinned again to suit that one.
+In rough water a fit without process noise may converge to a wrong gain and time constant. The fit with process noise
+therefore starts at several time constants as well, each with the gain that fits the record there. If the result differs
+much from the start, the runs are thinned again to suit it.
 """
 
 from __future__ import annotations
@@ -52,76 +52,86 @@ ROUGH = 2
 """Scoring rounds of a rough fit."""
 
 PACE = 5.0
-"""Chosen: samples judged per time constant of the craft; closer ones tell of the sensor's own filter."""
+"""Judged samples per time constant of the craft. Closer samples mainly show the sensor's filter."""
 
 FEWEST = 60
-"""Samples a run keeps at least, where it has them."""
+"""Minimum number of samples that a run keeps, if it has that many."""
 
 FREEDOMS = (math.inf, 8.0, 4.0)
-"""Degrees of freedom of the innovations' law to choose among: normal, and two with bursts."""
+"""Degrees of freedom of the innovations' distribution to choose from: normal, and two with bursts."""
 
 OWN = 4.0
-"""Chosen: squares of innovations just after a command, over those elsewhere, from which on bursts are of the craft's
-own making: a law with bursts would then make light of just what tells the craft."""
+"""Ratio of squared innovations just after a command to others, above which the craft itself causes the bursts.
+
+A distribution with bursts would then give less weight to the samples that identify the craft.
+"""
 
 STIRRED = 0.05
-"""Chosen: step of a command, in shares of its range, after which a craft is stirred."""
+"""Step of a command, relative to its range, after which the craft counts as excited."""
 
 BLUR = 4.0
-"""Chosen: time constants of a sensor's smoother between samples: closer ones tell of its shape, of which this one knows
-the width alone."""
+"""Spacing of judged samples, in time constants of a sensor's smoother.
+
+Closer samples depend on the shape of the smoother, of which the model knows only the width.
+"""
 
 WIDEST = 2.0
-"""Chosen: time constants of the craft between samples, at most, on that account."""
+"""Upper limit of that spacing, in time constants of the craft."""
 
 SPACED, NARROWEST = 5.0, 0.4
-"""Chosen: samples of the record between those judged where a smoother is found, and time constants of the craft at
-most. Closer ones are ruled by its shape: of seven smoothed craft of the blind suite judged at every sample damping came
-out at 0.62 to 1.4 times the truth, and quadratic drag was worth 5 in log-likelihood that at every fourth was worth 28.
+"""Spacing of judged samples if a smoother is found, in samples of the record, and its limit in time constants of the
+craft.
+
+Closer samples depend on the shape of the smoother. Of seven smoothed craft of the blind suite judged at every sample,
+damping came out at 0.62 to 1.4 times the truth. Quadratic drag then gained 5 in log-likelihood; at every fourth sample
+it gained 28.
 """
 
 FEWEST_TO_COMPARE = 30
-"""Samples from which on innovations are compared: just after commands with elsewhere, or with the commands."""
+"""Minimum number of samples to compare innovations just after commands with others, or with the commands."""
 
 SLOWER = (1.0, 0.3, 3.0)
-"""Chosen: shares of the numbers fitted without it at which a fit with process noise begins."""
+"""Fractions of the numbers fitted without process noise at which a fit with it starts."""
 
 PACES = (3.0, 10.0, 40.0)
-"""Chosen: samples of the record in a time constant at which it begins besides: without weather a fit of rough water may
-end anywhere."""
+"""Further starting time constants, in samples of the record, because a fit without process noise may be far off."""
 
 NOISES = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
-"""Chosen: time constants of the craft that the force is remembered for, and noise of the sensor in shares of the usual,
-at which a fit begins: waves that turn the bow are noise far above any sensor's. Without the last a craft of 18 s came
-out as one of 0.7, 17 nats short (rough water, seed 275, quadratic actuator)."""
+"""Starting time constants of the force, in those of the craft, and sensor noise relative to the usual.
+
+Waves that turn the bow are noise far above any sensor's. Without the last entry a craft of 18 s came out as one of 0.7
+s, 17 nats worse (rough water, seed 275, quadratic actuator).
+"""
 
 MOMENTARY = 2.0
-"""Chosen: samples of the record within which a force that is forgotten is no weather: commands that took effect at
-other moments than recorded, or what the sensor's own filter does."""
+"""Time constant of a force, in samples of the record, up to which it is not a disturbance.
+
+Such a force comes from commands that took effect at other moments than recorded, or from the sensor's own filter.
+"""
 
 FREQUENCIES = 8
-"""Chosen: of waves, at which a fit with them begins."""
+"""Wave frequencies at which a fit with waves starts."""
 
 PERIODS = 10.0
-"""Chosen: periods of the longest run from which on a band of frequencies is told from a drifting force."""
+"""Number of periods in the longest run from which a wave is distinguished from a drifting force."""
 
 WAVES = 8.0
-"""Log-likelihood by which waves must beat none to be there: four numbers more, and the best of several frequencies."""
+"""Log-likelihood that waves must gain: they add four numbers, and the best of several frequencies is taken."""
 
 LOOKS = 3
-"""Chosen: times the runs are looked at anew, at most: a first fit may be lost, the second ruled by a smoother."""
+"""Maximum number of times the runs are thinned again. The first fit may be far off, and a smoother may affect the
+second."""
 
 FAR_OFF = 1.5
-"""Factor between the interval that suited the fit without process noise and the one that suits it with it, from which
-on the runs are looked at again."""
+"""Ratio of the suitable sampling intervals with and without process noise, from which the runs are thinned again."""
 
 
 def plain_with_process_noise(
     problem: Problem, base: Fitted, form: Form, signal: str, say: Say
 ) -> tuple[NoisyProblem, NoisyFit] | None:
-    """Return the runs with *signal* alone, as closely as suits the craft, and the plain model with process noise.
+    """Return the runs with *signal* only, at a suitable interval, and the plain model with process noise.
 
-    form : of the degree of freedom that *signal* is of, per unit of inertia. None where no such model was found.
+    form : of the degree of freedom of *signal*, per unit of inertia. None if no such model was found.
     """
     theta = per_inertia_of(base, form)
     pace = _pace_of(theta)
@@ -161,10 +171,10 @@ def plain_with_process_noise(
 def at_the_right_interval(
     problem: Problem, form: Form, signal: str, begun: Plain, slugs: Sequence[str], say: Say
 ) -> tuple[Plain, NoisyFit | None, str]:
-    """Return what :func:`plain_with_process_noise` found, at another interval where that is needed, the best fit with
-    one term more where that was looked for, and words on it.
+    """Return the result of :func:`plain_with_process_noise`, at another interval if necessary.
 
-    See :func:`.judged_at`. slugs : effects that may be tried.
+    The result includes the best fit with one more term, if that was tried, and a description. See :func:`.judged_at`.
+    slugs : effects that may be tried.
     """
     theta = begun[1].theta
     pace = _pace_of(theta)
@@ -305,7 +315,7 @@ def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
 
 
 def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether what wanders is forgotten so soon that it is no weather."""
+    """Whether the drifting force has so short a time constant that it is not a disturbance."""
     return fit.noise.memory <= 1.01 * MOMENTARY * problem.data_summary.interval
 
 
@@ -336,7 +346,7 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
 
 
 def errs_after_commands(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether a model errs just after its commands far more than elsewhere: no wind waits for these."""
+    """Whether a model's error is far larger just after commands than elsewhere, which wind would not cause."""
     window = 2.0 * max(_pace_of(fit.theta), problem.interval)
     squares: list[list[Array]] = [[], []]
     for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):

@@ -1,4 +1,4 @@
-"""What a diagnosis is asked: runs to explain, a model in question, effects to try."""
+"""The input of a diagnosis: runs to explain, a model in question, effects to try."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ __all__ = ["Key", "ModelInQuestion", "Progress", "Question"]
 Progress = Callable[[str, int, int], None]
 
 Key = tuple[str, str, str]
-"""A number of an effect: its slug, its place, its name. Of the base: two empty words and the derivative."""
+"""A number of an effect: slug, place and name. For the base model: two empty strings and the derivative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelInQuestion:
-    """The model in question, and how its owner knows it.
+    """The model in question, in its owner's terms.
 
-    ``names``: number -> (name in the owner's file, sign by which it differs from ours); ``std``: standard error of a
-    number, by the name in the file, where the file states one. ``theirs``: how the plain model fits the simulator that
-    this model stands for; None for a model that was given itself. ``records``: what is wrong in the simulator's file
-    itself (clock, signs, units), and was set right before.
+    ``names``: number -> (name in the owner's file, sign relative to ours). ``std``: standard errors stated in the file,
+    by its names. ``theirs``: how the plain model fits the simulator that this model represents; None for a model that
+    was given itself. ``records``: errors of the simulator's file (clock, signs, units), corrected before.
     """
 
     model: ExtendedModel
@@ -39,13 +38,12 @@ class ModelInQuestion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """What is asked: runs to explain, runs kept apart, the model in question, effects to try.
+    """The question: runs to explain, separate runs, the model in question, effects to try.
 
-    ``whole``: the runs a model found in pieces must hold for. ``horizon`` [s]: pieces asked for by whoever asks; None
-    leaves that to the search. ``progress``: called with a stage, how much of it is done, and how much there is;
-    ``executor``: does what can be done at the same time.
-    ``with_noise``: whether process noise may explain what is left over. ``one_flight``: the runs complete each other
-    (a step and a relay of one tune), so that none of them predicts the other: blocks of all are left out in turn.
+    ``whole``: runs that a model found in pieces must fit. ``horizon`` [s]: length of pieces set by the user; None
+    leaves it to the search. ``progress``: called with a stage, the work done, and the total. ``executor``: runs tasks
+    in parallel. ``with_noise``: whether process noise may explain the rest. ``one_flight``: the runs complete each
+    other (a step and a relay of one tune), so none of them predicts another. Blocks of all are then left out in turn.
     """
 
     form: Form
@@ -66,7 +64,7 @@ class Question:
         Raises
         ------
         OutOfTime
-            The work or the time given is used up.
+            The work or time limit is reached.
         """
         if self.progress is not None:
             self.progress(stage, done, total)

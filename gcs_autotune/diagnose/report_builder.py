@@ -1,4 +1,4 @@
-"""From a finished search to what is told of it: verdict, numbers with their errors, gains, ties, what to fly next."""
+"""Build the report of a finished search: verdict, numbers with errors, gains, ties, next manoeuvre."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
     (True, False, False): "partly-explained",
     (True, False, True): "wrong-numbers",
 }
-"""(Numbers of the given model are wrong, some cause was accepted, what is left is white and no law without a name does
-better) -> verdict."""
+"""(The given model has wrong numbers, a cause was accepted, the residual is white and beats any generic law) ->
+verdict."""
 
 
 ONE_SIDED = 1.645
 """Standard errors above which one in twenty lies."""
 
 SEEN_TO_SETTLE = 3.0
-"""Samples a rate must take to follow a step by two thirds, for the inertia to be seen at all."""
+"""Samples that a rate must take to follow a step by two thirds, for the inertia to be observable."""
 
 LIKE_SAMPLES = 10.0
-"""Chosen: samples within which a drifting force may be taken for the craft's own pace, and that for its."""
+"""Time in samples below which a drifting force and the craft's own time constant may be confused."""
 
 
 def build_report(
@@ -61,7 +61,7 @@ def build_report(
     *,
     sure: bool = True,
 ) -> Diagnosis:
-    """Return what there is to tell of a search that has ended; *sure*: its causes hold over whole runs.
+    """Return the report of a finished search; *sure*: its causes hold over whole runs.
 
     Raises
     ------
@@ -234,10 +234,10 @@ def _relative_error(fitted: Fitted, *names: str) -> float:
 def unfinished_report(
     state: SearchState, doubts: Sequence[Doubt], runs: Sequence[Trial], unseen: Sequence[Trial], effort: Budget
 ) -> Diagnosis:
-    """Return what there is to tell of a search that was stopped: what was tried and what is left, and no name.
+    """Return the report of a stopped search: what was tried, what is left, and no cause.
 
-    A whole search may refuse any cause that an unfinished one holds likely: by a rival tried later, by a force that
-    wanders, on whole runs. effort : what it used up.
+    A complete search may reject any cause that is likely so far, because of a rival tried later, a drifting force, or
+    whole runs. effort : the work used.
     """
     problem, base = state.problem, state.base if state.given is None else state.given
     search = None if state.noise_search is None else state.noise_search[1]

@@ -1,4 +1,4 @@
-"""What a model leaves over, looked at: findings in words, and a portrait of every residual for the pictures."""
+"""Describe the residuals of a model: findings in words, and plot data for every residual."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ __all__ = ["portraits_of", "signature_of"]
 Array = NDArray[np.float64]
 
 CLEAR = 0.005
-"""Chance below which a finding is told (over all tests together)."""
+"""Probability, over all tests together, below which a finding is reported."""
 
 MOST = 5
-"""Findings told."""
+"""Maximum number of findings reported."""
 
 LAGS = 60
 
 
 def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
-    """Return what is left over in words, and the tests it rests on."""
+    """Return a description of the residuals, and the tests it rests on."""
     tests = tests_of(problem, fitted)
     told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}
@@ -52,7 +52,7 @@ def _words(test: Test) -> str:
 
 
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
-    """Return a portrait of every signal's residual."""
+    """Return the plot data of every signal's residual."""
     found = []
     for name in fitted.levels:
         unit = SIGNALS[name][0]

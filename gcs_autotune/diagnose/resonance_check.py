@@ -1,15 +1,16 @@
-"""Is what looks like a wave the craft's own ringing? Something aboard that swings on after every command.
+"""Decide whether an apparent wave is ringing of the craft itself, after its commands.
 
-A predicting filter takes any swinging at one frequency for a wave, and leaves white noise; tests of what it leaves
-find nothing. So the two are held against each other as models of the same runs: the wave, whose phase nobody
-foretells, and a spring and mass rung by the command, whose phase the commands foretell. The craft with the latter is
-the model without the wave with two forces more: position and speed of the spring. First to first order in its
-parameters, which finds most; where that does not beat the wave, by a fit of the whole: a craft as slow as its spring
-is another craft altogether without it.
+A filter that predicts each sample treats any oscillation at one frequency as a wave. It leaves white noise, so tests of
+the residuals find nothing. The two are therefore compared as models of the same runs. The phase of a wave is
+unpredictable. The phase of a spring and mass excited by the command follows from the commands.
 
-Both use bends of the command: what a small amount of one would do to the motion is a difference of two simulations.
-With them :func:`memories` asks whether the past of a command shows in what is left: the command of a while ago (a
-linear system of higher order than the model), and the command by the way it came (up or down).
+The ringing model is the model without the wave, with two more forces: position and speed of the spring. It is first
+evaluated to first order in its parameters, which is enough in most cases. If it does not beat the wave there, the whole
+model is fitted: if the craft is as slow as its spring, its other parameters change a lot.
+
+Both use modified commands. The response to a small modification is a difference of two simulations. :func:`memories`
+uses them to test whether past commands show in the residuals. One test uses earlier commands (a linear system of higher
+order). Another uses the direction of the last change (up or down).
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ Array = NDArray[np.float64]
 Bend = Callable[[Array, Array], Array]
 
 LAGS = (1, 2, 4, 8, 16)
-"""How long ago, in samples of the run."""
+"""Time shifts in samples of the run."""
 
 STEP = 1e-3
-"""Share of the command that is bent, for difference quotients."""
+"""Relative modification of the command, for difference quotients."""
 
 
 def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
-    """Yield, in words, a way to remember, and what it would do to the residual: columns (n, k)."""
+    """Yield a kind of memory (in words) and its effect on the residual: columns (n, k)."""
     sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.segments]))
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
@@ -55,9 +56,9 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
 
 
 def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
-    """Return (n, k) what a trace of each bend of the command does to the residual, over the noise levels.
+    """Return (n, k), the effect of a small modification of the command on the residual, relative to the noise levels.
 
-    None when the motion runs away.
+    None if the motion diverges.
     """
     check_effort()
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
@@ -82,7 +83,8 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
 
 
 def dense(passage: Passage) -> Passage:
-    """Return the passage with its inputs told at every sample, not only where they change: a bend changes all along."""
+    """Return the passage with its inputs at every sample instead of at changes only, because a modification changes
+    all."""
     t = np.union1d(passage.t_in, passage.stamps)
     at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
     return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
@@ -105,26 +107,27 @@ def _direction(command: Array) -> Array:
 
 WAVE = "wave-disturbance"
 NEAR = np.linspace(-0.45, 0.45, 13)
-"""Logarithms of the spring's frequency over the wave's that are tried: the craft about it shifts the peak."""
+"""Logarithms of the frequency of the spring over that of the wave; the craft around it shifts the peak."""
 DAMPING = (0.02, 0.08, 0.25)
 LEAST, MOST = 0.003, 0.6
 """Damping ratios of a spring: those tried first, and the bounds."""
 NUMBERS = 4
-"""What the ringing has to be told: frequency, damping, and the two shares."""
+"""Number of parameters of the ringing: frequency, damping and two gains."""
 AT, SPEED = "spring's place", "spring's speed"
 """Names of the inputs a spring adds."""
 FEW_NEAR, FEW_DAMPING = (-0.35, 0.0, 0.35, 0.7), (0.04, 0.15)
-"""As NEAR and DAMPING, for fits of the whole: a filter that follows it takes the wave for slower than the spring is."""
+"""NEAR and DAMPING for fits of the whole model. A filter that follows the spring underestimates its frequency."""
 TRIALS = 20
 ROUNDS = 4
-"""Of weighing the signals by what is left of each."""
+"""Rounds of weighting the signals by their residuals."""
 
 
 def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
-    """Yield, for every input of a model with a wave, words and how much likelier the wave is than ringing, at most 1.
+    """Yield, for every input of a model with a wave, a description and the likelihood ratio of wave over ringing, at
+    most 1.
 
-    (A likelihood ratio, less Schwarz's price for the numbers of the ringing: small where the commands foretell the
-    swinging better than any filter that follows it.)
+    The ratio includes Schwarz's cost for the numbers of the ringing. It is small if the commands predict the
+    oscillation better than a filter that follows it.
     """
     waves = [e for e in fitted.effects if e.slug == WAVE]
     if not waves:

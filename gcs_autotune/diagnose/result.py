@@ -1,4 +1,4 @@
-"""What a diagnosis returns: a verdict, causes with their numbers and doubts, and what there is to look at."""
+"""Result of a diagnosis: a verdict, causes with their numbers and doubts, and plot data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
-from gcs_autotune.identify import Day, Doubt, Trace
+from gcs_autotune.identify import Doubt, RunOffset, Trace
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
@@ -45,23 +45,27 @@ Verdict = Literal[
     "no-effect",
     "unfinished",
 ]
-"""``wrong-numbers``: with numbers of the given model set right nothing is missing; ``...-and-effect``: with these and
-the causes found nothing is. ``partly-explained``: numbers or causes pay on unseen data, but more remains than noise.
-``unfinished``: the search was stopped, and names nothing."""
+"""Verdicts of a diagnosis.
+
+``wrong-numbers``: the given model is complete once its numbers are corrected. ``...-and-effect``: it is complete with
+corrected numbers and the causes found. ``partly-explained``: numbers or causes help on held-out data, but more than
+noise remains. ``unfinished``: the search was stopped and reports no cause.
+"""
 
 
 FELT = 0.95
-"""Chosen: held-out error with a cause over the error without it, below which a user notices the difference."""
+"""Ratio of held-out errors with and without a cause, below which a user notices the difference."""
 
 Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model", "uncertain"]
 """What a hint lacks to be identified as a cause.
 
-``weak``: it is supported by less than is needed of so many tried; ``not-on-each``: it loses on too many of the parts
-left out; ``not-sure``: its gain there may be luck; ``no-gain``: it does not lower the error of a prediction there;
-``brief``: its time, or the craft's own beside it, is shorter than the samples, where a sensor's filter or the craft's
-inertia looks the same; ``no-model``: no model of the craft stands with it, for a drifting force is about as large as
-what is commanded, or the craft is quicker than a sample; ``uncertain``: the 95 % intervals of its numbers contain no
-effect, so that it is no hint either."""
+``weak``: too little support for the number of candidates tried. ``not-on-each``: it loses on too many of the left-out
+parts. ``not-sure``: its held-out gain may be luck. ``no-gain``: it does not lower the held-out prediction error.
+``brief``: its time constant, or the craft's, is shorter than the sampling interval. A sensor's filter or the craft's
+inertia then looks the same. ``no-model``: the fit is not a model of the craft. The drifting force is about as large as
+the commanded force, or the craft's time constant is below the sampling interval. ``uncertain``: the 95 % intervals of
+its numbers include no effect, so it is not a hint either.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,17 +97,18 @@ class ErrorReduction:
 
     @property
     def is_felt(self) -> bool:
-        """Whether the error is surely below :data:`FELT` of what it was; by the ratio where no interval is known."""
+        """Whether the error is significantly below :data:`FELT` times its former value; by the ratio if no interval is
+        known."""
         upper = self.ci95[1]
         return (self.ratio if math.isnan(upper) else upper) < FELT
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number of the given model against the runs: name, sign and unit as its owner has them.
+    """One number of the given model compared with the runs; name, sign and unit as the owner has them.
 
-    ``given`` what the model has, ``given_std`` its standard error where the model states one, else 0; ``value`` what
-    the runs say, with ``std`` and its 95 % interval; ``wrong`` when they contradict each other. NaN: not told.
+    ``given``: the model's value. ``given_std``: its standard error if the model states one, else 0. ``value``: the
+    value from the runs, with ``std`` and 95 % interval. ``wrong``: whether they contradict each other. NaN: unknown.
     """
 
     name: str
@@ -116,28 +121,28 @@ class Number:
     ci95: tuple[float, float]
     wrong: bool
     explained: bool = False
-    """Whether a cause that was found accounts for the difference."""
+    """Whether an identified cause explains the difference."""
 
     @property
     def of_record(self) -> bool:
-        """Whether it is of a simulation's file (its clock, a sign, a unit), where the right value is known exactly."""
+        """Whether it belongs to a simulation's file (clock, sign, unit), where the right value is known exactly."""
         return self.ci95[0] == self.ci95[1]
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """The given model's numbers against the runs, the wrong ones first.
+    """The given model's numbers compared with the runs, the wrong ones first.
 
-    ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs alike.
-    ``gains``: error on data left out of the model as it is (``before``) and with its numbers set right (``after``),
-    before any cause is added; empty when no number is wrong, or when the model as it is runs away.
+    ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs. ``gains``:
+    held-out error of the model as given (``before``) and with corrected numbers (``after``), before any cause is added.
+    Empty if no number is wrong, or if the model as given diverges.
     """
 
     of: Literal["model", "simulation"]
     rows: tuple[Number, ...]
     gains: tuple[ErrorReduction, ...] = ()
     over: Literal["given", "fitted"] = "fitted"
-    """What the causes' own gains are counted over, the better of the two: the model as given, its numbers fitted."""
+    """Reference for the gains of the causes: the better of the model as given and with its numbers fitted."""
 
     @property
     def wrong(self) -> tuple[Number, ...]:
@@ -152,12 +157,12 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """One candidate against the base model (or, for later causes, against the model with the earlier ones).
+    """One candidate compared with the base model, or with the model that has the earlier causes.
 
-    ``gain``: share by which it lowers the held-out simulation error, all signals together (0.3: by 30 %); ``p_value``
-    corrected for how many were tried; ``evidence``: twice the log-likelihood gained, less what its parameters cost.
-    ``step``: 1 for the first cause looked for, 2 for the second, and so on. Under process noise ``unseen`` is the
-    log-likelihood gained on each part left out, ``ci90`` the 90 % interval of their sum, half the ``evidence``.
+    ``gain``: relative reduction of the held-out error, all signals together (0.3: by 30 %). ``p_value``: corrected for
+    the number tried. ``evidence``: twice the log-likelihood gained, less the cost of its parameters. ``step``: 1 for
+    the first cause, 2 for the second, and so on. With process noise ``unseen`` is the log-likelihood gained on each
+    left-out part. ``ci90`` is the 90 % interval of their sum, half the ``evidence``.
     """
 
     cause: str
@@ -173,37 +178,37 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """An effect that was accepted, in the order found, and how it would be told from what it is mistaken for."""
+    """An accepted effect, in the order found, and how to distinguish it from similar ones."""
 
     effect: EffectInstance
     parameters: Mapping[str, Value]
     meaning: str
     share: float
-    """Of the held-out mean square error above the noise that the base model leaves, the share this cause removed."""
+    """Fraction of the held-out mean square error above noise that this cause removed."""
     curve: EffectCurve | None = None
     gain: ErrorReduction | None = None
-    """What it gains on data left out over the model without it; None where that was not measured."""
+    """Held-out gain over the model without it; None if it was not measured."""
 
     @property
     def is_slight(self) -> bool:
-        """Whether no user would notice it: the error it was measured by is not surely below :data:`FELT`."""
+        """Whether the effect is too small to notice: its error ratio is not significantly below :data:`FELT`."""
         return self.gain is not None and not self.gain.is_felt
 
     @property
     def is_structural(self) -> bool:
-        """Whether a first model of such a craft merely leaves it out; else something is wrong with craft or record."""
+        """Whether a first model of such a craft merely omits it. Otherwise the craft or the record has a fault."""
         return self.effect.slug in EFFECTS and EFFECTS[self.effect.slug].is_structural
 
 
 @dataclass(frozen=True, slots=True)
 class Hint:
-    """A cause that the runs support, and too weakly for it to be identified.
+    """A cause that the runs support too weakly to identify it.
 
-    ``gained``: log-likelihood gained on the runs it was fitted to; ``unseen``: on each part left out, where that was
-    measured, ``held_out`` says in words of what. ``chance``: that noise alone makes some candidate look as strong,
-    all that were tried counted. ``lacks``: what it lacks to be identified; ``alike``: other hints these runs do not
-    distinguish from it. ``seconds`` of runs were looked at; ``needed`` [s] of the same manoeuvres in all would make the
-    evidence large enough, for it grows with the length of the runs; ``separated_by``: the manoeuvre that settles it.
+    ``gained``: log-likelihood gained on the fitted runs. ``unseen``: gained on each left-out part, if measured;
+    ``held_out`` describes the parts. ``chance``: probability that noise makes some candidate look as strong, counting
+    all tried. ``lacks``: what it lacks. ``alike``: other hints that these runs do not distinguish from it. ``seconds``:
+    length of the runs. ``needed`` [s]: total length of the same manoeuvres that would make the evidence large enough.
+    ``separated_by``: the manoeuvre that decides.
     """
 
     cause: str
@@ -223,7 +228,7 @@ class Hint:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """What is left over, in words: one finding per line, strongest first, with the number it rests on."""
+    """Description of the residuals: one finding per line, the strongest first, with the number it rests on."""
 
     findings: tuple[str, ...] = ()
     whiteness_p: float = math.nan
@@ -255,9 +260,9 @@ class Portrait:
 class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: of its power about its mean, predicted
-    by the other runs' curve; below 0 when that curve predicts less than their mean. ``others``: what predicts it, the
-    ``runs`` besides, or of a single run the other ``half``.
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: fraction of its power about its mean
+    that the other runs' curve predicts. It is negative if that curve predicts less than their mean does. ``others``:
+    the data that predict it, the other ``runs`` or the other ``half`` of a single run.
     """
 
     over: str
@@ -275,14 +280,16 @@ class MissingCurve:
 
     @property
     def varies(self) -> bool:
-        """Whether no constant lies within the band everywhere: else it goes with nothing."""
+        """Whether no constant lies within the band everywhere; otherwise the force does not depend on the quantity."""
         return bool(np.max(self.force - self.band) > np.min(self.force + self.band))
 
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """Waves beneath which the runs were: period [s], damping ratio of their band; standard deviations of the swing of
-    what is seen [m, rad] and of the force.
+    """Waves during the runs.
+
+    Period [s] and damping ratio of their band; standard deviations of the measured oscillation [m, rad] and of the
+    force.
     """
 
     period: float
@@ -293,12 +300,12 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissingForce:
-    """The force or moment that the model found lacks in one degree of freedom, estimated without a name.
+    """The force or moment that the model lacks in one degree of freedom, without a cause.
 
-    ``size`` [unit] its standard deviation, ``memory`` [s] how long it lasts, ``share`` its size over that of what is
-    commanded (both rms); ``curves`` by what it may go with, the most telling first. ``days``: what each run had of its
-    own besides, none where runs are alike. ``waves``: beneath which they were, None for none. ``size95`` and
-    ``memory95``: 95 % intervals. ``longest`` [s]: the longest run; a memory that may be longer is a constant's.
+    ``size`` [unit]: its standard deviation. ``memory`` [s]: its time constant. ``share``: its size relative to the
+    commanded force (both rms). ``curves``: over related quantities, the most informative first. ``days``: offsets of
+    each run, empty if runs are alike. ``waves``: waves during the runs, or None. ``size95`` and ``memory95``: 95 %
+    intervals. ``longest`` [s]: the longest run. If the time constant may be longer, the force may be constant.
     """
 
     dof: str
@@ -307,7 +314,7 @@ class MissingForce:
     memory: float
     share: float
     curves: Mapping[str, MissingCurve]
-    days: tuple[Day, ...] = ()
+    days: tuple[RunOffset, ...] = ()
     waves: Waves | None = None
     size95: tuple[float, float] = (0.0, math.inf)
     memory95: tuple[float, float] = (0.0, math.inf)
@@ -334,11 +341,11 @@ class MissingForce:
 class Diagnosis:
     """What the simulation gets wrong.
 
-    ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs these
-    runs cannot tell apart, with ``next_manoeuvre`` that would. ``before`` and ``after`` hold one portrait per
-    signal. ``noise``: level each signal is left with, ``tried``: candidates examined. ``gain`` and ``gains`` are those
-    of the causes alone: of a given model, over the same with its numbers fitted; what that gains stands in ``numbers``
-    (None when no model was given). ``base_model`` is the model as given.
+    ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs that
+    these runs do not distinguish, with ``next_manoeuvre`` that would. ``before`` and ``after`` hold one portrait per
+    signal. ``noise``: remaining level of each signal. ``tried``: candidates examined. ``gain`` and ``gains`` are those
+    of the causes alone. For a given model they are relative to the same model with fitted numbers, whose own gain is in
+    ``numbers`` (None if no model was given). ``base_model`` is the model as given.
     """
 
     verdict: Verdict
@@ -360,11 +367,11 @@ class Diagnosis:
     tried: int
     seconds: float
     work: float = 0.0
-    """Samples that simulations and filters passed over."""
+    """Number of samples that simulations and filters processed."""
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
     missing: MissingForce | None = None
-    """What is left over as a force, where the runs show one that wanders."""
+    """The remaining force, if the runs show one that drifts."""
     hints: tuple[Hint, ...] = ()
     """Causes supported too weakly to be identified, the likeliest first."""
 

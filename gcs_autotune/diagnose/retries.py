@@ -1,7 +1,7 @@
-"""Second looks, where the search found nothing although much is left.
+"""Retry the search if it found nothing although much is unexplained.
 
-:func:`search_all_runs` looks over all runs together where those kept apart show what the others do not,
-:func:`search_in_pieces` over pieces of them where free runs are lost and nothing pays over whole runs.
+:func:`search_all_runs` searches all runs together if the separate runs show what the others do not.
+:func:`search_in_pieces` searches pieces of the runs if free runs diverge and no cause helps over whole runs.
 """
 
 from __future__ import annotations
@@ -24,26 +24,25 @@ from gcs_autotune.sname import DOFS
 __all__ = ["improves_prediction", "search_all_runs", "search_in_pieces"]
 
 PACES = 30.0
-"""Chosen: a piece lasts so many of the base model's slowest time constants; all it can show settles many times over."""
+"""Length of a piece in the base model's slowest time constants. Everything it can show then settles many times."""
 
 FAR = 1.5
-"""Error of runs a model was not fitted to, over the noise of those it was, beyond which it does not hold for them."""
+"""Ratio of the error on other runs to the noise of the fitted runs, beyond which a model does not hold for them."""
 
 ANOTHER_CRAFT = 100.0
-"""Chosen: factor between the time constant of the base when it was first fitted and as it stands, from which on the two
-are not the same craft."""
+"""Ratio of the base's first and present time constants, from which they count as different craft."""
 
 FEWEST_PIECES = 2
-"""Fewest pieces of the longest run worth a second look."""
+"""Minimum number of pieces in the longest run for a retry."""
 
 
 def search_in_pieces(state: SearchState) -> SearchState | None:
-    """Search pieces that begin where the craft was measured to be; what they name must hold over whole runs.
+    """Search pieces that start at the measured state; the causes must hold over whole runs.
 
-    On real water a free run drifts off within minutes, whatever the model: gusts and eddies add up in the heading.
-    Where the plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs
-    may show causes. These are hypotheses. They are kept only if together they clearly improve the prediction of
-    held-out pieces and of whole runs.
+    On real water a free run diverges within minutes, whatever the model: gusts and eddies add up in the heading. If the
+    plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs may show
+    causes. These are hypotheses. They are kept only if together they clearly improve the prediction of held-out pieces
+    and of whole runs.
     """
     question = state.question
     seconds = PACES * state.problem.data_summary.time_constant
@@ -76,7 +75,7 @@ def search_in_pieces(state: SearchState) -> SearchState | None:
 
 
 def search_all_runs(state: SearchState) -> SearchState | None:
-    """Search all runs together, parts left out in turn, where those kept apart show what the others do not."""
+    """Search all runs together, leaving out parts in turn, if the separate runs show what the others do not."""
     question = state.question
     if not question.unseen or question.given is not None or not _contradicted(state):
         return None
@@ -153,7 +152,7 @@ def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
 
 
 def improves_prediction(state: SearchState, whole: Sequence[Segment]) -> bool:
-    """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
+    """Whether the residuals over *whole* runs are at most :data:`FAR` times the noise of the pieces."""
     errors = _error(state, state.fitted, whole)
     return errors is not None and all(errors[n] <= FAR * level for n, level in state.fitted.levels.items())
 

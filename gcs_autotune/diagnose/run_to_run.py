@@ -1,4 +1,4 @@
-"""What differs from run to run, with process noise modelled: a constant force and the thrust of each."""
+"""Differences between runs with process noise modelled: the constant force and the thrust of each."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from gcs_autotune.diagnose.score import WORTH
 from gcs_autotune.identify import (
-    Day,
     Doubt,
     NoisyFit,
     NoisyProblem,
     ProcessNoise,
-    RunSays,
+    RunLikelihood,
+    RunOffset,
     common_gain,
     spread_between,
 )
@@ -20,28 +20,33 @@ from gcs_autotune.identify import (
 __all__ = ["alike_in", "days_of", "differing", "doubt_of_days"]
 
 FEWEST_RUNS = 3
-"""Runs of which a scatter between them tells something; of fewer nothing differs."""
+"""Minimum number of runs to estimate a scatter; with fewer no difference is assumed."""
 
 OF_THE_DRIFT = 0.25
-"""Chosen: least spread of a run's constant force, in shares of the drifting force. Where there are gusts there is a
-mean wind, and three or four runs are alike by accident too often for their scatter to tell it."""
+"""Smallest spread of a run's constant force, relative to the drifting force.
+
+Gusts come with a mean wind, and three or four runs are too often alike by chance to estimate the scatter from them.
+"""
 
 THRUST_AT_FIRST, FORCE_AT_FIRST = 0.05, 0.1
-"""Chosen: spread of thrust, and of a constant force in shares of the largest commanded, at which a fit that knows of
-days begins: beside none a day's force has gone into the one that wanders, and made it slow."""
+"""Starting spread of thrust, and of constant force relative to the largest command, for a fit with differences between
+runs.
+
+Without these differences the constant force of a run goes into the drifting force and makes it slow.
+"""
 
 
 def alike_in(noise: ProcessNoise, runs: int) -> ProcessNoise:
-    """Return the noise where *runs* are as much alike as runs ever are."""
+    """Return the noise with the smallest differences between *runs* that ever occur."""
     least = OF_THE_DRIFT * noise.size if runs >= FEWEST_RUNS else 0.0
     return replace(noise, day_force=least, day_thrust=0.0)
 
 
 def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
-    """Return *fit* again with the spread of force and thrust between runs that suits it.
+    """Return *fit* again with a suitable spread of force and thrust between runs.
 
-    Of thrust there is none, and of force no more than the weather has of itself, but where that makes the runs likelier
-    by three nats, what they have in common left free: a bias of every run is no difference between them.
+    The spread of thrust is zero, and that of force is the smallest, unless a larger one improves the likelihood by
+    three nats. The common part is left free, because a bias of every run is not a difference between them.
     """
     if problem.runs < FEWEST_RUNS:
         return fit
@@ -67,7 +72,7 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     return end if end is not None and end.total > none.total + WORTH else none
 
 
-def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunSays, ...], float] | None:
+def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ...], float] | None:
     """Return what runs say of their days at *fit*, and their log-likelihood were there none."""
     says = problem.says(fit)
     bare = problem.fit(
@@ -79,7 +84,7 @@ def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunSays, ...], fl
 # -- for the report
 
 SURE = 3.0
-"""Standard deviations from which on what a run has of its own is told: of four runs there are eight such numbers."""
+"""Standard deviations from which a run's own offset is reported; four runs have eight such numbers."""
 
 SIDES: Mapping[str, tuple[str, str]] = {
     "surge": ("ahead", "astern"),
@@ -89,17 +94,17 @@ SIDES: Mapping[str, tuple[str, str]] = {
     "pitch": ("bow up", "bow down"),
     "yaw": ("to starboard", "to port"),
 }
-"""Where a positive and a negative force of each degree of freedom push."""
+"""Directions of a positive and a negative force for each degree of freedom."""
 
 
-def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[Day, ...]:
-    """Return what each run had of its own, forces times *inertia*; nothing where runs are alike."""
+def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
+    """Return the offsets of each run, forces times *inertia*; empty if runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
     found = [one.day(fit.noise.day_force, fit.noise.day_thrust) for one in says or ()]
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
 
 
-def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
+def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
     """Return the doubt that the runs differ, with each run's own bias and gain; empty if they agree."""
     unit = "of full output" if unit == "1" else unit
     told = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
@@ -114,7 +119,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
     ]
 
 
-def _own(dof: str, unit: str, day: Day) -> list[str]:
+def _own(dof: str, unit: str, day: RunOffset) -> list[str]:
     found = []
     if abs(day.thrust) > SURE * day.thrust_std > 0.0:
         found.append(f"thrust {100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'}")

@@ -1,9 +1,9 @@
-"""The interval between the samples judged under process noise, chosen by evidence where the plain model is no base.
+"""Choose the interval between judged samples by evidence, if the plain model with process noise is not usable.
 
-Judged close by, a fit follows what a model of the craft leaves out first: the autopilot's smoother, thrusters that need
-time. It may then be of another craft altogether, with a time constant below the sample and a drifting force as large as
-the commands, on which the sign of a hydrodynamic term comes out wrong. Judged from far off, the craft's own motion is
-lost. Over the intervals in between the answer is the same: there the runs are judged.
+At short intervals a fit follows what the craft model omits: the autopilot's smoother and the thrusters' lag. It may
+then have a time constant below the sampling interval, a drifting force as large as the commands, and a hydrodynamic
+term of the wrong sign. At long intervals the craft's own motion is lost. At intervals in between the result does not
+depend on the interval. The runs are judged there.
 """
 
 from __future__ import annotations
@@ -38,42 +38,44 @@ Plain = tuple[NoisyProblem, NoisyFit]
 """The runs at some interval, and the plain model fitted there."""
 
 OF_THE_COMMAND = 1.0
-"""Share of what is commanded (both rms) from which on a drifting force is larger than the commands."""
+"""Ratio of the drifting force to the commanded force (both rms) from which it counts as larger than the commands."""
 
 FEWEST = 60
-"""Samples that the longest run keeps at least."""
+"""Minimum number of samples in the longest run."""
 
 GROWTH = 1.6
-"""Chosen: factor between intervals tried."""
+"""Ratio of successive intervals tried."""
 
 WIDER = (2.0, 4.0)
-"""Chosen: intervals, in shares of the one used, at which the plain model must come out the same."""
+"""Intervals, relative to the one used, at which the plain model must give the same result."""
 
 APART, ALIKE = 3.0, 0.25
-"""Standard errors, or relative difference, within which two intervals give one number. The second because standard
-errors are those of one interval, not of the model."""
+"""Standard errors, or relative difference, within which two intervals give the same number.
+
+The relative limit is needed because standard errors apply to one interval, not to the model.
+"""
 
 BETTER = 0.9
-"""Chosen: share of its error ahead that another interval must leave to be used instead."""
+"""Ratio of errors ahead below which another interval is used instead."""
 
 LEGS = 2.0
-"""Chosen: correlation times of the commands that predictions are compared over."""
+"""Horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Times ahead [s] that people can compare."""
+"""Horizons [s] in round numbers."""
 
 NEAREST, ROUGH = 3, 3
-"""Chosen: terms fitted to the end at each interval, and scoring rounds of the others."""
+"""Number of terms fitted until they converge at each interval, and scoring rounds of the others."""
 
 OTHER_CRAFT = 2.0
-"""Chosen: ratio of two time constants from which on a refit to fewer runs is of another craft."""
+"""Ratio of two time constants from which a refit to fewer runs counts as another craft."""
 
 PACES, PACED = 2.0, 6
-"""Chosen: factor between the time constants tried for such a refit, and scoring rounds at each."""
+"""Ratio of the time constants tried for such a refit, and scoring rounds at each."""
 
 
 def commanded(problem: NoisyProblem) -> float:
-    """Return the rms of the command that drives the equation, in the unit of the inputs, over all records."""
+    """Return the rms force of the command that drives the equation, in the unit of the inputs, over all records."""
     total, weight = 0.0, 0.0
     for segment in problem.segments:
         force = _command_of(problem, segment.input_names, segment.inputs)
@@ -91,10 +93,10 @@ def _command_of(problem: NoisyProblem, names: Sequence[str], inputs: Array) -> A
 
 
 def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether a fit is a model of the craft that a name may stand on.
+    """Whether a fit is a model of the craft, so that causes may be added to it.
 
-    It is none where its time constant is below the record's sample, or where the force that drifts is nearly as large
-    as what is commanded.
+    It is not if its time constant is below the record's sampling interval. It is not if the drifting force is nearly as
+    large as the commanded force.
     """
     gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
     if damping * problem.data_summary.interval > 1.0:
@@ -103,10 +105,10 @@ def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
 
 
 def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
-    """Return how far ahead [s] predictions are to be compared; None where the runs are too short.
+    """Return the horizon [s] at which predictions are compared; None if the runs are too short.
 
-    Three time constants of the craft, and no less than two correlation times of the commands: of a fit that takes a
-    craft for quicker than it is, the first would look no further than one sample.
+    It is three time constants of the craft, and at least two correlation times of the commands. The second limit
+    matters if a fit has far too small a time constant.
     """
     times = []
     for segment in problem.segments:
@@ -128,7 +130,8 @@ def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
 def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
     """Return the horizons [s] at which a cause must lower the error: :func:`prediction_horizon`, or one time constant.
 
-    What acts at once (a saturation, backlash) shows in the first time constant; later the drifting force hides it.
+    Effects that act at once (saturation, backlash) show within the first time constant. Later the drifting force hides
+    them.
     """
     found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
     return tuple(dict.fromkeys(s for s in found if s is not None))
@@ -142,17 +145,17 @@ def _nearest(problem: NoisyProblem, goal: float) -> float | None:
 
 
 def rms_ahead(problem: NoisyProblem, fit: NoisyFit, seconds: float) -> float:
-    """Return the rms error *seconds* [s] ahead of samples all along the records, inf where the model runs away."""
+    """Return the rms error *seconds* [s] ahead of samples throughout the records, inf if the model diverges."""
     errors = problem.ahead(fit, seconds)
     return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.all(np.isfinite(errors)) else math.inf
 
 
 def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float | None) -> NoisyFit | None:
-    """Return *fit*, made on more runs, refitted to those of *problem*; None where the filter runs away.
+    """Refit *fit*, made on more runs, to those of *problem*; return None if the filter diverges.
 
-    The likelihood is that of the next sample. Of fewer runs it may prefer another craft, quicker than a sample of the
-    record, whose drifting force follows each sample: its error *seconds* [s] ahead tells. So where the time constant of
-    the refit is another, several are tried, and that with the smallest error ahead on the runs of *problem* is taken.
+    The likelihood is that of the next sample. With fewer runs it may prefer a time constant below the sampling
+    interval, with a drifting force that follows each sample. The error *seconds* [s] ahead shows this. If the time
+    constant changes, several are tried. The fit with the smallest error ahead on the runs of *problem* is returned.
     """
     again = problem.fit(fit.theta, fit.effects, fit.noise, rounds=rounds)
     if again is None or seconds is None:
@@ -188,8 +191,8 @@ def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit |
 class Look:
     """The runs judged at one interval: the plain model, and the model with the hydrodynamic term that predicts best.
 
-    ``best``: the plain one where no term helps. ``error``: its rms error ahead. The likelihood is that of the next
-    sample, and may prefer a model that loses the craft some seconds ahead.
+    ``best``: the plain model if no term helps. ``error``: its rms error ahead. The likelihood is that of the next
+    sample, and may prefer a model that fails some seconds ahead.
     """
 
     problem: NoisyProblem
@@ -199,11 +202,11 @@ class Look:
 
     @property
     def sound(self) -> bool:
-        """Whether the best is a model of the craft."""
+        """Whether the best fit is a model of the craft."""
         return stands(self.problem, self.best)
 
     def agrees(self, other: Look) -> bool:
-        """Whether both give the same answer: the same term, and numbers alike."""
+        """Whether both give the same result: the same term and equal numbers."""
         mine, theirs = _numbers(self.best), _numbers(other.best)
         return mine.keys() == theirs.keys() and all(_alike(*mine[n], *theirs[n]) for n in mine)
 
@@ -224,14 +227,16 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
 ) -> tuple[Plain, NoisyFit | None, str]:
-    """Return the runs at the interval they are to be judged at, the plain model there, the best with a term more where
-    it was looked for, and words where the interval matters.
+    """Choose the interval at which the runs are judged.
 
-    begun : where the search would judge. It stays there, without a word, where its plain model is one of the craft and
-    comes out the same from further off. Else intervals are tried from the widest down. Of a stretch of two and more at
-    which the same model stands, with at most one hydrodynamic term of *slugs* (which must gain *price* in
-    log-likelihood), the closest is taken, if its error ahead is smaller than that of the best model where it began.
-    at : the runs and the plain model at an interval [s].
+    Return the runs at that interval, the plain model there, the best model with one more term if that was tried, and a
+    description if the interval matters. begun : the interval where the search would judge. It is kept if its plain
+    model is one of the craft and gives the same result at longer intervals. Otherwise intervals are tried from the
+    longest down.
+
+    A stretch of two or more intervals qualifies if the same model holds there. It may have at most one hydrodynamic
+    term of *slugs*, which must gain *price* in log-likelihood. The shortest of these intervals is taken if its error
+    ahead is below that of the best model at the original one. at : the runs and the plain model at an interval [s].
     """
     problem, plain = begun
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
@@ -321,7 +326,7 @@ def _look(problem: NoisyProblem, plain: NoisyFit, slugs: Sequence[str], price: f
 
 
 def changes_at(problem: NoisyProblem, fit: NoisyFit, other: NoisyProblem) -> list[str]:
-    """Return in words the numbers of causes in *fit* that come out otherwise where runs are judged as in *other*."""
+    """Return, in words, the numbers of causes in *fit* that differ if runs are judged as in *other*."""
     again = other.fit(fit.theta, fit.effects, fit.noise)
     if again is None:
         return []

@@ -1,4 +1,4 @@
-"""The score of a candidate, on the runs fitted and on data left out, and which candidate wins a step."""
+"""Score candidates on the fitted runs and on held-out data, and choose the winner of a step."""
 
 from __future__ import annotations
 
@@ -49,46 +49,55 @@ FitT = TypeVar("FitT", bound=Fitted | NoisyFit)
 
 
 SIGNIFICANCE = 0.005
-"""Chance of any false finding on data the base model explains."""
+"""Probability of any false finding on data that the base model explains."""
 
 MATERIAL = 0.02
-"""Share by which a cause must lower the held-out error of one signal to be worth a name."""
+"""Relative reduction of the held-out error of one signal that a cause must reach to be reported."""
 
 LUCK = 0.05
-"""Chance that a gain on unseen data is luck, all that was tried counted, above which it is not believed."""
+"""Probability that a held-out gain is luck, above which it is rejected. It counts all candidates tried."""
 
 HALF = 0.5
-"""Chosen: share of a cause's evidence that the same cause by a plainer law must have to be named in its place: which
-law it is, real water tells by tens of nats either way, and another day the other way round."""
+"""Fraction of a cause's evidence that a simpler law of the same cause needs to be reported in its place.
+
+The evidence for one law over the other differs by tens of nats on real water, and its sign changes between runs.
+"""
 
 ALIKE = 6.0
-"""Difference of twice the log-likelihood (less the cost of parameters) within which two causes cannot be told apart:
-odds of twenty to one."""
+"""Difference of twice the log-likelihood, less the cost of parameters, within which two causes are not distinguished.
+
+It corresponds to odds of twenty to one.
+"""
 
 
 WORTH = 3.0
-"""Log-likelihood gained on data left out (odds of twenty to one) that a cause must have."""
+"""Held-out log-likelihood that a cause must gain: odds of twenty to one."""
 
 AMPLE = 10.0
-"""Chosen: log-likelihood gained on data left out that needs no interval where each of three parts contributes to it."""
+"""Held-out log-likelihood gain that needs no interval, if each of three parts contributes to it."""
 
 FAR_MORE = 3.0
-"""Chosen: so many times what is needed, gained on data left out, makes up for too little on the runs fitted. With once
-as much, asymmetric thrust was reported of a clean craft (weather, seed 75 case 11: 5.6 of 6.4, 12.5 left out)."""
+"""Multiple of the required gain that a cause needs on held-out data if its gain on the fitted runs is too small.
+
+With a multiple of 1, asymmetric thrust was reported of a fault-free craft (process noise, seed 75 case 11). It gained
+5.6 of the required 6.4, and 12.5 on held-out data.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateScore(Generic[FitT]):
-    """A candidate fitted, and what supports it, by either scorer. ``lacks``: why it may not be accepted, if so.
+    """A fitted candidate and what supports it, from either scorer; ``lacks``: why it must not be accepted.
 
-    On the runs fitted: ``gained``, the log-likelihood over the model before it (correlated samples counted once), and
-    ``needed``, what its ``numbers`` gain by chance, all candidates tried counted. On data left out: ``gain``, the share
-    by which the error falls, and ``p``, the chance that this is luck. ``evidence``: twice a log-likelihood; by least
-    squares that of the runs fitted less the cost of the numbers, with process noise that of data left out.
+    On the fitted runs ``gained`` is the log-likelihood over the model before it; correlated samples count once.
+    ``needed`` is what its ``numbers`` gain by chance, counting all candidates tried. On held-out data ``gain`` is the
+    relative reduction of the error, and ``p`` the probability that it is luck. ``evidence`` is twice a log-likelihood.
+    By least squares it is that of the fitted runs less the cost of the numbers. With process noise it is that of
+    held-out data.
 
-    By least squares ``unseen`` is what it leaves of data left out. With process noise ``parts`` (k,) are the
-    log-likelihoods gained on each part, ``interval`` 90 % of their sum, ``ahead`` its error some seconds ahead over
-    that of the model before it (1: not calculated), ``unsound`` in words why no model of the craft stands with it.
+    By least squares ``unseen`` are the held-out residuals. With process noise ``parts`` (k,) are the log-likelihoods
+    gained on each part and ``interval`` is the 90 % interval of their sum. ``ahead`` is the error some seconds ahead,
+    relative to the model before it (1: not calculated). ``unsound`` states in words why the fit is not a model of the
+    craft.
     """
 
     effect: EffectInstance
@@ -113,18 +122,18 @@ class CandidateScore(Generic[FitT]):
 
     @property
     def is_ample(self) -> bool:
-        """Whether each of three parts and more left out contributes to ten nats, and none all but three of them.
+        """Whether three or more left-out parts all gain: over ten nats in total, over three without the largest.
 
-        That is sure whatever its scatter over blocks: no single gust brings it.
+        Such a gain is accepted whatever its scatter over blocks, because a single gust cannot cause it.
         """
         even = len(self.parts) > 2 and bool(np.all(self.parts > 0.0))
         return even and self.held_out_gain > AMPLE and self.held_out_gain - float(self.parts.max()) > WORTH
 
     @property
     def holds(self) -> bool:
-        """Whether the data left out gains surely, and every part of it.
+        """Whether the held-out gain is significant and every part gains.
 
-        Of three parts and more one may lose, where the others gain well more. What is ample is sure.
+        With three parts or more, one part may lose if the others gain clearly more. An ample gain is significant.
         """
         if self.interval[0] < 0.0 and not self.is_ample:
             return False
@@ -137,10 +146,10 @@ class CandidateScore(Generic[FitT]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStep(Generic[FitT]):
-    """One step of a search: every candidate scored, best first; ``accepted`` the winner, None when there was none.
+    """One step of a search: all scored candidates, the best first. ``accepted``: the winner, or None.
 
-    ``present``: the model they were added to, fitted better where the step found out how. ``alike``: with process
-    noise, names that these runs do not distinguish from the winner, its own first.
+    ``present``: the model they were added to, or a better fit of it found in this step. ``alike``: with process noise,
+    the causes that these runs do not distinguish from the winner, starting with the winner.
     """
 
     present: FitT
@@ -155,12 +164,13 @@ def key_of(effect: EffectInstance) -> tuple[str, str]:
 
 
 def needed_of(more: int, tried: int) -> float:
-    """Return the log-likelihood that so many numbers more gain by chance in the best of all *tried*."""
+    """Return the log-likelihood that this many more numbers gain by chance in the best of all *tried*."""
     return 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
 
 
 def lasts(effect: EffectInstance, data: DataSummary) -> float:
-    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
+    """Return the shortest time [s] among an effect's numbers. A rate is converted to the time to the largest
+    command."""
     times = [math.inf]
     for q in EFFECTS[effect.slug].parameters:
         value = abs(effect.values.get(q.name, math.inf))
@@ -173,7 +183,7 @@ def lasts(effect: EffectInstance, data: DataSummary) -> float:
 
 
 def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack | None:
-    """Return what a candidate lacks to be accepted, by its error on data left out; None for nothing.
+    """Return why a candidate must not be accepted, by its held-out error; None if it may.
 
     brief : see :data:`.Lack`.
     """
@@ -187,11 +197,10 @@ def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack |
 
 
 def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncertain: bool = False) -> Lack | None:
-    """Return what a candidate lacks to be accepted, by the log-likelihood gained on each part left out; None for
-    nothing.
+    """Return why a candidate must not be accepted, by the log-likelihood gained on each left-out part; None if it may.
 
-    It must gain what is needed on the runs fitted, or far more of it on those left out, where the plain model itself
-    may be lost. brief, uncertain : see :data:`.Lack`.
+    It must gain what is needed on the fitted runs. A far larger held-out gain also suffices, because the plain model
+    itself may have diverged. brief, uncertain : see :data:`.Lack`.
     """
     if uncertain:
         return "uncertain"
@@ -205,12 +214,12 @@ def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncerta
 
 
 def bic_penalty(fitted: Fitted, present: Fitted) -> float:
-    """Return what the additional parameters cost (Schwarz); one more for the effect itself."""
+    """Return the cost of the additional parameters (Schwarz); the effect itself counts as one more."""
     return further(fitted, present) * math.log(fitted.samples)
 
 
 def winner_of(scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
-    """Return the likeliest candidate that lacks nothing; a disturbance only when no cause predicts more than it."""
+    """Return the likeliest candidate that lacks nothing. A disturbance wins only if no cause predicts better."""
     paying = [j for j in scores if j.lacks is None]
     if not paying:
         return None
@@ -223,13 +232,13 @@ def winner_of(scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted
 
 
 def plainest(winner: CandidateScore[FitT], paying: Sequence[CandidateScore[FitT]]) -> CandidateScore[FitT]:
-    """Return *winner*, or the same cause by a plainer law where that is supported as well."""
+    """Return *winner*, or a simpler law of the same cause if the runs support it as well."""
     found = (j for j in paying if is_form_of(winner.effect, j.effect) and j.evidence > HALF * winner.evidence)
     return next(found, winner)
 
 
 def is_form_of(other: EffectInstance, plainer: EffectInstance) -> bool:
-    """Whether *other* is the cause *plainer* by a law that holds less often."""
+    """Whether *other* is the same cause as *plainer*, by a law that applies less often."""
     return plainer.slug in EFFECTS[other.slug].form_of and plainer.place == other.place
 
 
@@ -241,17 +250,17 @@ def _outdone(one: CandidateScore[Fitted], paying: Sequence[CandidateScore[Fitted
 
 
 def is_material(one: CandidateScore[Fitted]) -> bool:
-    """Whether a gain on unseen data is worth a name: all signals count, but one may show it while the others do not."""
+    """Whether a held-out gain is large enough to report. All signals count, but a gain in one is enough."""
     return one.gain > 0.0 and -len(one.fit.levels) * math.log1p(-min(one.gain, 0.999)) > MATERIAL
 
 
 def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
-    """Whether so much of twice the log-likelihood is more than so many numbers gain by chance, all tries counted."""
+    """Whether twice a log-likelihood exceeds what these numbers gain by chance, counting all candidates tried."""
     return 0.5 * likelihood > needed_of(further(fitted, present), tried)
 
 
 def further(fitted: Fitted, present: Fitted) -> int:
-    """Return how many numbers *fitted* has more than *present*, those learnt from what was left over included."""
+    """Return how many numbers *fitted* has more than *present*, including those learnt from the residuals."""
     return fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)
 
 
@@ -260,9 +269,9 @@ HALF_WIDTH = 1.96
 
 
 def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
-    """Whether an effect's numbers, by their 95 % intervals, may all be such that nothing happens.
+    """Whether the 95 % intervals of an effect's numbers include the case of no effect.
 
-    std : standard errors of those that were fitted; one that is not finite says that the number may be anything.
+    std : standard errors of the fitted numbers. A standard error that is not finite means that the number is unknown.
     """
     entry = EFFECTS[effect.slug]
     growing = set(entry.grows_with) & set(effect.values)
@@ -272,7 +281,7 @@ def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
 
 
 def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return those whose evidence cannot be distinguished from the best, the more usual cause first."""
+    """Return the candidates that the evidence does not distinguish from the best, the more common cause first."""
     ranked = sorted(scores, key=lambda j: -j.evidence)
     alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
     slugs = {j.effect.slug for j in alike}
@@ -280,7 +289,7 @@ def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT
 
 
 def ordered(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return candidates by evidence; of those not distinguished from the best, the more usual cause first."""
+    """Return candidates by evidence. Those not distinguished from the best are ordered by how common the cause is."""
     alike = alike_of(scores)
     rest = sorted(scores, key=lambda j: -j.evidence)[len(alike) :]
     return [*alike, *rest]

@@ -1,4 +1,4 @@
-"""One step of a search for causes, whichever scorer fits and judges the candidates."""
+"""One step of a search for causes, for either scorer."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ AttemptT = TypeVar("AttemptT")
 
 
 class Scorer(Protocol[AttemptT, FitT]):
-    """Fits candidates added to the model ``present``, and scores the fits on the runs and on data left out.
+    """Fit candidates added to the model ``present``, and score them on the fitted runs and on held-out data.
 
-    There are two: :class:`.LeastSquares`, and :class:`.WithProcessNoise` with a force that drifts in the model.
+    There are two scorers: :class:`.LeastSquares`, and :class:`.WithProcessNoise` with a drifting force in the model.
     """
 
     @property
@@ -27,25 +27,25 @@ class Scorer(Protocol[AttemptT, FitT]):
 
     @property
     def runners(self) -> int:
-        """How many candidates are fitted to the end."""
+        """Number of candidates that are fitted until they converge."""
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
-        """Fit candidates roughly, each from several values; the best first."""
+        """Fit candidates roughly, each from several start values; return the best first."""
 
     def to_the_end(self, rough: Sequence[AttemptT]) -> list[AttemptT]:
-        """Fit to the end what was fitted roughly."""
+        """Fit the roughly fitted candidates until they converge."""
 
     def rebased(self, ends: Sequence[AttemptT]) -> Scorer[AttemptT, FitT]:
-        """Return the same with the better fit of the present model that the best of *ends* leads to, if any."""
+        """Return this scorer on a better fit of the present model, if the best of *ends* leads to one."""
 
     def scores(self, ends: Sequence[AttemptT]) -> list[CandidateScore[FitT]]:
-        """Return the scores of candidates fitted to the end, the best first."""
+        """Return the scores of the converged candidates, the best first."""
 
     def winner(self, scores: Sequence[CandidateScore[FitT]]) -> CandidateScore[FitT] | None:
         """Return the candidate that is accepted; None for none."""
 
     def alike(self, scores: Sequence[CandidateScore[FitT]], winner: CandidateScore[FitT]) -> tuple[str, ...]:
-        """Return the names that these runs do not distinguish from *winner*, its own first."""
+        """Return the causes that these runs do not distinguish from *winner*, starting with *winner* itself."""
 
 
 Cause = tuple[str, str]
@@ -53,21 +53,21 @@ Cause = tuple[str, str]
 
 
 class Search(Protocol):
-    """A search, and what it came to in the base model's units, whichever scorer it uses.
+    """A search and its result in the base model's units, for either scorer.
 
-    ``words``: what was left out in turn. ``order``: the causes that are reported, in the order found.
+    ``words``: what was left out in turn. ``order``: the reported causes, in the order found.
     """
 
     @property
     def steps(self) -> Sequence[SearchStep[Any]]:
-        """All steps, those without a winner included."""
+        """All steps, including those without a winner."""
 
     def stopped(self, over: OutOfTime) -> Self:
-        """Return the search as it is, stopped."""
+        """Return the search in its present state, marked as stopped."""
 
     @property
     def tried(self) -> int:
-        """How many candidates were tried in one step."""
+        """Number of candidates tried in one step."""
 
     @property
     def words(self) -> str:
@@ -75,28 +75,29 @@ class Search(Protocol):
 
     @property
     def names(self) -> Collection[str]:
-        """Names that no hint has: of causes, and of what these runs do not distinguish from them."""
+        """Causes that are not reported as hints: the accepted ones, and those that these runs do not distinguish from
+        them."""
 
     @property
     def refused(self) -> Sequence[CandidateScore[Any]]:
-        """Causes that were accepted, and taken back in the end."""
+        """Causes that were accepted first and rejected at the end."""
 
     def values(self, effect: EffectInstance, fit: Any = None) -> Mapping[str, Value]:
         """Return the numbers of an effect in *fit*, the model with all causes when None."""
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[Cause, float]:
-        """Return the share of what the base model leaves that each cause removed."""
+        """Return the fraction of the base model's error that each cause removed."""
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
-        """Return the error on data left out, before and after all causes."""
+        """Return the held-out error before and after all causes."""
 
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[Cause, ErrorReduction]:
-        """Return what each cause gains on data left out; *gains*: of all together."""
+        """Return the held-out gain of each cause; *gains*: of all together."""
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-        """Return groups of names that these runs do not distinguish."""
+        """Return groups of causes that these runs do not distinguish."""
 
 
 SearchT = TypeVar("SearchT", bound=Search)
@@ -108,9 +109,9 @@ def add_one_by_one(
     one_more: Callable[[SearchT], SearchT],
     reconsidered: Callable[[SearchT], SearchT],
 ) -> SearchT:
-    """Take one step after the other, *most* in all, until none has a winner, or the search is stopped.
+    """Take up to *most* steps, until none has a winner or the search is stopped.
 
-    reconsidered : called after each winner: every earlier cause defends its place beside it.
+    reconsidered : called after each winner, to compare every earlier cause with its rivals again.
     """
     try:
         while len(state.steps) < most:
@@ -124,12 +125,12 @@ def add_one_by_one(
 
 
 def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
-    """Return the best of the candidates, fitted to the end. choices : for each candidate the values to begin from."""
+    """Return the best candidates after convergence. choices : for each candidate the start values."""
     return scorer.to_the_end(scorer.rough(choices)[: scorer.runners])
 
 
 def judge(scorer: Scorer[AttemptT, FitT], ends: Sequence[AttemptT]) -> SearchStep[FitT]:
-    """Return the step that candidates fitted to the end make: their scores, and which of them is accepted."""
+    """Return the step made of converged candidates: their scores and the accepted one."""
     scorer = scorer.rebased(ends)
     scores = scorer.scores(ends)
     winner = scorer.winner(scores)

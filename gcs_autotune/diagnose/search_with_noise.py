@@ -1,4 +1,4 @@
-"""The strategy that looks again with process noise: whether its causes replace those found by least squares."""
+"""Repeat the search with process noise, and decide whether its causes replace those found by least squares."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LESS = 0.1
-"""Chosen: share of its size at which the process noise of a fit begins once causes are beside it."""
+"""Fraction of its size at which the process noise starts once causes are added."""
 
 NO_MODEL = "no-model"
-"""Name of the doubt where no model of the craft was found to name a cause beside."""
+"""Slug of the doubt that no model of the craft was found with process noise."""
 
 
 def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
-    """Return the state, and whether a drifting force is there whatever causes are accepted beside it.
+    """Return the state, and whether a drifting force remains whatever causes are accepted.
 
-    The answer is kept: the search under process noise is long. No where it cannot be asked.
+    The result is cached, because the search with process noise is long. It is False if such a search is impossible.
     """
     question = state.question
     if question.given is not None or question.horizon is not None or not question.with_noise:
@@ -67,10 +67,10 @@ def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
 
 
 def model_process_noise(state: SearchState) -> SearchState | None:
-    """Look again with a drifting force in the model, where what is left over is no noise.
+    """Search again with a drifting force in the model, if the residuals are not noise.
 
-    Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
-    what a filter cannot judge (clocks, sensors), where no force drifts, or where causes were found so already.
+    The causes found replace those of the search without it. Return None in these cases: that search ended at the noise;
+    it accepted causes that a filter cannot score (clocks, sensors); no force drifts; or this search is already done.
     """
     question = state.question
     if question.given is not None or question.horizon is not None:
@@ -112,10 +112,10 @@ def model_process_noise(state: SearchState) -> SearchState | None:
 
 
 def model_noise_before_joining(state: SearchState) -> SearchState | None:
-    """Look with a drifting force at the runs to fit alone, before those kept apart are joined to them.
+    """Search the fitted runs with a drifting force before the separate runs are added.
 
-    Of a BlueBoat's runs three name the damping that grows with speed, and predict the two kept apart. All five together
-    name nothing. Where nothing is found so, only what was computed is kept.
+    Three of a BlueBoat's runs identify damping that grows with speed, and predict the two separate runs. All five
+    together identify nothing. If nothing is found, only the computed results are kept.
     """
     if not state.question.unseen:
         return None
@@ -135,7 +135,7 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
 
 
 def no_model_with_noise(state: SearchState) -> bool:
-    """Whether the search under process noise was made, and found no model of the craft at all."""
+    """Whether the search with process noise was made and found no model of the craft."""
     return (
         state.noise_search is not None and state.noise_search[1] is None and asked_of(state.noise_search[0]) is not None
     )

@@ -1,8 +1,8 @@
-"""Somebody else's simulator: its output modelled, so that it can be compared and extended.
+"""Model the output of another simulator, so that it can be compared and extended.
 
-Of it nothing is known but what it does. A plain model with drag of both powers, a delay and a trim takes its place;
-other effects only where that misses what the simulator does, for a simulation without any noise would lend
-significance to every slip of its integrator. Then gain, time constant, delay and trim of both are compared.
+Only its output is known. A plain model with drag of both powers, a delay and a trim represents it. Other effects are
+added only if that model misses the simulator's output. A simulation has no noise, so every small error of its
+integrator would otherwise be significant. Then gain, time constant, delay and trim of both are compared.
 """
 
 from __future__ import annotations
@@ -30,14 +30,16 @@ from gcs_autotune.trial import Trial
 __all__ = ["stand_in", "surrogate_of"]
 
 FAITHFUL, PLAIN_ENOUGH = 0.05, 0.02
-"""Error of the stand-in for a simulator, in shares of the motion, above which it is doubted; above which effects that
-the plain model lacks are looked for in the simulator itself."""
+"""Limits for the error of the stand-in model, relative to the motion.
+
+FAITHFUL: above it the stand-in is doubted. PLAIN_ENOUGH: above it further effects are looked for in the simulator.
+"""
 
 SHED = 0.005
-"""Share of the motion that a term of the stand-in must be worth to stay."""
+"""Fraction of the motion that a term of the stand-in must explain to stay."""
 
 SURE = 12.0
-"""Twice the log-likelihood a term must be worth besides, where the simulation is noisy."""
+"""Twice the log-likelihood that a term must also gain if the simulation is noisy."""
 
 
 def surrogate_of(
@@ -51,9 +53,9 @@ def surrogate_of(
     progress: Progress | None = None,
     jobs: int = 1,
 ) -> tuple[ModelInQuestion, list[Doubt]]:
-    """Return a model that moves as the simulator does with its fit, and what the comparison with the runs says at once.
+    """Return a model that moves as the simulator does, with its fit, and the immediate results of the comparison.
 
-    simulations : one per run, in the same order; inputs they lack are taken from the run.
+    simulations : one per run, in the same order. Missing inputs are taken from the run.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
 
 
 def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
-    """Return the plain model with what it needs of quadratic drag, delay and trim to follow a simulation.
+    """Return the plain model with the quadratic drag, delay and trim that it needs to follow a simulation.
 
     Within an :class:`.Effort` that is used up it is the best of those fitted.
     """
@@ -158,7 +160,7 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
 
 
 STARTS = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.5), (0.3, 0.5))
-"""Delay [time constants] and quadratic drag (of the largest tried) to begin from, until the simulation is followed."""
+"""Starting delay [time constants] and quadratic drag (relative to the largest tried), until the model follows."""
 
 
 def _terms(problem: Problem) -> tuple[EffectInstance, ...]:

@@ -1,20 +1,20 @@
-"""A simulation's record beside the measured one: clock, order, signs and units, looked for before anything is fitted.
+"""Align a simulation's record with the measured one before any fit: clock, order, signs and units.
 
-A wrong clock, a sign or a unit in the simulation's file would be taken for a wrong craft. Inputs come first, outputs
-after that.
+A wrong clock, sign or unit in the simulation's file would look like a wrong craft. Inputs come first, then outputs.
 
-**By the commands.** Where both files hold commands that change alike (:mod:`.command_match`), these give the clock
-(seconds per second, and offset) and the order, sign and unit of every input exactly, whatever the craft is.
+**By the commands.** If the commands of both files change alike (:mod:`.command_match`), they give the clock (rate and
+offset) exactly. They also give the order, sign and unit of every input. The craft does not matter.
 
-**By the motion.** Without them a simulation whose stamps lie elsewhere altogether (they begin at 0) is taken to begin
-with the run, and a late clock is a delay, and is reported as one. For the scale of the clock the measured motion is
-regressed on the simulated one at many lags, before and after: that takes up gain, time constant and delay of both,
-whatever they are, for all of the record alike. A clock that runs fast is what is left: the shift grows from one end of
-the record to the other. What remains is whitened (autoregression), so that weather does not count for more than it
-shows; the shift is estimated in pieces too, and the scale is as uncertain as the pieces' disagreement makes it.
+**By the motion.** Otherwise a simulation whose stamps are far from the run's (they start at 0) is assumed to start with
+the run. A late clock is then reported as a delay. For the clock rate the measured motion is regressed on the simulated
+one at many lags, before and after. This absorbs gain, time constant and delay of both, which are constant over the
+record. A fast clock remains, because its shift grows along the record.
 
-**Signs and units of the motion.** The static gain of the same regression, signal by signal: negative, or that of
-degrees for radians.
+The residual is whitened by autoregression, so that disturbances do not count too much. The shift is also estimated in
+pieces, and the scatter between pieces gives the uncertainty of the rate.
+
+**Signs and units of the motion.** The static gain of the same regression is checked signal by signal: negative, or that
+of degrees for radians.
 """
 
 from __future__ import annotations
@@ -44,37 +44,37 @@ POSITIONS = frozenset({"psi", "z", "phi", "theta"})
 HEADING = "psi"
 
 MOST_ROWS = 1000
-"""Samples of a signal that are compared, at most; a finer record is thinned."""
+"""Maximum number of samples of a signal that are compared; a finer record is thinned."""
 
 LAGS = (*range(11), 13, 16, 20, 27, 36)
-"""Lags before and after, in samples: dense where a delay is, far enough for a slow craft."""
+"""Lags before and after, in samples: dense at typical delays, long enough for a slow craft."""
 
 MEMORY = 8
 """Order of the autoregression that whitens."""
 
 WIDEST, GRID, PIECES = 0.12, 97, 6
-"""Largest error of a clock's rate looked for, in so many steps; pieces of a record that the shift is read off in."""
+"""Largest clock-rate error searched, number of steps, and number of pieces for the shift."""
 
 SURE = 5.0
-"""Standard errors at which a clock or a sign is called wrong: three signals of several runs are looked at."""
+"""Standard errors at which a clock or a sign counts as wrong; three signals of several runs are tested."""
 
 WORTH = 25.0
-"""Twice the log-likelihood that a wrong rate must be worth besides."""
+"""Twice the log-likelihood that a wrong rate must also gain."""
 
 SINGULAR = 1e-12
-"""Share of the largest below which a direction of a regression is none."""
+"""Relative singular value below which a direction of a regression is ignored."""
 
 RATE = "seconds of the simulation per second of these runs"
-"""What the scale of a clock is, in words."""
+"""Description of the clock rate."""
 
 LEAST_RATE = 0.002
-"""Error of a clock's rate that nobody minds."""
+"""Clock-rate error that does not matter."""
 
 SAME, MOSTLY = 0.02, 0.75
-"""Share of its range within which a command is the same, and of the samples that must be."""
+"""Relative difference within which a command counts as the same, and the fraction of samples that must be."""
 
 LEAST_TIMES = 20.0
-"""Static gain beyond which a signal is in another unit, not of another craft."""
+"""Static gain beyond which a signal has another unit, rather than another craft."""
 
 DEGREES = math.degrees(1.0)
 
@@ -84,7 +84,7 @@ UNITS = (DEGREES, 100.0, 1000.0, 400.0, 500.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationAlignment:
-    """Simulations on the runs' clock, in their signs and units; what was wrong; and what is doubtful."""
+    """Simulations on the runs' clock, in their signs and units, with the corrected errors and the doubts."""
 
     simulations: tuple[Trial, ...]
     rows: tuple[Number, ...] = ()
@@ -92,9 +92,9 @@ class SimulationAlignment:
 
 
 def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationAlignment:
-    """Return *simulations*, one per run in the same order, as they are once clock, signs and units are set right.
+    """Return *simulations*, one per run in the same order, with clock, signs and units corrected.
 
-    They get the runs' own commands, whose stamps are the finer, wherever theirs are the same.
+    If their commands equal the runs', they get the runs' own commands, because these have finer stamps.
     """
     laid = _by_commands(simulations, runs) or _by_motion(simulations, runs)
     placed, offsets, doubts = _shifted_to(laid, runs)

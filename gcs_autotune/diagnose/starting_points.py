@@ -1,14 +1,14 @@
-"""Where a search may begin besides at the model fitted to all, of which nothing is learnt where it is lost.
+"""Further starting points of a search, for runs on which the model fitted to all data fails.
 
-**Without one signal.** A signal spoilt by an error of the data (a wrong sign, a wrong unit) spoils the fit of all.
+**Without one signal.** A signal with a data error (wrong sign, wrong unit) spoils the whole fit.
 
-**Channels permuted.** Commands that reach the wrong place, signals the wrong way round: the base fits nothing, so
-each way of wiring that suits short pieces of the runs is tried by fitting the base to runs wired that way.
+**Channels permuted.** If commands or signals are exchanged, the base fits nothing. Each wiring that suits short pieces
+of the runs is tried by fitting the base with it.
 
-**Segments.** What an effect does adds up. A base without drag, or of a rudder that stalls, leaves the craft's heading
-within seconds and never returns; what is left over says nothing of the cause any more. Over pieces of a few seconds
-that begin where the craft was the same base is nearly right and the cause stands out. Its numbers there are where
-whole runs are fitted from; whether it pays, whole runs decide, so nothing is taken on trust.
+**Segments.** The result of an effect accumulates. A base without drag, or with a rudder that stalls, loses the craft's
+heading within seconds. The residuals then contain no information on the cause. Over pieces of a few seconds that start
+at the measured state, the base is nearly right and the cause stands out. Its numbers there are the start for whole
+runs. Only whole runs decide whether it is accepted.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bases:
-    """The base fitted to all signals but one, judged by all, one for each signal; and the best fitted to all."""
+    """The base fitted to all signals but one, for each signal, evaluated on all; and the best one fitted to all."""
 
     alone: tuple[Fitted, ...]
     best: Fitted
 
 
 def without_one_signal(problem: Problem, base: Fitted) -> Bases:
-    """Fit the base to all signals but one, for each that can be missed.
+    """Fit the base to all signals but one, for each signal that can be left out.
 
-    Where one of these leads to a better base for all signals, that is the best; else *base* itself.
+    If one of these leads to a better base for all signals, that is the best; otherwise *base* itself.
     """
     alone, best = [], base
     names = list(problem.data_summary.signals)
@@ -83,16 +83,16 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
 
 TRACK = ("x", "y")
 LOST = 0.3
-"""Error of some signal, in shares of its motion, at which wiring is suspected."""
+"""Error of a signal, relative to its motion, above which wrong wiring is suspected."""
 
 MOST_WIRINGS = 5
-"""Wirings the base is fitted under, at most."""
+"""Maximum number of wirings for which the base is fitted."""
 
 
 def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
-    """Whether a model misses some signal altogether.
+    """Whether a model misses some signal completely.
 
-    Of a track what counts is how it bends: that a craft which sails away is far off in the end any model knows.
+    For a track only its curvature counts. Every model follows a craft that moves steadily away.
     """
     bends = {name: _bend_of(present, name) for name in TRACK if name in present.levels}
     return any(level > LOST * bends.get(name, spread[name]) for name, level in present.levels.items())
@@ -113,10 +113,10 @@ def _bend_of(present: Fitted, name: str) -> float:
 def permuted_channels(
     problem: Problem, present: Fitted, choices: Sequence[Sequence[EffectInstance]]
 ) -> list[EffectCandidate]:
-    """Return the likeliest slips in the wiring of commands, or of signals of all runs, with the base found anew under
-    each.
+    """Return the likeliest wiring errors of commands, or of signals of all runs, each with the base refitted.
 
-    A wiring that suits short pieces of the runs worse than the one given is none: there no base gets lost.
+    A wiring that fits short pieces of the runs worse than the given one is excluded; pieces are too short for the base
+    to diverge.
     """
     limits = base_limits(problem.form)
     likely: list[tuple[float, EffectInstance, list[Segment]]] = []
@@ -148,7 +148,7 @@ def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:
 
 
 def merged(listed: Sequence[EffectCandidate], more: Sequence[EffectCandidate]) -> list[EffectCandidate]:
-    """Return both lists, the best promise of each effect and place, the best first."""
+    """Merge two lists: the most promising entry of each effect and place, the best first."""
     best: dict[tuple[str, str], EffectCandidate] = {}
     for candidate in sorted([*listed, *more], key=lambda c: c.promised):
         best.setdefault((candidate.effect.slug, candidate.effect.place), candidate)
@@ -168,22 +168,22 @@ def _through(own: EffectInstance, segment: Segment) -> Segment:
 
 
 SAMPLES_OF_A_PIECE = 30
-"""Chosen: stamps of a piece: enough for its own initial states, few enough that little adds up."""
+"""Stamps per piece: enough for its own initial states, few enough for little error to accumulate."""
 
 MOST_PIECES = 60
-"""Of all segments together: each has initial states to fit."""
+"""Maximum number of pieces of all segments together; each has initial states to fit."""
 
 SHORT_LIST, KEPT = 8, 3
-"""Candidates fitted roughly in pieces, and of these to the end and over whole runs."""
+"""Numbers of candidates fitted roughly in pieces, and fitted until they converge over whole runs."""
 
 TOLD = 3.0
-"""A parameter this many standard errors from zero counts as determined by the pieces."""
+"""Standard errors from zero at which the pieces determine a parameter."""
 
 
 def segment_starts(
     problem: Problem, present: Fitted, slugs: Sequence[str], executor: Executor
 ) -> list[tuple[EffectCandidate, Fitted]]:
-    """Return rough fits over whole runs begun at the likeliest causes of pieces, each with its candidate.
+    """Return rough fits over whole runs, started at the likeliest causes of pieces, each with its candidate.
 
     present : the base fitted to whole runs.
     """

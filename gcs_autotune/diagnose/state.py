@@ -1,7 +1,7 @@
-"""The state of a search for causes: what was asked, the model so far, and what was judged on the way to it.
+"""State of a search for causes: the question, the model so far, and the results on the way.
 
-A state never changes. Strategies (:mod:`.strategies`) make the next one from it, so that going back is keeping the old
-one. Here is what they all do with one: predict what is left out, and take one step.
+A state never changes. Strategies (:mod:`.strategies`) create the next one from it, so an earlier state remains
+available. This module contains their common operations: predict held-out data, and take one step.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from gcs_autotune.identify import Doubt, Fitted, Problem, fit_base, given_base
 __all__ = ["NOT_BEGUN", "LostBase", "SearchState", "begin", "begin_with"]
 
 NOT_BEGUN = "not begun: "
-"""Begins the words for a part of the search that was not begun when it was stopped."""
+"""Start of the description of a part of the search that was not begun when it was stopped."""
 
 ASTRAY = 0.05
-"""Whiteness below which errors of the data are also looked for from fits that leave out one signal."""
+"""Whiteness p-value below which data errors are also looked for from fits without one signal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostBase:
-    """A base that misses some signal altogether, and the fits begun there, of so many candidates tried."""
+    """A base that misses some signal completely, the fits started there, and the number of candidates tried."""
 
     base: Fitted
     ends: Sequence[Attempt]
@@ -47,17 +47,17 @@ class LostBase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """Where a search stands.
+    """State of a search.
 
-    ``fitted``: the present model. ``base``: what causes are added to and their gains counted over; of a ``given`` model
-    the same with its numbers fitted, for what these gain is no cause's merit. ``parts``: what is left out in turn, and
-    ``..._unseen`` what each model leaves of it. ``former``: the base that a better one took the place of: the better
-    may be none of the craft's, so causes begin at both. ``alone``: the base fitted to all signals but one, once asked
-    for. ``renamed``: pairs of slugs, the one named and one that explains the runs as well. ``pieces`` [s]: how long the
-    pieces were in which causes were found, where the search chose them itself. ``with_noise``: what a search under
-    process noise ended with, where it took the floor. ``noise_search``: that search, once asked for, and the
-    problem it was asked about. ``cut``: at what the search
-    was stopped, and what was not begun, in words.
+    ``fitted``: the present model. ``base``: the model that causes are added to and gains are measured against. For a
+    ``given`` model it has fitted numbers, because their gain does not come from a cause. ``parts``: what is left out in
+    turn; ``..._unseen``: the held-out residuals of each model. ``former``: the base that a better one replaced. The
+    better one may be wrong, so causes start from both.
+
+    ``alone``: the base fitted to all signals but one, once required. ``renamed``: pairs of slugs, the reported one and
+    one that fits as well. ``pieces`` [s]: length of the pieces in which causes were found, if the search chose it.
+    ``with_noise``: result of a search with process noise, if it replaced the other. ``noise_search``: that search, once
+    required, and its problem. ``cut``: where the search was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -85,26 +85,26 @@ class SearchState:
 
     @property
     def causes(self) -> tuple[EffectInstance, ...]:
-        """The effects found: those the base does not have."""
+        """The identified effects: those that the base does not contain."""
         had = {(e.slug, e.place) for e in self.base.effects}
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
 
     def stopped(self, over: OutOfTime) -> SearchState:
-        """Return the state as it is, stopped."""
+        """Return the state marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
 
     def unseen(self, fitted: Fitted, *, refit: bool = True, problem: Problem | None = None) -> HeldOut:
-        """Predict what is left out; *problem*: with other numbers free."""
+        """Predict held-out data; *problem*: with other numbers free."""
         return held_out(self.problem if problem is None else problem, self.parts, fitted, refit=refit)
 
     def with_model(self, fitted: Fitted, unseen: HeldOut | None = None) -> SearchState:
-        """Return the state with another present model; *unseen*: what it leaves of data left out, if known."""
+        """Return the state with another present model; *unseen*: its held-out residuals, if known."""
         return replace(self, fitted=fitted, present_unseen=unseen or self.unseen(fitted))
 
     def with_better(self, better: Fitted) -> SearchState:
-        """Return the state with a better fit of the present model; of the base, where that is the present model."""
+        """Return the state with a better fit of the present model, and of the base if that is the present model."""
         unseen = self.unseen(better)
         if self.fitted is self.base:
             return replace(self, base=better, base_unseen=unseen, former=self.base).with_model(better, unseen)
@@ -130,10 +130,10 @@ class SearchState:
         quick: bool = False,
         most: int = SHORT_LIST,
     ) -> tuple[SearchState, SearchStep[Fitted]]:
-        """Judge every candidate on top of *against* (the present model when None); *quick*: by likelihood alone.
+        """Score every candidate added to *against* (the present model when None); *quick*: by likelihood alone.
 
-        The state returned has the same model, or a better base found on the way. slugs : of candidates, all of the
-        question's when None. most : fitted roughly.
+        The returned state has the same model, or a better base found in the process. slugs : of candidates, all when
+        None. most : number fitted roughly.
         """
         question, present = self.question, self.fitted if against is None else against
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
@@ -159,7 +159,7 @@ class SearchState:
     def scorer(
         self, present: Fitted | None = None, tried: int | None = None, *, stage: str = "causes", quick: bool = False
     ) -> LeastSquares:
-        """Return what fits and scores candidates added to *present* (the present model when None), *tried* in all."""
+        """Return the scorer for candidates added to *present* (the present model when None), *tried* in all."""
         return LeastSquares(
             self.question,
             self.problem,
@@ -200,12 +200,12 @@ class SearchState:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names that no hint has: none, for hints are of a last step without a winner."""
+        """Causes that are not reported as hints: none, because hints come from a last step without a winner."""
         return frozenset()
 
     @property
     def refused(self) -> tuple[CandidateScore[Fitted], ...]:
-        """Causes accepted and taken back in the end: none of them is told as a hint."""
+        """Causes that were accepted first and rejected at the end; none of them is reported as a hint."""
         return ()
 
     def values(self, effect: EffectInstance, fit: Fitted | None = None) -> Mapping[str, Value]:
@@ -213,14 +213,14 @@ class SearchState:
         return values_of(self.problem, self.fitted if fit is None else fit)[key_of(effect)]
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
-        """Return the error on data left out, before and after all causes, of every signal."""
+        """Return the held-out error of every signal, before and after all causes."""
         words = self.words + ("" if self.pieces is None else f"; in pieces of {self.pieces:.3g} s")
         return gains_of(self.base_unseen, self.present_unseen, words) if order else ()
 
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[tuple[str, str], ErrorReduction]:
-        """Return what each cause gained on data left out when it was found, of a single one what it gains now."""
+        """Return the held-out gain of each cause when it was found; for a single cause its present gain."""
         if len(order) == 1:
             whole = surest(gains)
             return {} if whole is None else {key_of(order[0]): whole}
@@ -234,7 +234,7 @@ class SearchState:
         return found
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
-        """Return the share of the mean square error above the noise, over all signals, that each cause removed."""
+        """Return the fraction of the mean square error above noise, over all signals, that each cause removed."""
         found: dict[tuple[str, str], float] = {}
         base, before = rms_of(self.base_unseen.rests), self.base_unseen
         for won in (s.accepted for s in self.steps if s.accepted is not None):
@@ -252,7 +252,7 @@ class SearchState:
         return found
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-        """Return groups of names that these runs do not distinguish."""
+        """Return groups of causes that these runs do not distinguish."""
         groups = []
         for step in self.steps:
             best = step.accepted
@@ -273,7 +273,7 @@ class SearchState:
 
 
 def begin(question: Question) -> SearchState:
-    """Return the state of a search that has only fitted its base."""
+    """Return the state of a search that has only a fitted base."""
     with suppress(OutOfTime):  # some base there must be
         question.say("plain model", 0, 1)
     if question.given is None:

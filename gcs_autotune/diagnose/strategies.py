@@ -1,14 +1,14 @@
 """The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
 
-:data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. Where that found
+:data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. If that finds
 nothing, those of ``retries`` search again.
 
 ===========================  ==========================================================================================
-``add_causes``               one cause after the other; each earlier one defends its place when the next is known
-``start_at_segments``        where the base was lost: once more, with causes fitted in short pieces of the runs
-``tie_break``                of causes that explain the runs equally well the one met more often is named
-``drop_explained_moments``   causes at a moment that a recorded command explains as well
-``drop_insignificant``       causes that may as well not be there
+``add_causes``               one cause after the other; each earlier one is compared with its rivals again
+``start_at_segments``        if the base diverged: again, with causes fitted in short pieces of the runs
+``tie_break``                of causes that explain the runs equally well, report the most common
+``drop_explained_moments``   drop causes at a moment that a recorded command explains as well
+``drop_insignificant``       drop causes whose intervals include no effect
 ===========================  ==========================================================================================
 """
 
@@ -58,26 +58,27 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Causes looked for, at most: a craft over telemetry has three or four of its own."""
+"""Maximum number of causes; a craft with telemetry has three or four of its own."""
 
 DONE = 0.5
-"""Whiteness at which the search is over."""
+"""Whiteness p-value at which the search ends."""
 
 RESTARTS = 3
-"""Better fits of the same model that a winner may lead to, at most."""
+"""Maximum number of better fits of the same model that a winner may lead to."""
 
 CALM = 0.2
-"""Chosen: size of a drifting force over that of what is commanded up to which a free run may still be explained."""
+"""Ratio of drifting force to commanded force up to which a free run may still be explained."""
 
 FOLLOWED, FARTHEST = 3, 3
-"""Candidates that are followed where nothing pays alone, and causes of such a path, at most."""
+"""Number of candidates followed if none helps alone, and causes per such path."""
 
 RIVALS = 9
-"""Candidates fitted roughly, where only those count that may beat a cause already found."""
+"""Number of candidates fitted roughly if only those count that may beat an existing cause."""
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
-    """Return the state after all *strategies*, in order, or where the search was stopped: see ``cut``."""
+    """Apply all *strategies* in order; return the final state, or the one at which the search was stopped (see
+    ``cut``)."""
     for strategy in strategies:
         try:
             check_effort(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
@@ -91,9 +92,9 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 
 
 def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> SearchState:
-    """Take one step after the other until none pays, or the search is stopped.
+    """Take one step after the other until no cause is accepted or the search is stopped.
 
-    first : the next step, judged already.
+    first : the next step, already scored.
     """
     known = iter(() if first is None else (first,))
     return add_one_by_one(state, MOST_CAUSES, lambda now: _one_more(now, next(known, None)), backward_elimination)
@@ -148,9 +149,9 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
 
 
 def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchState, SearchStep[Fitted]] | None:
-    """Judge a step again with blocks of every run left out instead of runs; None where that names nothing either.
+    """Score a step again with blocks of every run left out instead of runs; return None if that accepts nothing either.
 
-    Where each run shows one size of command only, none tells of the next although one cause explains all of them.
+    If each run has one size of command only, no run predicts the next although one cause explains all.
     """
     present = state.fitted
     if state.parts.kind != "runs" or leaves_nothing(state.problem, present):
@@ -235,10 +236,10 @@ def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fi
 
 
 def backward_elimination(state: SearchState) -> SearchState:
-    """Let every earlier cause defend its place against its rivals, the others given.
+    """Compare every earlier cause with its rivals again, with the others present.
 
-    A cause accepted early may have been a stand-in for two. The newest has just won its place, and defends it only
-    where an earlier one has changed since.
+    A cause accepted early may have replaced two. The newest cause is compared again only if an earlier one has changed
+    since.
     """
     newest, won = state.steps[-1].accepted, state.fitted
     last = None if newest is None else (newest.effect.slug, newest.effect.place)
@@ -272,7 +273,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Leave out causes at a moment that, with all others known, a recorded command explains as well."""
+    """Remove causes at a moment that, with all others present, a recorded command explains as well."""
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted
@@ -281,10 +282,10 @@ def drop_explained_moments(state: SearchState) -> SearchState | None:
 
 
 def drop_insignificant(state: SearchState) -> SearchState | None:
-    """Leave out causes whose numbers, by their 95 % intervals, may all be such that nothing happens.
+    """Remove causes whose 95 % intervals include no effect.
 
-    A fit without one begins at the present numbers and at those of the base: a cause may have taken the place of one of
-    these (thrust that falls with a turn rate, of damping), and without it the present ones lead astray.
+    A fit without the cause starts at the present numbers and at those of the base. The cause may have replaced part of
+    the base (thrust that falls with turn rate replaces damping). The present numbers are then a bad start without it.
     """
     fit = state.fitted
     idle = next((e for e in state.causes if _may_be_none(fit, e)), None)
@@ -308,10 +309,10 @@ def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
 
 
 def start_at_segments(state: SearchState) -> SearchState | None:
-    """Begin once more with causes found in pieces, where the base was lost and the search left much behind.
+    """Start again with causes found in pieces, if the base diverged and the search left much unexplained.
 
-    Causes fitted in short pieces are expensive, and most lost bases are found again without them. What is then named
-    stands when it leaves less.
+    Causes fitted in short pieces are expensive, and most diverged bases recover without them. The result is accepted if
+    it leaves less unexplained.
     """
     lost = state.lost
     if lost is None or leaves_nothing(state.problem, state.fitted):
@@ -346,7 +347,7 @@ def _is_all(dof: str, problem: Problem) -> bool:
 
 
 def tie_break(state: SearchState) -> SearchState:
-    """Replace every cause by the more usual one that explains the runs as well; note which others would too."""
+    """Replace every cause by a more common one that explains the runs as well; record the alternatives."""
     for key in [(e.slug, e.place) for e in state.causes]:
         # As it is now: the fit of the one before it may have changed its numbers.
         effect = next(e for e in state.causes if (e.slug, e.place) == key)
@@ -402,4 +403,4 @@ SEARCH: tuple[Strategy, ...] = (
     tie_break,
     drop_insignificant,
 )
-"""What looks for causes, in order."""
+"""Strategies that search for causes, in order."""

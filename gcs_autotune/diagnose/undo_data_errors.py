@@ -21,8 +21,9 @@ TURN = 2.0 * np.pi
 
 
 def undo_data_errors(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
-    """Return a segment with its signals as they were before *effects* gave some another sign or unit; itself where
-    none did. Where the craft began is to be read off these.
+    """Return a segment with its signals as they were before *effects* changed their sign or unit.
+
+    Return the segment itself if no effect did. The initial state is to be read from these signals.
     """
     signals = dict(segment.signals)
     for own in effects:
@@ -40,10 +41,10 @@ def undo_data_errors(effects: Sequence[EffectInstance], segment: Segment) -> Seg
 
 
 def turned(own: EffectInstance, form: Form, segments: Sequence[Segment], initial: Sequence[Array]) -> tuple[Array, ...]:
-    """Return *initial* states with the heading put forward or back by whole turns, to where *own* would have it read.
+    """Return *initial* states with the heading shifted by whole turns to match the reading of *own*.
 
-    A heading of 85 (degrees, its head says radians) is fitted by 1.5 rad and thirteen turns: no other motion, but as
-    degrees it would be 4680 too much.
+    A heading of 85 in degrees, whose header says radians, is fitted by 1.5 rad and thirteen turns. The motion is the
+    same, but in degrees it would be 4680 too much.
     """
     found = []
     for segment, x_0 in zip(segments, initial, strict=True):

@@ -1,29 +1,29 @@
 """From recorded runs to a model with its uncertainty.
 
-:func:`fit` (``api.py``) is what others call, ``METHODS`` the table of methods (``methods.py``). The engine
-all of them share:
+:func:`fit` (``api.py``) is what others call, ``METHODS`` the table of methods (``methods.py``). The engine all of them
+share:
 
 ================  =============================================================================================
 preparation       runs made into segments; ``intake``, ``cleaning``, ``along_axis`` before it
-segment           one uninterrupted stretch: signals, inputs, what is known of its stamps
-simulation        what a fitted model makes of inputs on its own
-simulators        what a likelihood asks of a model: one axis, coupled forms, forms with effects
+segment           one uninterrupted stretch: signals, inputs, accuracy of its stamps
+simulation        simulates a fitted model from inputs alone
+simulators        simulators for a likelihood: one axis, coupled forms, forms with effects
 noise             Gaussian, robust, rounded by a coarse sensor
 likelihood        of parameters, effects, initial states and the shift of stamps
-problem           what is to be fitted, for searches over effects; ``fitted``: what that leaves
-solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
-stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
-initial_guess     where a fit of a form begins; ``quick_fit`` before any fit
-delay             whether the craft answers late: one rule for every form
+problem           the data and model to fit, for searches over effects; ``fitted``: the result
+solution          maximum likelihood, covariance, correction for coloured residuals (``whiteness``, ``reweighting``)
+stamp_correction  the autopilot loop at which an input changed; ``settled_stamps`` for methods that take stamps as exact
+initial_guess     start values of a form; ``quick_fit``: estimates before any fit
+delay             decides whether there is a delay: one rule for every form
 doubts            reasons not to trust a fit, with cause and cure; ``outlier_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
 thrust_curve      an actuator that is weak for small commands; ``asymmetric_thrust``: weaker one way
-case              what every method receives; ``fit_builder``: from what it found to a ``Fit``
+case              input of every method; ``fit_builder``: makes a ``Fit`` of its result
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
-Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (effects,
-on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``open_loop``, ``plan``.
+Its users: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (effects, on
+a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``open_loop``, ``plan``.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import Day, RunSays, common_gain, spread_between
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood, RunOffset, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
@@ -162,7 +162,6 @@ __all__ = [
     "Agreement",
     "AxisFit",
     "Case",
-    "Day",
     "Decision",
     "Doubt",
     "Execute",
@@ -195,7 +194,8 @@ __all__ = [
     "RecordedMotion",
     "Remainder",
     "Residual",
-    "RunSays",
+    "RunLikelihood",
+    "RunOffset",
     "Segment",
     "ShipLog",
     "Signal",

@@ -1,6 +1,7 @@
-"""Surge and sway where no velocity was recorded: from the distance to a flat surface ahead, or from a straight track.
+"""Surge and sway without a measured velocity: from the distance to a flat surface ahead, or from a straight track.
 
-Miskovic2010, 6.6.2 (second approach) and 7.6 for the distance; north and east are turned into ahead and starboard.
+Source: Miskovic2010, 6.6.2 (second approach) and 7.6 for the distance. For a track, north and east are rotated into
+ahead and starboard.
 """
 
 from __future__ import annotations
@@ -21,14 +22,15 @@ __all__ = ["DISTANCE", "ahead_doubt", "distance_in", "projected_track", "with_di
 DISTANCE = "d"
 
 SWING = np.radians(15.0)
-"""Change of heading [rad] before the surface that is worth a word: then ``d`` shows up to 3 % too little motion."""
+"""Change of heading [rad] before the surface above which a doubt is raised: ``d`` then shows up to 3 % too little
+motion."""
 
 
 def with_distance_ahead(trial: Trial) -> Trial:
-    """Return *trial* with ``x = -d`` where it has the distance ``d``, for ``d_dot = -u cos(phi)`` (2.43), phi = 0.
+    """Return *trial* with ``x = -d`` if it has the distance ``d``, for ``d_dot = -u cos(phi)`` (2.43), phi = 0.
 
-    The way made good ahead takes the place of a north position, which says nothing about surge unless the craft
-    heads north. Of a rangefinder slower than its messages only what it measured anew is taken.
+    The distance made good ahead replaces a north position, which shows surge only if the craft heads north. If a
+    rangefinder is slower than its messages, only new measurements are used.
     """
     if DISTANCE not in trial or not len(trial[DISTANCE]):
         return trial
@@ -37,8 +39,10 @@ def with_distance_ahead(trial: Trial) -> Trial:
 
 
 REPEATS, STEADY = 5, 0.9
-"""Chosen: a sensor is slower than its messages when so many in a row repeat one value, and its changes come at whole
-multiples of that in so large a share."""
+"""Limits for a sensor that is slower than its messages.
+
+REPEATS: number of messages in a row with one value. STEADY: fraction of its changes at whole multiples of that number.
+"""
 
 
 def _measured_anew(channel: Channel) -> Channel:
@@ -62,7 +66,7 @@ def _measured_anew(channel: Channel) -> Channel:
 
 
 def distance_in(segment: Segment) -> Channel | None:
-    """Return the distance ahead as it was measured during a *segment* of surge; None where it was not."""
+    """Return the distance ahead as measured during a *segment* of surge; None if it was not measured."""
     recorded = segment.measured.get(DISTANCE) if segment.dof.name == "surge" else None
     if recorded is None:
         return None
@@ -72,7 +76,7 @@ def distance_in(segment: Segment) -> Channel | None:
 
 
 def ahead_doubt(trial: Trial) -> Doubt | None:
-    """Return a doubt when the craft did not face the surface it measured its distance to, as far as one can tell."""
+    """Return a doubt if the craft apparently did not face the surface to which it measured the distance."""
     if "psi" not in trial or not len(trial["psi"]):
         return None
     psi = np.unwrap(trial["psi"].values[np.isfinite(trial["psi"].values)])
@@ -88,8 +92,10 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
 
 
 STRAIGHT, CROOKED = 0.15, 0.6
-"""Standard deviation of the heading [rad] up to which a track counts as straight, and beyond which it is no track.
-Chosen: at 0.15 the projection is 1 % short."""
+"""Standard deviation of the heading [rad] up to which a track counts as straight, and above which it is rejected.
+
+At 0.15 the projection is 1 % short.
+"""
 
 
 def projected_track(

@@ -1,4 +1,5 @@
-"""The door of identification: :func:`fit` for any structure and method, :func:`fit_axis` for one degree of freedom."""
+"""Entry points of identification: :func:`fit` for any structure and method, :func:`fit_axis` for one degree of
+freedom."""
 
 from __future__ import annotations
 
@@ -56,17 +57,17 @@ def fit(
     dof : name in ``DOFS`` or ``FORMS``; guessed from *structure* and from what moves when None.
     delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
     use : names of the signals to fit; chosen when None.
-    loss : ``soft_l1`` bears with outliers.
+    loss : ``soft_l1`` reduces the weight of outliers.
     effects : effects to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
         *structure* the base is then the plain one: uncoupled, linear damping, what the runs show.
     start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`);
         or start values by name, for a method that has that option.
-    options : what *method* alone understands, see ``METHODS[method].options``.
+    options : options of this *method*, see ``METHODS[method].options``.
 
     Returns
     -------
     Fit
-        An ``AxisFit`` for one degree of freedom. A poor answer carries doubts.
+        An ``AxisFit`` for one degree of freedom. A poor fit has doubts.
 
     Raises
     ------
@@ -90,7 +91,8 @@ def fit(
 
 
 def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence[Trial] = ()) -> Form | None:
-    """Return the coupled form meant, by the inputs of *runs* where nothing is said; None for one degree of freedom."""
+    """Return the required coupled form, chosen by the inputs of *runs* if none is given; None for one degree of
+    freedom."""
     if isinstance(structure, Form):
         return structure
     if isinstance(structure, Path) or (isinstance(structure, str) and structure.endswith(".toml")):

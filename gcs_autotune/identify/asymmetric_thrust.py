@@ -1,4 +1,4 @@
-"""Thrust that is weaker one way than the other, which a model with one gain for both hides: it is doubted by number."""
+"""Doubt about thrust that is weaker in one direction, because a model has one gain for both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOPSIDED = "asymmetric-thrust"
 _USED = 0.1
 """Share of full beyond which a force was used that way."""
 _STDS, _EVIDENCE = 5.0, 10.0
-"""Chosen: standard errors from equal thrust, and BIC in favour, by which thrust is told to differ with the way."""
+"""Standard errors and BIC difference by which thrust is reported to differ between directions."""
 _WAYS: Mapping[str, tuple[str, str]] = {
     "X": ("ahead", "astern"),
     "Y": ("to starboard", "to port"),
@@ -30,7 +30,7 @@ _WAYS: Mapping[str, tuple[str, str]] = {
 
 
 def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -> AxisFit:
-    """Return *fit* with a doubt where thrust one way is clearly weaker than the other way: it has one gain for both."""
+    """Return *fit* with a doubt if thrust is clearly weaker in one direction; the model has one gain for both."""
     force = fit.model.axis.force
     shares = np.concatenate([run[force].values for run in used])
     if not (shares.min() < -_USED and shares.max() > _USED):

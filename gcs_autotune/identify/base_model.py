@@ -1,4 +1,4 @@
-"""The base model: the plain simulation everything else is measured against, and what is known of runs before a fit."""
+"""The base model: the plain simulation that diagnoses compare with, and a summary of the runs before a fit."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ Array = NDArray[np.float64]
 STEERED_BY_ANGLE = "delta"
 
 RUDDER = "rad"
-"""Unit of an input that is a rudder's angle."""
+"""Unit of an input that is a rudder angle."""
 
 THRUSTERS = ("force_left", "force_right")
-"""Channels of a boat steered by two fixed thrusters, as in the form ``twin-thruster``."""
+"""Channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""
 
 TRACK = {"x", "y", "psi"}
-"""Signals that show surge and sway where no speed is recorded."""
+"""Signals that show surge and sway if no speed is recorded."""
 
 
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
@@ -108,7 +108,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
 
 
 def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
-    """Return the degrees of freedom to look at, see :func:`plain_form`; None for all there are.
+    """Return the requested degrees of freedom, see :func:`plain_form`; None for all there are.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
 def overlooked(
     runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, segments: Sequence[Segment]
 ) -> list[Doubt]:
-    """Return a doubt for what was asked for, or recorded of the plane, and could not be looked at."""
+    """Return a doubt about requested or recorded motion in the plane that could not be examined."""
     asked = asked_for(runs, dof)
     found = []
     missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
@@ -163,16 +163,16 @@ def overlooked(
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:
-    """Return the degree of freedom the records of all *runs* say was swung; None when not all say the same.
+    """Return the degree of freedom that the records of all *runs* declare as oscillated; None if they differ.
 
-    The others were kept still by a controller meanwhile: what they tell is how well it did.
+    A controller held the others still during the run, so they only show how well it did.
     """
     told = {run.meta.get("dof") for run in runs}
     return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
 
 
 def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
-    """Whether two thrusters side by side, and no input of its own, drive a degree of freedom in every run."""
+    """Whether two thrusters side by side, without a further input, drive a degree of freedom in every run."""
     return (
         dof in ("surge", "yaw")
         and len(runs) > 0
@@ -199,7 +199,7 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
 
 
 def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
-    """Return what may be known of the runs before any effect is fitted; *base*: values of the base model."""
+    """Return a summary of the runs before any effect is fitted; *base*: values of the base model."""
     signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
     given = dict(
         zip(segments[0].input_names, segments[0].input_units, strict=True)
@@ -253,7 +253,7 @@ def _is_still(velocity: Array) -> bool:
 
 
 APART = 0.1
-"""Chosen: rms difference of two thrusters' commands, in shares of their rms, below which they are commanded alike."""
+"""Rms difference of two thrusters' commands, relative to their rms, below which they are commanded alike."""
 
 
 def _twins(form: Form, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
@@ -272,7 +272,7 @@ def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool
 
 
 def base_limits(form: Form) -> Limits:
-    """Return the limits of the base's parameters: inertia positive, drag that damps; either sign behind a rudder."""
+    """Return the limits of the base's parameters: positive inertia, drag that damps, either sign for a rudder."""
     limits = physical(form)
     rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
     low = {n: v for n, v in limits.low.items() if n[0] not in rows}
@@ -291,7 +291,7 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
     Raises
     ------
     NotInformative
-        From no start can the base model follow these runs.
+        The base model follows these runs from no start.
     """
     limits = base_limits(form)
     ground = initial_guess_of(form, segments)
@@ -309,15 +309,15 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
 def given_base(
     model: CoupledModel, effects: Sequence[EffectInstance], segments: Sequence[Segment]
 ) -> tuple[Problem, Fitted | None, Fitted]:
-    """Return the problem, the fit of a model taken as it is (initial states only), and the same model refitted.
+    """Return the problem, the fit of a given model (initial states only), and the same model refitted.
 
-    The model as it is None when it runs away on these runs. Refitted from its own numbers and, where these may be
-    wrong, from the starts of any fit: a number far off must not hold the others in a valley of their own.
+    The fit of the given model is None if it diverges on these runs. The refit starts at its own numbers. If these may
+    be wrong, it also starts where any fit does, so that one wrong number cannot hold the others in a local minimum.
 
     Raises
     ------
     NotInformative
-        From no start can the model follow these runs.
+        The model follows these runs from no start.
     """
     form, limits = model.form, base_limits(model.form)
     problem = Problem(form, segments, data_summary_of(form, segments, model.values), limits)

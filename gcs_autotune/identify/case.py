@@ -1,4 +1,4 @@
-"""What every identification method is handed."""
+"""Input of every identification method."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ __all__ = ["Case"]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Case:
-    """One question: these stretches of runs, this form, what to assume.
+    """One identification task: segments of runs, a form, and assumptions.
 
-    ``form`` None: one degree of freedom, of damping ``structure`` (None: decide). ``delay`` None: fit one if there is
-    strong evidence. ``use`` None: choose the signals. ``robust``: soft-L1 weights. ``names`` and ``trials``: the runs
-    as given; ``cycles``: the limit cycles in them; ``dropped_rows`` in the files they came from; ``notes``: what is
-    doubtful about the runs. ``effects`` to be fitted with the form, from the model ``start`` on if one is given.
-    ``options``: what the method alone understands.
+    ``form``: None for one degree of freedom with damping ``structure`` (None: decide). ``delay``: None to fit one if
+    the evidence is strong. ``use``: signals to fit, None to choose. ``robust``: soft-L1 weights. ``names`` and
+    ``trials``: the runs as given. ``cycles``: their limit cycles. ``dropped_rows``: rows dropped from their files.
+    ``notes``: doubts about the runs. ``effects``: to be fitted with the form, starting at the model ``start`` if there
+    is one. ``options``: of the method alone.
     """
 
     records: tuple[Segment, ...]
@@ -60,7 +60,7 @@ class Case:
         return self.form
 
     def as_form(self, structure: Structure) -> Case:
-        """Return the question about one degree of freedom as one about its form; an unknown delay is none."""
+        """Return a task with one degree of freedom as a task with a form; an unknown delay becomes zero."""
         first, delay = self.records[0], self.delay or 0.0
         form = axis_form(
             first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=delay
@@ -79,27 +79,27 @@ class Case:
 
     @property
     def all_notes(self) -> tuple[Doubt, ...]:
-        """What is doubtful about the runs, then about their stretches."""
+        """Doubts about the runs, then about their segments."""
         return (*self.notes, *(doubt for record in self.records for doubt in record.notes))
 
     @property
     def largest(self) -> dict[str, float]:
-        """The largest input of all runs, by its name."""
+        """Largest input of all runs, by name."""
         return {self.records[0].input_names[0]: max(float(np.max(np.abs(r.tau))) for r in self.records)}
 
     @property
     def relay_flown(self) -> bool:
-        """Whether a relay was flown: a zig-zag by hand also switches at two headings, but nobody ran a relay there."""
+        """Whether a relay was flown; a zig-zag by hand also switches at two headings, but is not a relay."""
         return any(t.by_relay for t in self.trials)
 
     @property
     def cut_short(self) -> bool:
-        """Whether a relay was ended on purpose, as enough was known: it has few periods, and need not have settled."""
+        """Whether a relay was ended early because enough was known. It has few periods and need not have settled."""
         return any(t.by_relay and bool(t.meta.get("enough")) for t in self.trials)
 
     @property
     def more_levels(self) -> str:
-        """What to do so that kinds of damping, or damping and delay, can be told apart."""
+        """Advice on what to fly to distinguish kinds of damping, or damping and delay."""
         if self.relay_flown:
             return "fly a second relay with a clearly different C"
         return "record a run with clearly larger or smaller inputs as well"

@@ -1,9 +1,8 @@
-"""Cleaning one channel: what is no number, stamps that repeat or run back, wrapped angles, clipping, holes in an input.
+"""Clean one channel: invalid numbers, repeated or reversed stamps, wrapped angles, clipping, gaps in an input.
 
 Clipping shows as runs of identical extreme values that the motion enters and leaves at speed. A craft at rest, or a
-coarse scale, dwells at an extreme too, but comes and goes slowly; a clipped signal breaks off. Samples at the end of
-the range only say "at least so much" and are left out. Nothing else of the record is touched, so that no hole arises
-where the input still acts.
+coarse sensor, also stays at an extreme, but enters and leaves slowly. Samples at the limit of the range only give a
+lower bound and are left out. Nothing else is changed, so no gap appears while the input still acts.
 """
 
 from __future__ import annotations
@@ -38,35 +37,35 @@ Array = NDArray[np.float64]
 
 
 JUMP_SAMPLES = 3
-"""This many samples in a row older than one before them are a clock that jumped; fewer came late."""
+"""Number of consecutive samples older than an earlier one that count as a clock jump; fewer are late samples."""
 
 LATE = 0.05
-"""Largest share of late samples that may be left out. Chosen: beyond it the clock is not to be trusted."""
+"""Largest fraction of late samples that may be left out. Above it the clock is not reliable."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
-"""What an angle may jump by, in either unit it may really be in."""
+"""Size of an angle's jump by a full turn, in either unit."""
 
 OVERTAKEN = 5.0
-"""Median steps that a sample may come late and still be believed."""
+"""Largest lateness of an accepted sample, in median steps."""
 
 DWELL = 3
-"""Fewest identical extreme samples in a row of a clip."""
+"""Minimum number of identical extreme samples in a row that count as clipping."""
 
 SPEED = 0.3
-"""Least step next to a dwell, as a share of the usual step of the signal."""
+"""Least step next to identical samples, relative to the usual step of the signal."""
 
 QUANTA = 3.0
-"""The same in steps of the sensor's scale."""
+"""The same in steps of the sensor's resolution."""
 
 STEADY = 0.9
-"""Share of the time steps near the usual one that makes a steadily recorded input."""
+"""Fraction of the time steps near the usual one, from which an input counts as regularly recorded."""
 
 LONGEST, STEPS = 1.0, 10.0
-"""A longer silence than both (seconds, usual steps) is a hole in a steadily recorded input."""
+"""Limits (seconds, usual steps) that a silence must both exceed to be a gap in a regularly recorded input."""
 
 
 def noted(trial: Trial) -> list[Doubt]:
-    """Return what was noted about a run before it came here, from its ``meta["notes"]``, as doubts."""
+    """Return the doubts noted earlier about a run, from its ``meta["notes"]``."""
     return [Doubt(*(str(part) for part in note)) for note in trial.meta.get("notes", ()) if len(note) == 3]
 
 
@@ -83,7 +82,7 @@ def jumps_back(t: Array) -> NDArray[np.intp]:
 
 
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Drop what is not a number, repeated stamps (the first stays); put late samples in order.
+    """Drop invalid numbers and repeated stamps (the first stays); sort late samples.
 
     Raises
     ------
@@ -148,7 +147,7 @@ def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, 
 
 
 def unwrap(t: Array, angle: Array, rate: Channel | None) -> Array:
-    """Make *angle* [rad] continuous; over holes the turn is carried on at the measured or the last rate."""
+    """Make *angle* [rad] continuous; over gaps the turn continues at the measured or the last rate."""
     step = np.diff(angle)
     turns = np.round(step / (2.0 * np.pi))
     dt = np.diff(t)
@@ -171,23 +170,24 @@ def _turn_expected(t: Array, angle: Array, rate: Channel | None, i: int) -> floa
 
 
 def noise_of(values: Array) -> float:
-    """Return the standard deviation of the noise of *values* (n,), from second differences: slow motion drops out."""
+    """Return the standard deviation of the noise of *values* (n,), from second differences, which suppress slow
+    motion."""
     second = np.diff(values, n=2)
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
 
 
 MOVES = 2.0
-"""Chosen: standard deviation of a velocity, over that of its noise, above which the craft moved in it."""
+"""Ratio of a velocity's standard deviation to that of its noise, above which the craft moved."""
 
 
 def moves(values: Array) -> bool:
-    """Return whether a measured velocity (n,) ranges beyond its own noise: no force goes with one that does not."""
+    """Return whether a measured velocity (n,) varies by more than its own noise."""
     noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
     return float(np.std(values)) > MOVES * noise
 
 
 def quantum(values: Array) -> float:
-    """Return the step of a coarsely quantised signal, 0 when its values lie on no common grid."""
+    """Return the step of a coarsely quantised signal, 0 if its values have no common grid."""
     levels = np.unique(values)
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
     if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:
@@ -200,7 +200,7 @@ def quantum(values: Array) -> float:
 
 
 def clipped(channel: Channel) -> NDArray[np.bool_]:
-    """Return which samples (n,) stand at the end of the range; none of them when the signal is not clipped."""
+    """Return which samples (n,) are at the limit of the range; none if the signal is not clipped."""
     x = channel.values
     none = np.zeros(len(x), dtype=bool)
     if len(x) < 10 * DWELL or np.ptp(x) == 0.0:
@@ -237,9 +237,9 @@ def _levels_off(x: Array, extreme: float, least: float) -> bool:
 
 
 def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Return *channel* without its samples at the end of the sensor's range; what was left out is noted.
+    """Return *channel* without its samples at the limit of the sensor's range, and note what was left out.
 
-    A heading goes round and has no such end: it may turn back quickly anywhere.
+    A heading has no limits: it may turn back quickly anywhere.
     """
     if channel.name == "psi":
         return channel
@@ -259,7 +259,7 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
 
 
 def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:
-    """Return the times [s] from and to which a steadily recorded input is unknown, and note them."""
+    """Return the times [s] between which a regularly recorded input is unknown, and note them."""
     dt = np.diff(drive.t)
     if len(dt) < 20:
         return []
@@ -281,7 +281,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
 
 
 def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
-    """Return *channel* without its samples in *holes*."""
+    """Return *channel* without its samples in the gaps *holes*."""
     if not holes:
         return channel
     keep = np.ones(len(channel), dtype=bool)
@@ -291,7 +291,7 @@ def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
 
 
 def continuous(angle: Channel) -> Channel:
-    """Return *angle* without the jumps of a full turn, whatever unit it is really in."""
+    """Return *angle* without jumps of a full turn, whatever its real unit."""
     values = angle.values
     good = values[np.isfinite(values)]
     if not len(good):

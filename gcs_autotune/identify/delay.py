@@ -1,8 +1,8 @@
-"""Does the craft answer late? One rule for every form.
+"""Decide whether the craft responds with a delay: one rule for every form.
 
-A delay costs phase margin in every later design and trades against inertia, so it must be strongly evident. A model
-with a delay and one without are fitted to the same samples, those that do not answer to inputs from before the record,
-and compared by the Bayesian information criterion, tempered by the residuals' correlation time (Kass1995: 6 is strong).
+A delay costs phase margin in every later design and trades off against inertia, so its evidence must be strong. Models
+with and without a delay are fitted to the same samples, those that do not depend on inputs before the record. They are
+compared by the Bayesian information criterion, tempered by the residuals' correlation time (Kass1995: 6 is strong).
 """
 
 from __future__ import annotations
@@ -16,23 +16,26 @@ from gcs_autotune.identify.solution import Solution
 __all__ = ["SEARCHED_DELAYS", "DelayVerdict", "weigh_delay"]
 
 DELAY_EVIDENCE, SURELY = 6.0, 3.0
-"""Difference of the criterion, and standard errors above zero, that a delay needs. Without one that comes about by
-chance once in some thousands of records of a thousand samples."""
+"""Difference of the criterion, and standard errors above zero, that a delay needs.
+
+Without a delay they are reached by chance once in some thousands of records of a thousand samples.
+"""
 
 FIRST_MARGIN = 0.5
-"""Seconds left out at the start while a delay is looked for. Chosen: longer than any healthy link's."""
+"""Seconds left out at the start while a delay is looked for; longer than the delay of any healthy link."""
 
 LONGER = 1.2
-"""Where the delay turns out longer than what was left out, so many times it is left out next."""
+"""Factor for the next time left out, if the delay is longer than the last one."""
 
 SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-"""Delays [s] a second search starts from: far from the truth a delay's fit gets stuck."""
+"""Delays [s] from which a second search starts, because a fit far from the true delay does not converge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayVerdict:
-    """Whether a delay is ``kept``, on what ``evidence`` (difference of the criterion), of which fits; None where one
-    could not be made or ended on a bound. ``margin`` [s] was left out at the beginning.
+    """Whether a delay is ``kept``, with its ``evidence`` (difference of the criterion) and both fits.
+
+    A fit is None if it failed or ended on a bound. ``margin`` [s] was left out at the beginning.
     """
 
     kept: bool

@@ -1,8 +1,8 @@
-"""Reasons not to trust an identification blindly, each with its cause and its cure: one list, one set of constants.
+"""Reasons not to trust an identification, each with cause and remedy: one list, one set of constants.
 
-Of one axis, whatever the method: :func:`collect`, about its runs and its parameters. Those of a solution by maximum
-likelihood, whatever the form and its effects, are in ``solution_doubts``. What only one method can doubt (a filter's
-innovations, a structure that was chosen) stands with that method.
+:func:`collect` returns those of one axis for any method, about its runs and its parameters. Doubts about a
+maximum-likelihood solution, for any form and effects, are in ``solution_doubts``. Doubts of a single method
+(innovations of a filter, choice of a structure) are in that method's module.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ OF_THE_RUNS = (
     "time-unit",
     "dropped-rows",
 )
-"""Doubts about the runs themselves, whatever model is fitted to them."""
+"""Doubts about the runs themselves, for any model."""
 
 WEAK = 0.30
 """Relative standard error above which a parameter counts as weakly excited."""
@@ -51,7 +51,8 @@ POOR = 70.0
 """Fit [%] of a signal below which it counts as unexplained."""
 
 COLOUR = 0.2
-"""Autocorrelation of residuals or innovations that is worth a word: a smaller one hardly moves an interval."""
+"""Autocorrelation of residuals or innovations above which a doubt is raised; a smaller one hardly changes an
+interval."""
 
 
 def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
@@ -60,7 +61,7 @@ def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
 
 
 def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
-    """Doubt a model that leaves much of a signal unexplained; *shares* [%] per signal."""
+    """Return a doubt about a model that leaves much of a signal unexplained; *shares* [%] per signal."""
     poor = [f"{name} ({share:.0f} %)" for name, share in shares.items() if share < POOR]
     if not poor:
         return None
@@ -73,7 +74,7 @@ def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
 
 
 def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
-    """Say that a delay was fitted, and on what *evidence* (difference of the criterion)."""
+    """Return a doubt that a delay was fitted, with its *evidence* (difference of the criterion)."""
     if evidence <= 0.0 or "delay" not in solution.free:
         return None
     return Doubt(
@@ -117,7 +118,7 @@ REVERSED_INPUT = Doubt(
     "a positive input turns or pushes against the SNAME convention; the parameters come out negative",
     "expected for a rudder angle; otherwise check wiring and sign of the channel",
 )
-"""Of one input and one motion whose inertia comes out negative."""
+"""Doubt for one input and one motion with negative inertia."""
 
 
 def _few_periods(f: Findings) -> Doubt | None:
@@ -159,7 +160,7 @@ PUSHES_BOTH_WAYS: Mapping[str, str] = {
     "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
     "surge": "fly steps ahead well apart, as throttle-steps, or what pushes astern as well, as doublets",
 }
-"""Degree of freedom -> what to fly where the input of a run had one sign; others are swung by a relay or doublets."""
+"""Degree of freedom -> what to fly if the input had one sign only; others need a relay or doublets."""
 
 
 def _one_sided(f: Findings) -> Doubt | None:

@@ -1,7 +1,7 @@
-"""From what a method found to a :class:`Fit`: the one place where a ``Fit`` of runs is made.
+"""Build a :class:`Fit` from the result of a method: the only place where a ``Fit`` of runs is made.
 
-A method gives a table of its parameters (:func:`table_of`, :func:`axis_table`), what its model makes of the runs
-(:meth:`Motion.freely`, :meth:`Motion.of_solution`) and its doubts; :func:`fit_of` puts them together.
+A method provides a table of its parameters (:func:`table_of`, :func:`axis_table`), the motion of its model
+(:meth:`Motion.freely`, :meth:`Motion.of_solution`) and its doubts. :func:`fit_of` combines them.
 """
 
 from __future__ import annotations
@@ -120,10 +120,10 @@ def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What a model makes of the runs it was fitted to, against what was measured.
+    """Motion of a model on the runs it was fitted to, compared with the measured one.
 
-    ``rms`` of what is left over of the main signal, or of all; ``noise`` the standard deviation per signal; ``doubts``:
-    that it runs away.
+    ``rms``: of the residual of the main signal, or of all. ``noise``: standard deviation per signal. ``doubts``:
+    whether the motion diverges.
     """
 
     traces: tuple[Trace, ...]
@@ -136,7 +136,7 @@ class Motion:
     def freely(
         cls, model: SingleDof | CoupledModel, segments: Sequence[Segment], noise: Mapping[str, float] | None = None
     ) -> Motion:
-        """Return the free run of *model* on all *segments*; without any traces where it runs away."""
+        """Return the free run of *model* on all *segments*; without traces if it diverges."""
         traces, runaway = runs_or_doubt(model, segments)
         return cls(traces, fit_percent_of(traces), rms_of(traces), noise or {}, runaway)
 
@@ -152,7 +152,7 @@ class Motion:
 
 
 def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
-    """Return what is kept of any solution of a form beside its parameters, and *more* of how it was chosen."""
+    """Return the extra entries of a solution of a form, and *more* on how it was chosen."""
     return {
         "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
         "std_inflation": float(solution.factors.max(initial=1.0)),
@@ -166,7 +166,7 @@ def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisDetails:
-    """What a fit of one degree of freedom tells besides: ``main`` signal, readings of limit cycles, the choice made."""
+    """Further results for one degree of freedom: ``main`` signal, readings of limit cycles, the choice made."""
 
     main: str
     iso: tuple[IsoEstimate, ...] = ()
@@ -189,7 +189,7 @@ def fit_of(
     extra: Mapping[str, Any],
     axis: AxisDetails | None = None,
 ) -> Fit[ModelT]:
-    """Return the fit of *case* by *method*; what is doubtful about the runs comes before the method's own *doubts*."""
+    """Return the fit of *case* by *method*; doubts about the runs come before the method's own *doubts*."""
     noise_std = math.nan if axis is None else motion.noise.get(axis.main, motion.rms)
     return Fit(
         dof=dof_of(model),

@@ -1,4 +1,4 @@
-"""What a fit by least squares leaves: the model, what is left over, and its Jacobian."""
+"""Result of a least-squares fit: the model, the residuals, and their Jacobian."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ Array = NDArray[np.float64]
 class Fitted(ModelFit):
     """A fitted model.
 
-    ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a constant of the data), ``levels``
-    noise per signal, ``rests`` what is left over, ``samples`` how many were used; ``jacobian`` (n, q) over the noise
-    levels, row for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated
-    midway turned out too early, the last column of ``jacobian`` when there are such; known beforehand to be
-    0 +- ``shift_std`` (0 when they are exact). ``learnt``: noise per signal when disturbances last learnt from what was
-    left over; empty where there are none.
+    ``initial`` (n,) per segment. ``cost``: minus twice the log-likelihood, up to a constant of the data. ``levels``:
+    noise per signal. ``rests``: residuals; ``samples``: how many were used. ``jacobian`` (n, q): over the noise levels,
+    in the rows of the finite ``judged`` values of ``rests``. ``converged``: whether the fit converged.
+
+    ``shift`` [s]: error of input stamps dated midway, by which they are too early. It is the last column of
+    ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps). ``learnt``: noise per signal at
+    the last update of disturbances from the residuals; empty without disturbances.
     """
 
     initial: tuple[Array, ...]
@@ -64,7 +65,7 @@ class Fitted(ModelFit):
 
     @property
     def parameters(self) -> int:
-        """How many numbers were fitted besides initial states."""
+        """Number of fitted numbers without initial states."""
         return len(self.free) + len(self.free_effects)
 
     @property
@@ -77,7 +78,7 @@ class Fitted(ModelFit):
         return raised * inverse_of(self.information(raised))
 
     def information(self, raised: float = 1.0) -> Array:
-        """Return the information matrix (q, q), that of what is known of the shift beforehand taken times *raised*."""
+        """Return the information matrix (q, q); the prior information on the shift is multiplied by *raised*."""
         information = np.asarray(self.jacobian.T @ self.jacobian)
         if self.shift_std:
             information[-1, -1] += raised / self.shift_std**2

@@ -1,7 +1,7 @@
-"""What any fit is of: segments and a form with limits, and the free numbers of a model in a row.
+"""Common base of all fits: segments, a form with limits, and the vector of a model's free numbers.
 
 Both problems (:class:`.Problem`, :class:`.NoisyProblem` with process noise) and their objectives build on these.
-Nothing here simulates or fits: an objective takes the data of a problem, a problem's ``fit`` takes an objective.
+Nothing here simulates or fits. An objective takes the data of a problem; a problem's ``fit`` takes an objective.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 Held = tuple[str, str, str]
-"""Slug, place and name of an effect's number that stays as it is."""
+"""Slug, place and name of an effect's number that stays fixed."""
 
 
 class ModelProblem:
@@ -55,7 +55,7 @@ class ModelProblem:
 
     @property
     def data_summary(self) -> DataSummary:
-        """What effects are told of the runs."""
+        """Data summary that effects receive."""
         assert self.summary is not None, "effects cannot be fitted without it"
         return self.summary
 
@@ -66,7 +66,7 @@ class ModelProblem:
 
     @cached_property
     def fingerprint(self) -> str:
-        """What tells this problem from others, for results that are kept."""
+        """Identification of this problem, for cached results."""
         return fingerprint(*self.known)
 
     def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
@@ -88,12 +88,16 @@ class StampPrior:
 
 
 WEAK = StampPrior(2.0, 8.0)
-"""Of an identification. Chosen: the shift may well stand at the very end of what the stamps allow, and twice that is
-weak enough not to pull it back by a tenth of its standard error."""
+"""For an identification: twice what the stamps allow, because the shift may be at the limit.
+
+This prior is weak enough to move the shift by less than a tenth of its standard error.
+"""
 
 DIAGNOSTIC = StampPrior(1.0, 1.5)
-"""Of a diagnosis, where a delay is among the causes looked for and must not be taken by the shift: to the end of what
-the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
+"""For a diagnosis: just above what the messages allow, for an autopilot that acts on its next loop only.
+
+A delay is among the causes, so the shift must not absorb it.
+"""
 
 
 class StampedProblem(ModelProblem):
@@ -103,7 +107,7 @@ class StampedProblem(ModelProblem):
     ----------
     As of :class:`ModelProblem`, and
 
-    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
+    stamps : prior of the shift of input stamps; by default as for a diagnosis if there is a *data_summary*.
         With a free delay there is no shift: the two are one number.
     """
 
@@ -129,12 +133,12 @@ class StampedProblem(ModelProblem):
 
     @property
     def shift_std(self) -> float:
-        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
+        """Prior standard deviation [s] of the shift of stamps; 0 for exact stamps."""
         return self.stamps.std * self.dating
 
 
 class FreeNumbers:
-    """The numbers a fit shares between segments, in a row: free base parameters, then those of effects.
+    """Vector of the numbers that segments share: free base parameters, then those of effects.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Free run: what a model of any kind makes of a run's input alone, only initial states fitted to what was measured.
+"""Free run: simulate a model of any kind from a run's input, with only initial states fitted to the measurements.
 
-:func:`validate` on runs the model has not seen; :func:`run_freely` on the segments of a method that has no simulation
-of its own.
+:func:`validate` is for runs the model has not seen. :func:`run_freely` is for the segments of a method without its own
+simulation.
 """
 
 from __future__ import annotations
@@ -51,11 +51,13 @@ __all__ = [
 Array = NDArray[np.float64]
 
 RUNS_AWAY = "runs-away"
-"""Slug of the doubt that the model found cannot be simulated on its own runs."""
+"""Slug of the doubt that the model cannot be simulated on its own runs."""
 
 HORIZONS = (0.1, 0.35, 1.0)
-"""Shares of a record the initial state is fitted to, one after the other: a craft that is unstable on its course
-multiplies an error of its start many times, and the whole record then has no use for a rough one."""
+"""Fractions of a record to which the initial state is fitted, one after the other.
+
+An unstable craft multiplies an error of its initial state, so a rough one is of no use for the whole record.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +163,7 @@ def _trace(run: str, signal: str, t: Array, measured: Array, fitted: Array) -> T
 def runs_or_doubt(
     model: SingleDof | CoupledModel, segments: Sequence[Segment]
 ) -> tuple[tuple[Trace, ...], tuple[Doubt, ...]]:
-    """Simulate all *segments*, or say in a doubt that the model found runs away on its own runs."""
+    """Simulate all *segments*; return a doubt if the model diverges on its own runs."""
     try:
         return tuple(t for s in segments for t in run_freely(model, s)), ()
     except NotInformative as error:

@@ -1,10 +1,10 @@
 """Fisher information of a fitted model on runs, initial states marginalised, and the Cramer-Rao bound it sets.
 
-A fit of any kind is first seen as a coupled model on its runs. White Gaussian noise of level ``sigma`` per signal:
-``F = sum J'J/sigma^2`` with ``J`` the exact sensitivities of the simulated signals. Every record's initial states are
-unknown too; what they can explain is projected out of ``J`` before squaring, which is the Schur complement without its
-loss of digits. The information is kept as a triangular root ``R``, ``F = R'R``: what is hidden in 1e-8 of the largest
-singular value of ``R`` would be lost in ``F``.
+A fit of any kind is first converted to a coupled model on its runs. For white Gaussian noise of level ``sigma`` per
+signal: ``F = sum J'J/sigma^2`` with ``J`` the exact sensitivities of the simulated signals. Every record's initial
+states are unknown too; what they can explain is projected out of ``J`` before squaring, which is the Schur complement
+without its loss of digits. The information is stored as a triangular root ``R``, ``F = R'R``. Singular values below
+1e-8 of the largest one of ``R`` would be lost in ``F``.
 """
 
 from __future__ import annotations
@@ -155,13 +155,15 @@ def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
 ModelT = TypeVar("ModelT", bound=Model)
 
 BLIND = 1e-8
-"""Singular value, relative to columns of length one, below which a direction is not seen at all. Chosen: sensitivities
-are exact to some 1e-12, and no practical run lies between."""
+"""Singular value, relative to columns of length one, below which a direction is not observable.
+
+Sensitivities are exact to about 1e-12, and no practical run lies between.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Information:
-    """What runs tell of the parameters ``names`` (p,) at ``values`` (p,): ``F = root' root``, root (p, p)."""
+    """Information of runs on the parameters ``names`` (p,) at ``values`` (p,): ``F = root' root``, root (p, p)."""
 
     names: tuple[str, ...]
     values: Array
@@ -175,14 +177,15 @@ class Information:
 
     @property
     def alone(self) -> Array:
-        """Standard errors (p,) if every other parameter were known; infinite where nothing is told."""
+        """Standard errors (p,) if every other parameter were known; infinite without information."""
         lengths = np.linalg.norm(self.root, axis=0)
         return np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), math.inf)
 
     def modes(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return singular values (k,) and vectors (p, k) of the root with columns of length one, and which are seen.
+        """Return singular values (k,) and vectors (p, k) of the root with columns of length one, and which are
+        observable.
 
-        Parameters nothing is told of are left out of the vectors (zero rows); ``seen`` (p,) marks the others.
+        Parameters without information are left out of the vectors (zero rows); ``seen`` (p,) marks the others.
         """
         seen = np.isfinite(self.alone)
         scaled = self.root[:, seen] * self.alone[seen]
@@ -243,12 +246,12 @@ def root_of(rows: Array) -> Array:
 
 
 def information_on(subject: FittedModel) -> Information:
-    """Return what the subject's runs tell of its fitted parameters.
+    """Return the information of the subject's runs on its fitted parameters.
 
     Raises
     ------
     NotInformative
-        The model runs away.
+        The model diverges.
     """
     objective = subject.objective()
     found = objective.residuals(objective.pack())
@@ -286,11 +289,11 @@ def _without(J: Array, states: Array) -> Array:
 
 
 def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT]:
-    """Return *fit* with the Cramer-Rao bound of every fitted parameter, whatever method made it.
+    """Return *fit* with the Cramer-Rao bound of every fitted parameter, for any method.
 
-    One degree of freedom from its own likelihood, rounding sensors and inexact stamps included; several from
-    :func:`information_on`. A parameter the runs cannot tell has an infinite bound. A fit that knows its bounds, or
-    whose model cannot be simulated on the runs, stays as it is.
+    One degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Several use
+    :func:`information_on`. A parameter without information has an infinite bound. The fit stays as it is if its bounds
+    are known, or if its model cannot be simulated on the runs.
     """
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit

@@ -1,9 +1,9 @@
-"""Where a fit of a form begins: motions smoothed, the equations as a regression on them, and sturdier starts.
+"""Start values for the fit of a form: smoothed motion, a regression of the equations on it, and safer starts.
 
-Signals are read off by local polynomials, each at its own stamps; the equations (Miskovic2007, eq. (4)) are linear in
-the parameters (:mod:`gcs_autotune.models.coupled.regressors`), so bounded least squares gives values to begin with.
-What no such regression sees (delay, lag, current, walls) begins where :data:`SPECIAL_START` says. Rough on purpose:
-only start values come from here. One axis has a surer way, :mod:`.axis.start`; filters smooth by a walk of their own.
+Signals are smoothed by local polynomials, each at its own stamps. The equations (Miskovic2007, eq. (4)) are linear in
+the parameters (:mod:`gcs_autotune.models.coupled.regressors`), so bounded least squares gives start values. Parameters
+that this regression cannot determine (delay, lag, current, walls) start at :data:`SPECIAL_START`. These are only start
+values. One axis has a more reliable method, :mod:`.axis.start`. Filters use their own smoother.
 """
 
 from __future__ import annotations
@@ -52,23 +52,25 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 11, 25, 61)
-"""Samples that a local polynomial may span."""
+"""Numbers of samples that a local polynomial may span."""
 
 MOST = 400
-"""Stamps per record at which the equations are looked at."""
+"""Maximum number of stamps per record at which the equations are evaluated."""
 
 RIDGE = 1e-6
-"""Share of each regressor's power added to its own, so that what is not excited stays small."""
+"""Fraction of each regressor's power added to its own, which keeps unexcited parameters small."""
 
 ROUNDS = 3
-"""Rounds of weighing each driven equation by what it leaves. An equation without inputs keeps its weight: it would
-be satisfied best by parameters that are all zero."""
+"""Rounds of weighting each driven equation by its residual.
+
+An equation without inputs keeps its weight, because zero parameters would satisfy it best.
+"""
 
 LEAST = 1e-3
-"""Smallest remainder of an equation, in shares of the largest known force, that its weight is taken from."""
+"""Smallest residual of an equation, relative to the largest known force, that sets its weight."""
 
 PIECES = 15
-"""Pieces a record is cut into for a start: each begins where the craft was measured to be, so nothing runs away."""
+"""Number of pieces of a record for a start; each starts at the measured state, so none diverges."""
 
 SHORTEST = 12
 """Fewest stamps of a piece."""
@@ -80,10 +82,10 @@ FEW = 2
 """Trials that tell whether a form suits the pieces at all."""
 
 LIGHTEST = 0.02
-"""Smallest inertia of a start, in units of that whose acceleration takes all of the known forces."""
+"""Smallest inertia of a start, relative to the one whose acceleration takes all known forces."""
 
 SHARE = 0.1
-"""Noise to begin with, in shares of a signal's standard deviation."""
+"""Initial noise level relative to a signal's standard deviation."""
 
 
 class SpecialStart(NamedTuple):

@@ -1,7 +1,7 @@
-"""Runs as they are handed in, made fit for preparation: split where the clock restarts, checked for wrong units.
+"""Check runs on input: split where the clock restarts, check for wrong units.
 
-What is found is written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do; it comes back as
-doubts when the run is prepared. Columns that contradict each other are found by :mod:`gcs_autotune.crosscheck`.
+Findings are written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do. They become doubts when
+the run is prepared. Columns that contradict each other are found by :mod:`gcs_autotune.crosscheck`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Tr
 def prepared_runs(
     runs: Sequence[Trial], prepare: Callable[[Trial], tuple[Record, ...]]
 ) -> tuple[tuple[Trial, ...], list[Record], tuple[Doubt, ...]]:
-    """Prepare every run; one that cannot be used is left out, with a doubt that names it, as long as another can.
+    """Prepare every run; leave out an unusable one, with a doubt that lists it, as long as another is usable.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def prepared_runs(
 
 
 def left_out(name: str, error: Exception) -> Doubt:
-    """Say that the run called *name* was left out, and why."""
+    """Return a doubt that the run called *name* was left out, and why."""
     return Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run, the others were used")
 
 
@@ -115,7 +115,7 @@ def parts_of(trial: Trial) -> list[Trial]:
 
 
 def clock_jump(name: str, times: int) -> Doubt:
-    """Say that the clock of the run called *name* jumped back so many *times*."""
+    """Return a doubt that the clock of the run called *name* jumped back, and how many *times*."""
     return Doubt(
         "clock-jump",
         f"the clock of run '{name}' jumps back {times} time(s)",
@@ -146,16 +146,17 @@ Array = NDArray[np.float64]
 
 DEG = 180.0 / math.pi
 GROSS = 5.0
-"""The factor of a unit beyond this has no other cause; a smaller one might (current, slip) and is only doubted."""
+"""Unit factor beyond which a wrong unit is certain. A smaller one may have another cause (current, slip) and raises a
+doubt."""
 WINDOW = 1.0
-"""Chosen [s]: twice the span over which a heading's own rate is taken."""
+"""Comparison window [s]: twice the span over which a heading's own rate is calculated."""
 STRETCHES, ALONG_TRACK = 20, 0.25
 """Chosen: a track is compared over so many stretches, and speeds are the track's where so explained they leave at most
 this share of what they leave as the craft's, and of the track itself."""
 TURNED = 0.3
-"""Chosen [rad]: on a straight way exchanged columns, too, look like those of the track."""
+"""Turn [rad] that a comparison needs; on a straight course exchanged columns also look like those of the track."""
 TURN = 3.5
-"""Chosen [rad/s]: a marine craft that turns faster, nearly always, is one whose heading is in degrees."""
+"""Turn rate [rad/s] above which a marine craft's heading is probably in degrees."""
 
 
 def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
@@ -195,12 +196,12 @@ CONTRADICTION = "contradiction"
 
 
 def check_axes(trial: Trial) -> None:
-    """Refuse speeds that are the track's: as rates of ``x`` and ``y`` they fit, turned by the heading they do not.
+    """Reject speeds that are those of the track: they fit as rates of ``x`` and ``y``, but not rotated by the heading.
 
     Raises
     ------
     BadFile
-        Saying which two columns.
+        The message lists the two columns.
     """
     if any(name not in trial for name in ("x", "y", "psi", "u", "v")):
         return

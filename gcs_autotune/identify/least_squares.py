@@ -1,4 +1,4 @@
-"""Gauss-Newton with Levenberg-Marquardt damping, for any cost that knows its gradient and a curvature >= 0."""
+"""Gauss-Newton with Levenberg-Marquardt damping, for any cost with a gradient and a curvature >= 0."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Local(NamedTuple):
 
 
 ITERATIONS = 60
-"""Most trials before giving up. Chosen: from a usable start five to ten suffice."""
+"""Maximum number of trials. From a usable start five to ten suffice."""
 
 TOLERANCE = 1e-9
-"""Relative decrease of the cost below which the search ends: far below any statistical meaning."""
+"""Relative decrease of the cost below which the search ends: far below statistical significance."""
 
 
 class Place(Protocol):
-    """A cost near one point: :class:`Local`, or one that calculates its slopes when a step needs them."""
+    """A cost near one point: :class:`Local`, or one that calculates its derivatives on demand."""
 
     @property
     def cost(self) -> float:
@@ -50,10 +50,11 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How the damping of steps follows from them, and what ends a descent.
+    """Rules for the damping of steps and for the end of a descent.
 
-    To a relative decrease of ``tolerance``, the damping by how well the last decrease was foretold (Nielsen1999). With
-    ``enough``: until a step lowers the cost by less, with fixed factors, where slopes are expensive.
+    With ``tolerance`` it ends at that relative decrease, and damping depends on how well the last decrease was
+    predicted (Nielsen1999). With ``enough`` it ends when a step lowers the cost by less. Damping then changes by fixed
+    factors, because derivatives are expensive.
     """
 
     tolerance: float = TOLERANCE
@@ -65,13 +66,13 @@ class Rules:
         return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
 
     def eased(self, damping: float, foretold: float) -> float:
-        """Return the damping after a decrease, so many times the one *foretold*."""
+        """Return the damping after a decrease; *foretold*: the actual decrease relative to the predicted one."""
         if self.enough:
             return max(0.2 * damping, 1e-6)
         return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
 
     def raised(self, damping: float, refused: int) -> float:
-        """Return the damping after a step that was no decrease; *refused*: how many were before it in a row."""
+        """Return the damping after a step without a decrease; *refused*: number of such steps before it in a row."""
         return max(6.0 * damping, 1e-3) if self.enough else max(1e-6, damping * 4.0 * 2.0**refused)
 
     def is_there(self, gain: float, expected: float, cost: float) -> bool:
@@ -81,7 +82,7 @@ class Rules:
         return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300
 
     def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
-        """Whether no decrease is to be had, where *step* brought none."""
+        """Whether no further decrease is possible, because *step* brought none."""
         if self.enough:
             # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
             return 2.0 * float(np.abs(here.gradient) @ np.abs(step)) < self.enough
@@ -89,7 +90,7 @@ class Rules:
 
 
 TO_THE_END = Rules()
-"""To the last digit that matters."""
+"""Rules for a search to full accuracy."""
 
 PlaceT = TypeVar("PlaceT", bound=Place)
 

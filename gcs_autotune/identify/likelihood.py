@@ -1,14 +1,14 @@
-"""The likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
+"""Likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
 
-The vector is the free base parameters, the free parameters of effects, every segment's free initial states, and last,
-where changes of the inputs are dated midway between two messages (decision 3), one shift of all their stamps. A
-misdating is neither an effect nor inertia; what tells it from a delay is only that it is small, which is known
-beforehand (:class:`.StampPrior`).
+The vector contains the free base parameters, the free parameters of effects, and every segment's free initial states.
+If input changes are dated midway between two messages (decision 3), a common shift of all their stamps comes last. A
+wrong date is neither an effect nor inertia. It differs from a delay only by being small, which its prior states
+(:class:`.StampPrior`).
 
-Noise comes in one of two ways. :meth:`Objective.at` takes :class:`.noise.NoiseModel` as they are (Gaussian, robust,
-rounded), for fits that find them in turn with the vector (:mod:`.reweighting`). :meth:`Objective.concentrated` has
-Gaussian levels at their best at every step, ``sum_s n_s log(RSS_s / n_s)``, whose Gauss-Newton step is that of least
-squares weighted with ``n_s / RSS_s``: costs of models with different effects can then be compared.
+Noise has two forms. :meth:`Objective.at` takes :class:`.noise.NoiseModel` as given (Gaussian, robust, rounded), for
+fits that estimate noise and vector in turn (:mod:`.reweighting`). :meth:`Objective.concentrated` sets Gaussian levels
+to their optimum at every step, ``sum_s n_s log(RSS_s / n_s)``. Its Gauss-Newton step is that of least squares weighted
+with ``n_s / RSS_s``. Costs of models with different effects can then be compared.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 REMEMBERED = 3
-"""Vectors whose residuals are kept: every round of the noise begins where the one before ended."""
+"""Number of vectors whose residuals are cached; every round of the noise starts where the last one ended."""
 
 LAGGED = 1.0
 """Standard deviation of a lagged input's first value about the input itself, in units of that input's range."""
@@ -233,7 +233,7 @@ class Objective(FreeNumbers):
         return Local(float(cost), gradient, curvature)
 
     def learn(self, x: Array, floors: Mapping[str, float]) -> None:
-        """Let disturbances learn from what is left over at *x*, which becomes the point this objective is about."""
+        """Update disturbances from the residuals at *x*, which becomes the point of this objective."""
         theta, effects, initial, shift = self.unpack(x)
         craft = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
         plain = Objective(self.problem, theta, initial, craft, shift=shift, fixed_effects=True)
@@ -251,9 +251,9 @@ class Objective(FreeNumbers):
         self.theta, self.initial, self.shift, self.levels = theta, initial, shift, levels
 
     def known(self) -> tuple[Array, Array]:
-        """Return what is known before the data: expected value and information of each element of the vector.
+        """Return the prior of each element of the vector: expected value and information.
 
-        Of the shift of stamps, which is about none; and of lagged inputs: each begins near the input in force.
+        The prior of the shift of stamps is about zero. That of lagged inputs is near the input in force.
         """
         prior, weight = np.zeros(self.size), np.zeros(self.size)
         for segment, simulator, columns in zip(self.problem.segments, self.simulators, self.columns, strict=True):
@@ -310,7 +310,7 @@ def first_input(segment: Segment) -> Array:
 def information_of(residuals: Sequence[Residual], columns: Sequence[Array], noise: Mapping[str, NoiseModel]) -> Array:
     """Return the expected information (p, p) of numbers whose Jacobians are *columns* (n, p) each.
 
-    The noise levels are unknown too: what they take away, ``I_ps I_ss^-1 I_sp``, is taken off.
+    The noise levels are unknown too; the information they take, ``I_ps I_ss^-1 I_sp``, is subtracted.
     """
     p = columns[0].shape[1]
     total = np.zeros((p, p))

@@ -1,4 +1,4 @@
-"""Which degrees of freedom a run moved besides those a model describes."""
+"""Find degrees of freedom that moved in a run and are not part of a model."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ __all__ = ["MOVED_TOO", "dof_option", "moved_besides", "moved_too"]
 Array = NDArray[np.float64]
 
 MOVED_TOO = "moved-too"
-"""Slug of the doubt that names what moved and was not looked at."""
+"""Slug of the doubt about motion that was not examined."""
 
 CLEAR = 3.0
-"""Chosen: a velocity has moved when its standard deviation is so many times that of its noise."""
+"""Ratio of a velocity's standard deviation to that of its noise, from which it counts as motion."""
 
 DRIVEN = 0.1
-"""Chosen: range of a normalised output (10th to 90th percentile) from which on it drives something."""
+"""Range of a normalised output (10th to 90th percentile) from which it counts as driving something."""
 
 WINDOW, TURN = 2.0, 0.4
 """Chosen [s], [rad]: a track without velocities is differenced over so long, or over so much change of heading: the
@@ -65,7 +65,7 @@ def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection
 
 
 def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
-    """Return a doubt that names what moved in *runs* and is not in *dofs*, with the option that would look at it."""
+    """Return a doubt about motion in *runs* that is not in *dofs*, with the option that includes it."""
     besides = moved_besides(runs, dofs)
     if not besides:
         return []

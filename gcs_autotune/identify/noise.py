@@ -30,11 +30,14 @@ __all__ = ["FINEST", "STRAY", "Gaussian", "NoiseModel", "Rounded", "Terms", "gau
 Array = NDArray[np.float64]
 
 STRAY = 1e-3
-"""Share of samples of a rounding sensor that may be anything. Chosen: costs 0.1 % of the information."""
+"""Fraction of a rounding sensor's samples that may have any value; it costs 0.1 % of the information."""
 
 FINEST = 0.05
-"""Smallest noise, in steps of the sensor, that is believed. Chosen: samples that never fall near the edge of a cell
-would let it go to nothing and promise boundless accuracy; stamps are not that good."""
+"""Smallest noise accepted, in steps of the sensor.
+
+If no sample falls near the edge of a cell, the noise estimate would go to zero and the accuracy to infinity. Stamps are
+not that accurate.
+"""
 
 TAIL = 6.0
 """Standard deviations beyond which cells are not visited in the expected information."""

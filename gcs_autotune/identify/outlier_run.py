@@ -1,15 +1,13 @@
-"""A run of another craft among the rest: found by what the others say without it. Two ways.
+"""Find a run of another craft among several, in one of two ways.
 
-Where each run by itself tells the craft (one axis), the estimates are compared: their difference, weighed with both
-covariances, is chi-squared distributed when the craft is the same. The run furthest from the rest is taken out and the
-remaining ones are compared again. Constant forces, current and delay belong to the day, not to the craft: they are left
-out of the estimates.
+If each run alone identifies the craft (one axis), the estimates are compared. Their difference, weighted with both
+covariances, is chi-squared distributed for the same craft. The run furthest from the rest is removed, and the remaining
+ones are compared again. Constant forces, current and delay differ between runs of one craft, so they are not compared.
 
-Where it does not (forms of many parameters), first cheaply: at the common fit every run pulls the parameters its own
-way, ``g_i`` (the gradient of its cost, initial states eliminated). Were all runs of one craft, ``g_i`` would have the
-covariance ``I_i - I_i I^-1 I_i`` with ``I_i`` its information and ``I`` that of all, so ``g_i^T (...)^+ g_i`` is
-chi-squared. Only when some run stands out so is each left out in turn and the rest fitted again: the odd one is that
-whose absence lets the others agree.
+Otherwise (forms with many parameters) a cheap test comes first. At the common fit each run has its own gradient ``g_i``
+of the cost, with initial states eliminated. For runs of one craft ``g_i`` has the covariance ``I_i - I_i I^-1 I_i``,
+with ``I_i`` its information and ``I`` that of all. ``g_i^T (...)^+ g_i`` is then chi-squared. Only if some run stands
+out, each is left out in turn and the rest is fitted again. The outlier is the run without which the others agree.
 """
 
 from __future__ import annotations
@@ -34,26 +32,27 @@ __all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "
 Array = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""Chosen: a run counts as apart when its distance is less likely than six standard errors of one number."""
+"""Significance limit of a run's distance: that of six standard errors of one number."""
 CHANGE = 0.20
-"""And when a parameter differs by this share: two long runs of one craft show small differences of no account."""
+"""Relative difference of a parameter that is also required, because two long runs of one craft show small
+differences."""
 
 CHANCE = 1e-6
-"""Chance of looking closer at runs that do agree."""
+"""Probability of a closer examination of runs that agree."""
 
 RELIEF = 1.3
-"""Without the odd run the noise of some signal falls by this factor at least."""
+"""Factor by which the noise of some signal must fall without the outlier."""
 
 QUICK = Effort(12, exact=False)
-"""Fits of some of the runs only have to tell agreement from disagreement."""
+"""Effort for fits of some of the runs, which only have to distinguish agreement from disagreement."""
 
 MISFIT = 1.5
-"""And the odd run, simulated with what the others say, misses by this many times their noise at least."""
+"""Factor by which the outlier, simulated with the others' model, must exceed their noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CraftEstimate:
-    """What some of the runs say about the craft: ``values`` (p,), ``covariance`` (p, p)."""
+    """Estimate of the craft from some of the runs: ``values`` (p,), ``covariance`` (p, p)."""
 
     values: Array
     covariance: Array
@@ -61,8 +60,10 @@ class CraftEstimate:
 
 @dataclass(frozen=True, slots=True)
 class OutlierRun:
-    """A run that speaks of another craft, ``sigmas`` standard errors from the others; ``change`` of the parameter
-    that differs most, as a share. ``pair`` holds both names when there are only two runs and either may be the odd one.
+    """A run of another craft, ``sigmas`` standard errors from the others.
+
+    ``change``: relative change of the parameter that differs most. ``pair``: both names if there are only two runs and
+    either may be the outlier.
     """
 
     run: str
@@ -74,12 +75,12 @@ class OutlierRun:
 def outlier_runs(
     names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
 ) -> tuple[OutlierRun, ...]:
-    """Return the runs that do not belong to the others.
+    """Return the runs that differ from the others.
 
     Parameters
     ----------
     names : of the runs.
-    estimate : what the runs of these indices say together; None when they cannot tell.
+    estimate : returns the joint estimate of the runs of these indices; None if they contain too little information.
     """
     alone = [estimate((i,)) for i in range(len(names))]
     left = [i for i, found in enumerate(alone) if found is not None]
@@ -119,7 +120,7 @@ def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: flo
 
 
 def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
-    """Return one doubt per run apart, the run named."""
+    """Return one doubt per outlier, with the name of the run."""
     return [
         Doubt(
             "run-apart",
@@ -133,7 +134,7 @@ def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
 
 
 def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
-    """Return a doubt that names the run which does not belong to the rest, None when all agree."""
+    """Return a doubt with the name of the run that differs from the rest, None if all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
         return None

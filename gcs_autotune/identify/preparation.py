@@ -1,8 +1,9 @@
-"""Recorded runs made into segments: channels chosen, cleaned, unwrapped, cut at gaps.
+"""Convert recorded runs to segments: channels chosen, cleaned, unwrapped, cut at gaps.
 
-Nothing is resampled or smoothed, and what was removed is counted and noted as a doubt. Three ask for segments: a fit of
-one degree of freedom (:func:`prepare`), of a form (:func:`prepare_form`), and one with effects
-(:func:`prepare_as_recorded`), which mends nothing, for a wrong unit or sign is what a diagnosis is to find.
+Nothing is resampled or smoothed. What is removed is counted and noted as a doubt. There are three entry points: for one
+degree of freedom (:func:`prepare`), for a form (:func:`prepare_form`), and for a fit with effects
+(:func:`prepare_as_recorded`). The last one corrects nothing, because a diagnosis must be able to find a wrong unit or
+sign.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ INPUTS: dict[str, tuple[str, ...]] = {
 """Degree of freedom -> channels that may drive it, preferred first."""
 
 WITHIN_LOOP = 0.25
-"""Chosen: share of an autopilot's loop by which outputs and attitudes of one loop may differ in time."""
+"""Fraction of an autopilot's loop by which outputs and attitudes of one loop may differ in time."""
 
 GAP_SECONDS, GAP_STEPS = 1.0, 10.0
 """A hole longer than both (seconds, median steps) starts a new segment with free initial state."""
@@ -105,9 +106,10 @@ def guess_dof(trial: Trial) -> Dof:
 
 
 def form_driven(runs: Sequence[Trial]) -> Form | None:
-    """Return the shipped form whose inputs, and none of a single degree of freedom, all *runs* have; None: no one form.
+    """Return the shipped form whose inputs all *runs* have, and that no single degree of freedom covers; None without
+    one.
 
-    Two thrusters side by side push and turn at once: no pair of one input with one motion tells of such a boat.
+    Two thrusters side by side push and turn at once. No pair of one input with one motion describes such a boat.
     """
     if any(_input_names(run, d) and _output_names(run, d) for run in runs for d in DOFS.values()):
         return None

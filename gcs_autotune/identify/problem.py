@@ -1,7 +1,7 @@
-"""What is to be fitted, before any numbers: segments and a form, ready for any effects.
+"""Definition of a fit before any numbers: segments and a form, ready for any effects.
 
-In :meth:`Problem.fit` every noise level is at its best at every step (:meth:`.Objective.concentrated`), so that costs
-of models with different effects can be compared. Initial states are fitted per segment.
+In :meth:`Problem.fit` every noise level is optimal at every step (:meth:`.Objective.concentrated`), so that costs of
+models with different effects can be compared. Initial states are fitted per segment.
 """
 
 from __future__ import annotations
@@ -29,20 +29,23 @@ __all__ = ["Problem"]
 Array = NDArray[np.float64]
 
 FLOOR = 1e-3
-"""Least noise level, in shares of a signal's standard deviation: what is smaller is nobody's trouble on the water."""
+"""Smallest noise level, relative to a signal's standard deviation; smaller errors do not matter on the water."""
 
 ANGLES, TURN = ("phi", "theta", "psi"), 2.0
-"""A heading that goes round and round is not measured the worse for it: its spread counts up to this [rad]."""
+"""Heading signals, and the spread [rad] up to which their motion counts for the noise floor.
+
+A heading that turns several times is not measured less accurately.
+"""
 
 WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
 STRIDE = 20
-"""Nor is a position for a long way gone: it counts up to what its velocities change it by in so many samples."""
+"""Number of samples over which a position's change counts for the noise floor; a long distance covered does not."""
 
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
 
 LESSONS = 3
-"""Rounds of fitting and learning where a disturbance is learnt from what is left over."""
+"""Rounds of fitting and learning if a disturbance is learnt from the residuals."""
 
 
 class Problem(StampedProblem):
@@ -85,9 +88,9 @@ class Problem(StampedProblem):
         learn: bool = True,
         shift: float = 0.0,
     ) -> Fitted | None:
-        """Fit from these values on; None when the motion runs away at the start already.
+        """Fit from these values; return None if the motion diverges at the start.
 
-        Within :func:`.keeping` a fit that is known is only evaluated.
+        Within :func:`.keeping` a known fit is only evaluated.
         """
         effects = in_order(effects)
 
@@ -157,7 +160,8 @@ class Problem(StampedProblem):
     def states(
         self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
     ) -> Fitted | None:
-        """Fit the initial states (and the shift of input stamps) only: how a given model predicts these segments."""
+        """Fit only the initial states (and the shift of input stamps), to see how a given model predicts these
+        segments."""
         alone = self.on(self.segments, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
 

@@ -1,4 +1,4 @@
-"""Read off measured signals before any fit: noise levels, steps of coarse sensors, first states of one axis."""
+"""Estimates from measured signals before any fit: noise levels, steps of coarse sensors, first states of one axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an identification returns: numbers, their uncertainty, and what to doubt about them."""
+"""Result of an identification: parameters, their uncertainty, and doubts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A reason not to trust a result blindly, with what may have caused it and what would cure it."""
+    """A reason not to trust a result, with its possible cause and the remedy."""
 
     slug: str
     cause: str
@@ -157,7 +157,7 @@ class Residuals:
 
 
 class Model(Protocol):
-    """What every identified model can do."""
+    """Common interface of all identified models."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for a model file."""
@@ -169,18 +169,17 @@ ModelT = TypeVar("ModelT", bound=Model, covariant=True)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Fit(Generic[ModelT]):
-    """An identified model with its uncertainty, whatever the method and the structure.
+    """An identified model with its uncertainty, for any method and structure.
 
-    ``covariance`` (p, p) stands in the order of ``parameters``, with zero rows for what was not fitted;
-    ``fit_percent`` = 100 (1 - rms/std) of the free-run simulation, averaged over signals; ``noise`` the standard
-    deviation per signal (SI) that the fit took for noise, :attr:`remainder` how much of it is noise; ``used`` the names
-    of the runs.
+    ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed ones. ``fit_percent``: 100 (1 -
+    rms/std) of the free-run simulation, averaged over signals. ``noise``: standard deviation per signal (SI) that the
+    fit treats as noise; :attr:`remainder` splits it. ``used``: names of the runs.
 
-    Of one degree of freedom ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``, then those of
-    ``effects`` of its actuator (thrust curve, dead zone), if any were fitted with it. ``noise_std`` is the standard
-    deviation [rad or m] of what the fit took for noise in its main signal, ``residual_rms`` that of the free-run
-    simulation; ``iso`` holds the readings of limit cycles, ``decision`` and ``candidates`` tell how the damping was
-    chosen. All these are empty or NaN of several degrees of freedom.
+    For one degree of freedom ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``, then those of
+    ``effects`` of its actuator (thrust curve, dead zone), if fitted. ``noise_std``: standard deviation [rad or m] of
+    the noise in its main signal. ``residual_rms``: that of the free-run simulation. ``iso``: readings of limit cycles.
+    ``decision`` and ``candidates``: how the damping was chosen. For several degrees of freedom all these are empty or
+    NaN.
     """
 
     dof: str
@@ -222,7 +221,7 @@ class Fit(Generic[ModelT]):
 
     @property
     def remainder(self) -> Mapping[str, Remainder]:
-        """What the model leaves of each signal it was held against, and how much of that is noise."""
+        """Residual of each fitted signal, and how much of it is noise."""
         steps = self.extra.get("quantum") or {}
         rounding = self.extra.get("rounding") or {n: float(q) / math.sqrt(12.0) for n, q in steps.items()}
         signals = dict.fromkeys(t.signal for t in self.traces)
@@ -336,7 +335,7 @@ def is_of_one_axis(fit: object) -> TypeGuard[Fit[SingleDof]]:
 
 
 def whole_model(fit: Fit[Model]) -> Model:
-    """Return the model of *fit* with the effects of its actuator, where it is one of a single axis that has some."""
+    """Return the model of *fit*, including the effects of its actuator if it is a fit of one axis with some."""
     if not is_of_one_axis(fit) or not fit.effects:
         return fit.model
     plain = as_extended(fit.model)

@@ -1,4 +1,4 @@
-"""Maximum likelihood with unknown noise levels: parameters, then noise, in turn until the noise settles."""
+"""Maximum likelihood with unknown noise levels: fit parameters and noise in turn until the noise settles."""
 
 from __future__ import annotations
 
@@ -37,10 +37,11 @@ LOOSE = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much a dear cost is worth.
+    """Effort limits for an expensive cost.
 
-    ``trials`` per round but the last, to a loose end; ``exact``: the last goes on to the end; ``astray``: given up
-    after two rounds when the noise of some signal is still so many times that at the start.
+    ``trials``: per round except the last, which end with low accuracy. ``exact``: the last round continues to
+    convergence. ``astray``: the fit ends after two rounds if some signal's noise still exceeds this multiple of its
+    start value.
     """
 
     trials: int

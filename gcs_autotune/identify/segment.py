@@ -1,4 +1,4 @@
-"""A segment: one uninterrupted stretch of a run, what every method of identification and the diagnosis start from.
+"""A segment: one uninterrupted stretch of a run, the input of every identification method and of the diagnosis.
 
 Nothing is resampled or smoothed: every sample keeps its own stamp.
 """
@@ -52,13 +52,12 @@ class Segment:
     """One uninterrupted stretch of the run ``run``; ``name`` is that of the run, with ``#`` and a number if cut.
 
     ``t_in`` (j,) [s], ``inputs`` (j, m): the inputs ``input_names`` at their jumps, each row held from its stamp on
-    (zero-order hold, joined over the stamps of all inputs). ``signals``: measured outputs by name; of one degree of
+    (zero-order hold, joined over the stamps of all inputs). ``signals``: measured outputs by name; for one degree of
     freedom position first.
 
-    ``dating`` [s]: how far the stamps of all inputs together may be off (decision 3), 0 when they are exact. ``slack``
-    (j,) [s]: how far each jump may lie from its own stamp for having happened at another ``loop`` [s] of the
-    autopilot; 0 where there is no other. ``lags`` [s]: signal -> how late a filter aboard made it, where its stamps
-    have been dated back by that. ``measured``: the run's own channels.
+    ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact. ``slack`` (j,) [s]:
+    shift of each jump if it happened at another ``loop`` [s] of the autopilot; 0 if no other is possible. ``lags`` [s]:
+    signal -> delay of an onboard filter, by which its stamps have been corrected. ``measured``: the run's own channels.
     """
 
     name: str
@@ -96,7 +95,7 @@ class Segment:
 
     @cached_property
     def passage(self) -> Passage:
-        """The segment as a simulation with effects passes over it."""
+        """The segment in the format of simulations with effects."""
         commands = {n: np.ascontiguousarray(self.inputs[:, i]) for i, n in enumerate(self.input_names)}
         return passage_of(self.run, self.t_in, commands, {n: s.t for n, s in self.signals.items()}, self.measured)
 
@@ -148,10 +147,10 @@ class Segment:
         return replace(self, signals={n: s for n, s in self.signals.items() if n in names})
 
     def after(self, delay: float) -> Segment:
-        """Return the segment without the samples that answer to inputs from before the first input stamp.
+        """Return the segment without the samples that depend on inputs before the first input stamp.
 
-        What was commanded before the record began is unknown, so with a delay [s] the first of it cannot be simulated.
-        As it is when too little would be left.
+        Commands before the record are unknown, so with a delay [s] its start cannot be simulated. The segment is
+        returned unchanged if too little would be left.
         """
         start = float(self.t_in[0]) + delay
         if delay <= 0.0 or start <= self.start:

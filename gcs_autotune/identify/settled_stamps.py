@@ -1,4 +1,4 @@
-"""Input stamps that may all be off (decision 3), for methods that take them as exact."""
+"""Correct input stamps that may all be shifted (decision 3), for methods that need exact stamps."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["on_settled_stamps"]
 
 
 def on_settled_stamps(method: Callable[[Case], Fit[CoupledModel]]) -> Callable[[Case], Fit[CoupledModel]]:
-    """Make a method that takes input stamps as exact one for stamps that may all be off (decision 3).
+    """Adapt a method that needs exact input stamps to stamps with a common shift (decision 3).
 
-    Their shift is found by output error and taken off; what is unknown of it is carried to the estimate by fitting once
-    more with the shift moved by its standard error.
+    Output error estimates the shift, which is then removed. A second fit, with the shift moved by its standard error,
+    carries its uncertainty into the estimate.
     """
 
     def fit(case: Case) -> Fit[CoupledModel]:

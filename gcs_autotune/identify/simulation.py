@@ -1,4 +1,4 @@
-"""What an identified model makes of inputs, on its own: no measurement is asked."""
+"""Simulate an identified model from its inputs alone, without measurements."""
 
 from __future__ import annotations
 

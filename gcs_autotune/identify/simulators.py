@@ -1,7 +1,7 @@
-"""What a likelihood asks of a model: a segment's signals, and their derivatives by everything that may be fitted.
+"""Simulators for a likelihood: a segment's signals, and their derivatives by everything that may be fitted.
 
-Three kernels answer: the exact one of one degree of freedom, that of coupled forms, and that with effects around it. To
-a likelihood all are a form (names of parameters and states) and a :class:`SegmentSimulator`.
+There are three kernels: one degree of freedom (exact), coupled forms, and forms with effects. A likelihood uses each as
+a form (names of parameters and states) and a :class:`SegmentSimulator`.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ Array = NDArray[np.float64]
 Predicted = dict[str, tuple[Array, Array]]
 
 PATIENCE = 30
-"""Steps per stamp of a simulation without effects; what is stiffer is no craft whose samples these are."""
+"""Maximum number of steps per stamp of a simulation without effects. A stiffer model does not fit the sampling."""
 
 _POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 
 
 class SegmentSimulator(Protocol):
-    """A form, with effects or without, made ready for one choice of free numbers."""
+    """A form, with or without effects, prepared for one choice of free numbers."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -61,10 +61,10 @@ class SegmentSimulator(Protocol):
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal at its own stamps (n,) with its Jacobian; None when the motion runs away.
+        """Return every signal at its own stamps (n,) with its Jacobian; None if the motion diverges.
 
-        The Jacobian's columns: free base parameters, free parameters of effects, free initial states, and last, if it
-        was asked for, the shift [s] by which the inputs come later than stamped.
+        The Jacobian's columns are the free base parameters, the free parameters of effects, and the free initial
+        states. If required, the shift [s] of the inputs relative to their stamps comes last.
         """
 
 
@@ -106,7 +106,7 @@ class AxisSimulator:
 
 
 class FormSimulator:
-    """A coupled form without effects. Of the shift of stamps the kernel knows the derivative: that of a delay."""
+    """A coupled form without effects. The derivative by the shift of stamps is that by a delay."""
 
     def __init__(
         self, form: Form, free: Sequence[str], free_states: Sequence[str], *, dated: bool, patience: int | None
@@ -155,8 +155,11 @@ class FormSimulator:
 
 
 class EffectSimulator:
-    """A coupled form with effects. The shift of stamps by a difference as long as that of the effect ``input-delay``:
-    the two must not look different."""
+    """A coupled form with effects.
+
+    The derivative by the shift of stamps is a difference as long as that of ``input-delay``, so that the two are
+    consistent.
+    """
 
     def __init__(self, simulator: ExtendedSimulator, data_summary: DataSummary, *, dated: bool) -> None:
         self._simulator, self._dated, self._step = simulator, dated, STEP * horizon(data_summary)[1]

@@ -1,14 +1,14 @@
 """A fit by maximum likelihood with its uncertainty: one way to solve, one covariance, one inflation for all models.
 
-Simulated against measured motion, each sample at its own stamp, with exact sensitivities; parameters are shared by
-all runs, initial states belong to each segment, one noise level per kind of signal is estimated with them. A coarse
-sensor's rounding enters the likelihood exactly when its step is given (:mod:`.noise`), started from the Gaussian fit;
-otherwise the noise level is not taken below ``step/sqrt(12)``.
+Simulated and measured motion are compared sample by sample, with exact sensitivities. All runs share the parameters.
+Each segment has its own initial states. One noise level per kind of signal is estimated too. A coarse sensor's rounding
+enters the likelihood exactly when its step is given (:mod:`.noise`), started from the Gaussian fit; otherwise the noise
+level is not taken below ``step/sqrt(12)``.
 
-Standard errors come from the Fisher information with the estimated noise. When the residuals are not white the
-information is overstated: each standard error is then raised to that of the sandwich estimator ``C (sum_k w_k
-Gamma_k) C`` (Newey and West 1987), whose ``Gamma_k`` are the autocovariances of the scores up to ``2*sqrt(n)``
-samples with Bartlett weights. Correlations between parameters stay those of the Fisher information.
+Standard errors come from the Fisher information with the estimated noise. If the residuals are not white, the
+information is overstated. Each standard error is then raised to that of the sandwich estimator
+``C (sum_k w_k Gamma_k) C`` (Newey and West 1987), whose ``Gamma_k`` are the autocovariances of the scores up to
+``2*sqrt(n)`` samples with Bartlett weights. Correlations between parameters remain those of the Fisher information.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ __all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solv
 Array = NDArray[np.float64]
 
 ROUNDS = 6
-"""Rounds of parameters, then noise. Chosen: three or four suffice from a usable start."""
+"""Rounds of parameters, then noise; three or four suffice from a usable start."""
 
 ROUNDING_ROUNDS = 20
 """Rounds of parameters, then noise, for a rounding sensor; the noise comes down from the Gaussian fit's residuals."""
 
 THOROUGH = Effort(15)
-"""From a bad start the weights matter more than the last digit."""
+"""Effort for a bad start, where the weights matter more than the last digit."""
 
 AT_BOUND = 1e-6
-"""Distance from a bound, relative to its size, that counts as standing on it."""
+"""Relative distance from a bound that counts as on the bound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Solution(Fitted):
     """A fitted model with its uncertainty.
 
-    ``noise_models`` per signal. ``whole`` (q, q) covariance of the packed vector from the expected information, that of
-    ``names`` first and that of the shift last; ``raised`` (q,) factors by which coloured residuals raise standard
-    errors; ``at_bound`` those of ``names`` that stand on a limit, ``blind`` those the runs say nothing about. ``rests``
-    are those with samples that count; ``rows`` their Jacobians (n, q) over the noise; ``scores`` the log-likelihood's
-    derivative by the prediction times the noise (for Gaussian noise: error over noise).
+    ``noise_models``: per signal. ``whole`` (q, q): covariance of the packed vector from the expected information;
+    ``names`` come first, the shift last. ``raised`` (q,): factors by which coloured residuals raise standard errors.
+    ``at_bound``: those of ``names`` on a limit. ``blind``: those on which the runs contain no information. ``rests``:
+    residuals with samples that count; ``rows``: their Jacobians (n, q) over the noise. ``scores``: derivative of the
+    log-likelihood by the prediction, times the noise (for Gaussian noise: error over noise).
     """
 
     noise_models: Mapping[str, NoiseModel]
@@ -72,7 +72,7 @@ class Solution(Fitted):
 
     @property
     def unknowns(self) -> int:
-        """How many numbers were fitted, initial states included, a shift of stamps not counted."""
+        """Number of fitted numbers, including initial states, without a shift of stamps."""
         return len(self.whole) - (self.shift_std > 0.0)
 
     @property
@@ -92,7 +92,7 @@ class Solution(Fitted):
 
     @property
     def correlation(self) -> float:
-        """How many samples make one independent one."""
+        """Number of samples equivalent to one independent sample."""
         return correlation_time(self.scores)
 
     def bic(self, correlation: float = 1.0) -> float:
@@ -135,14 +135,14 @@ def solve(
     rounds: int = ROUNDS,
     effort: Effort | None = THOROUGH,
 ) -> Solution | None:
-    """Fit what is free in *problem* from *theta* on; None if that runs away.
+    """Fit the free numbers of *problem*, starting at *theta*; return None if the simulation diverges.
 
     Parameters
     ----------
     theta : (p,) start values in the form's order. initial : (n,) start states per segment.
     levels : noise levels to start from, one per signal name.
     quanta : steps of the signals to be taken as rounded, per name.
-    robust : soft-L1 weights, for records with outliers (signals taken as rounded bear them anyway).
+    robust : soft-L1 weights, for records with outliers (signals taken as rounded tolerate them anyway).
     """
     objective = Objective(problem, theta, initial, in_order(effects), shift=shift)
     low, high = objective.limits()

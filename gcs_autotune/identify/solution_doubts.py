@@ -1,4 +1,4 @@
-"""Reasons not to trust a solution by maximum likelihood blindly, whatever its form, its parameters and its effects."""
+"""Reasons not to trust a maximum-likelihood solution, for any form, parameters and effects."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ TOGETHER = 0.99
 """Correlation of two estimates above which only a combination of them is known."""
 
 FAR, OFTEN = 6.0, 0.005
-"""Standard deviations beyond which a sample is an outlier; the share of them above which they are worth a word."""
+"""Standard deviations beyond which a sample is an outlier; fraction of outliers above which a doubt is raised."""
 
 SIGNIFICANCE = 0.01
-"""Chance of keeping an effect that is not there."""
+"""Probability of keeping an effect that does not exist."""
 
 REVERSED = 2.0
-"""Standard errors below zero at which an input is called reversed."""
+"""Standard errors below zero at which an input counts as reversed."""
 
 
 def solution_doubts(solution: Solution) -> list[Doubt]:
-    """Return what is doubtful about any solution, whatever its parameters mean.
+    """Return the doubts about any solution, whatever its parameters mean.
 
-    Of the explicit numbers of one axis only what people need no names for: ``doubts.collect`` says the rest.
+    For the explicit numbers of one axis only the doubts that need no parameter names; ``doubts.collect`` returns the
+    rest.
     """
     named = not isinstance(solution.form, ExplicitForm)
     asked = (
@@ -111,8 +112,10 @@ def _together(solution: Solution) -> Doubt | None:
 
 
 def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
-    """Gains called ``k_*`` are positive when labels, wiring and signs are as the form has them; so are inertias of what
-    an input drives with a gain that is known."""
+    """Return a doubt about gains ``k_*`` that are negative, that is, inputs with reversed labels, wiring or signs.
+
+    The same holds for the inertia of a motion that an input drives with a known gain.
+    """
     names = [n for n in std if n.startswith("k_") and values[n] < -REVERSED * std[n]]
     if not names:
         return REVERSED_INPUT if _is_backward(form, values, std) else None
@@ -168,7 +171,8 @@ def _outliers(solution: Solution) -> Doubt | None:
 def effect_doubts(
     problem: Problem, fitted: Fitted, parameters: Mapping[str, Parameter], correlation: float
 ) -> Iterator[Doubt]:
-    """Yield a doubt for every effect the runs do not call for: the likelihood ratio, *correlation* samples as one."""
+    """Yield a doubt for every effect that the runs do not support: likelihood ratio, *correlation* samples counting as
+    one."""
     for own in fitted.effects:
         entry = EFFECTS[own.slug]
         others = tuple(e for e in fitted.effects if e is not own)

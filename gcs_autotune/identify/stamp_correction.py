@@ -1,10 +1,12 @@
-"""At which of the autopilot's loops did an input change, where the stamps leave several?
+"""Decide at which autopilot loop an input changed, if the stamps allow several.
 
-Messages 40 ms apart on a 20 ms loop leave two: such a change is dated between them and is 10 ms wrong, others of the
-same run are right. That colours the residuals, doubles the standard errors, and on a precise gyro looks like a fault
-of the gyro's. The record itself tells: every doubtful change gets a time shift of its own beside the fitted numbers
-(one Gauss-Newton step of the joint fit), and is moved to the loop the shift points to when the next one is
-three standard errors less likely.
+Messages 40 ms apart on a 20 ms loop allow two. Such a change is dated between them and is wrong by 10 ms, while others
+of the same run are right. That colours the residuals and doubles the standard errors. On a precise gyro it looks like a
+sensor fault.
+
+The record itself decides. Every doubtful change gets its own time shift in addition to the fitted numbers (one
+Gauss-Newton step of the joint fit). It is moved to the nearest loop if the next one is three standard errors less
+likely.
 """
 
 from __future__ import annotations
@@ -29,10 +31,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST = 120
-"""Doubtful changes beyond which nothing is tried: that is no relay, and each costs a simulation."""
+"""Maximum number of doubtful changes. With more the run is not a relay, and each change costs a simulation."""
 
 WIDE = 2.0
-"""Standard deviation of a shift before the data, in units of what the stamps allow: weak, as for the common one."""
+"""Prior standard deviation of a shift, in units of what the stamps allow; wide, as for the common shift."""
 
 SURELY = 9.0
 """Difference of squared standard errors by which a loop must be likelier than the next: three standard errors."""
@@ -40,20 +42,22 @@ SURELY = 9.0
 ROUNDS = 5
 
 NUDGE = 1e-4
-"""Seconds by which a change is moved for its derivative: short against a loop, long against rounding."""
+"""Time shift [s] of a change for its derivative: short compared with a loop, long compared with rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Switches:
-    """How every signal of a segment (n,) answers to a later stamp of each doubtful change: ``by`` (n, k) per signal,
-    and ``which`` changes (k,) these are."""
+    """Response of every signal of a segment (n,) to a later stamp of each doubtful change.
+
+    ``by`` (n, k) per signal; ``which`` (k,): the changes.
+    """
 
     by: dict[str, Array]
     which: Index
 
     @property
     def finite(self) -> bool:
-        """Whether no simulation ran away."""
+        """Whether no simulation diverged."""
         return all(bool(np.isfinite(table).all()) for table in self.by.values())
 
 
@@ -90,9 +94,9 @@ def switches_of(
 
 
 def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: Solution) -> tuple[Segment, ...] | None:
-    """Return *segments* with those changes moved whose loop is clear from *solution*; None when there is none such.
+    """Return *segments* with those changes moved whose loop follows clearly from *solution*; None if there are none.
 
-    *fitted* are the segments *solution* was made on: they may begin later and hold fewer signals, nothing else.
+    *fitted*: the segments of *solution*. They may begin later and contain fewer signals; otherwise they are the same.
     """
     if not any(s.slack.any() for s in fitted):
         return None

@@ -1,13 +1,13 @@
 """Surge of a boat under way: inertia, drag and the thrust curve together.
 
-Thrust is rarely proportional to throttle: a propeller's goes with the square of its speed. The input is bent by
-``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle), and the exact axis fit is
-made at several shares ``q``; the misfit along them is the profile of ``q``, its curvature gives the standard error,
-and the slope of the other numbers along it carries that error into theirs.
+Thrust is rarely proportional to throttle: a propeller's thrust grows with the square of its speed. The input is
+replaced by ``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle). The exact axis
+fit is repeated at several values of ``q``. The misfit over ``q`` is its profile, whose curvature gives the standard
+error. The slope of the other parameters along it carries that error into theirs.
 
-Throttle steps are flown one way and then the other. Speed is measured over ground; with a current, or a wind, from
-ahead the boat is slower by it, with it from astern quicker. Half the difference is the current along the track; thrust
-and drag know only the speed through the water, so it is taken off before they are fitted.
+Throttle steps are flown in one direction and then in the opposite one. Speed is measured over ground: a head current or
+wind reduces it, a following one raises it. Half the difference is the current along the track. Thrust and drag depend
+on the speed through the water only, so the current is subtracted before the fit.
 """
 
 from __future__ import annotations
@@ -46,22 +46,25 @@ __all__ = [
 Array = NDArray[np.float64]
 
 CURVE = "thrust_curve"
-"""Where in ``AxisFit.extra`` the thrust curve is told."""
+"""Key of the thrust curve in ``AxisFit.extra``."""
 BY_DESIGN = ("one-sided-input", "saturated-input")
-"""Doubts of runs that are flown so on purpose: a boat under way, with a burst of full throttle."""
+"""Doubts that are expected of these runs: a boat under way, with a burst of full throttle."""
 
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
-"""The profile may end a little beyond the physical 0 to 1: an ESC's dead zone bends the curve, too."""
+"""Range of the profile, a little beyond the physical 0 to 1, because an ESC's dead zone bends the curve too."""
 ROUNDS = 6
-"""Parabolas at most, each through the best point so far and its neighbours on either side."""
+"""Maximum number of parabolas, each through the best point so far and its neighbours on either side."""
 NEAR, FAR = 0.5, 2.0
-"""A neighbour is good for a parabola when it lies between so many standard errors away: nearer, and rounding shows;
-farther, and the valley, which is steeper towards the larger shares, is no parabola any more."""
+"""Distance range, in standard errors, of a neighbour used for a parabola.
+
+Closer neighbours show rounding. Farther ones are no longer on a parabola, because the profile is steeper towards larger
+``q``.
+"""
 FOUND = 0.1
-"""The valley's bottom is found when it moves by less than so many standard errors."""
+"""Move of the minimum, in standard errors, below which it counts as found."""
 UNKNOWN = 0.25
-"""A standard error of the share above which the curve counts as unknown."""
+"""Standard error of ``q`` above which the curve counts as unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +89,7 @@ class _Point:
 
 
 def bent(trial: Trial, square: float) -> Trial:
-    """Return *trial* with its throttle ``X`` (fractions of full) replaced by the thrust it gives."""
+    """Return *trial* with its throttle ``X`` (fractions of full) replaced by the resulting thrust."""
     X = trial["X"]
     return replace(
         trial,
@@ -98,7 +101,7 @@ def bent(trial: Trial, square: float) -> Trial:
 
 
 def square_of(fit: AxisFit) -> float:
-    """Return the share of thrust that goes with throttle squared, 1 at most; 0 when *fit* knows of none."""
+    """Return the fraction of thrust that is quadratic in throttle, 1 at most; 0 if *fit* has no thrust curve."""
     return min(float(fit.extra.get(CURVE, {}).get("square", 0.0)), 1.0)
 
 
@@ -111,7 +114,7 @@ def fit_surge(
 ) -> AxisFit:
     """Identify surge from runs with ``X`` as a fraction of full throttle and ``u``.
 
-    along : the set seen otherwise, for runs that do not show it themselves.
+    along : the current from another source, for runs that do not show it themselves.
 
     Returns
     -------
@@ -247,23 +250,26 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
 
 
 OPPOSITE = math.cos(math.radians(140.0))
-"""Runs whose headings differ by less are no way out and way back."""
+"""Cosine of the heading difference below which two runs count as out and back."""
 LEAST_CURRENT = 0.04
-"""Chosen [m/s]: about what a GPS speed is worth when it is averaged over seconds."""
+"""Smallest reported current [m/s]: about the error of a GPS speed averaged over seconds."""
 SHARE = 0.03
-"""Chosen: a difference below this share of the speed shifts no parameter by more than the fit's usual errors."""
+"""Current relative to speed, below which no parameter shifts by more than the usual errors of the fit."""
 SURE = 3.0
-"""Standard errors that it must exceed."""
+"""Standard errors that the current must exceed."""
 AROUND = 1.5
-"""Seconds before a steady mark over which it was taken."""
+"""Seconds before a steady mark over which the speed was averaged."""
 BLOCK, LEAST_BLOCKS = 2.0, 4
-"""Chosen [s]: a receiver's filter has forgotten by then; so many means tell their scatter."""
+"""Averaging time [s], after which a receiver's filter has settled; minimum number of means to estimate their
+scatter."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlongTrack:
-    """Speeds over ground [m/s] out and back, at the same throttles; ``set`` [m/s] is half their difference, positive
-    when the way out was quicker, with standard error; ``heading`` [rad] of the way out.
+    """Speeds over ground [m/s] out and back, at the same throttles.
+
+    ``set`` [m/s] is the current along the track, half the difference of the speeds, with its standard error. It is
+    positive if the outward run was faster. ``heading`` [rad]: of the outward run.
     """
 
     out: float
@@ -273,30 +279,30 @@ class AlongTrack:
 
     @property
     def set(self) -> float:
-        """Half the difference [m/s]: the current along the track, or what a wind does."""
+        """Current along the track [m/s], or the effect of wind: half the difference of the speeds."""
         return 0.5 * (self.out - self.back)
 
     @property
     def matters(self) -> bool:
-        """Whether it is more than noise, and more than a trifle."""
+        """Whether the current is significant and large enough to matter."""
         speed = 0.5 * (self.out + self.back)
         return abs(self.set) > max(LEAST_CURRENT, SHARE * abs(speed), SURE * self.error)
 
     @property
     def is_none(self) -> bool:
-        """Whether it is a trifle for sure."""
+        """Whether the current is certainly negligible."""
         speed = 0.5 * (self.out + self.back)
         return abs(self.set) + SURE * self.error <= max(LEAST_CURRENT, SHARE * abs(speed))
 
 
 def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | None:
-    """Return the set that *back* shows beside what the *fit* of *out* foretells of it; any run with X, u and psi.
+    """Return the current that *back* shows relative to the prediction by the *fit* of *out*.
 
-    A set along the way out is in the forces of its fit. So on the way back the boat is slower than foretold by twice
-    the set, whatever is asked of it meanwhile (of a boat whose drag goes with the square a sixth less). The error is
-    the scatter of the means over ``BLOCK`` seconds, with which what the fit does not know of other speeds shows, too.
+    *back* is any run with X, u and psi. The current on the way out is part of the forces of its fit. On the way back
+    the boat is therefore slower than predicted by twice the current, whatever its throttle (for quadratic drag a sixth
+    less). The error is the scatter of the means over ``BLOCK`` seconds. It includes errors of the fit at other speeds.
 
-    None when *back* is no way back, too short to tell, or not to be foretold.
+    None if *back* is not in the opposite direction, too short, or cannot be simulated.
     """
     course, _ = _steady(out)
     psi = back["psi"].values
@@ -319,7 +325,7 @@ def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | N
 
 
 def along_track(trials: Sequence[Trial]) -> AlongTrack | None:
-    """Compare the steady speeds of runs flown out and back; None when no two were."""
+    """Compare the steady speeds of runs flown out and back; return None if no two were."""
     runs = [(heading, speeds) for heading, speeds in map(_steady, trials) if speeds]
     for i, (out, first) in enumerate(runs):
         for back, second in runs[i + 1 :]:
@@ -354,7 +360,7 @@ def _compared(heading: float, pairs: Sequence[tuple[list[float], list[float]]]) 
 
 
 def through_water(trial: Trial, found: AlongTrack) -> Trial:
-    """Return *trial* with its ``u`` less what the set contributes to it, heading by heading."""
+    """Return *trial* with the current's contribution subtracted from ``u``, heading by heading."""
     u, psi = trial["u"], trial["psi"]
     headings = np.interp(u.t, psi.t, psi.values)
     still = u.values - found.set * np.cos(headings - found.heading)
@@ -362,7 +368,7 @@ def through_water(trial: Trial, found: AlongTrack) -> Trial:
 
 
 def doubt_of(found: AlongTrack) -> Doubt:
-    """Return the doubt that a current or wind along the track calls for, with its number."""
+    """Return the doubt about a current or wind along the track, with its value."""
     comes_from = math.degrees(found.heading + (math.pi if found.set > 0.0 else 0.0)) % 360.0
     return Doubt(
         "set-along-the-track",

@@ -1,15 +1,16 @@
-"""Thrusters that are weak for small commands: two oscillations of different size show it, one model of both needs it.
+"""Thrusters that are weak for small commands, identified from two oscillations of different size.
 
-A propeller's thrust goes with n|n|, and ArduSub sends its demands to the thrusters as they are, so that an ROV's gain
-grows with the size of the command. Without it the smaller oscillation is that of another craft than the larger.
+A propeller's thrust grows with n|n|, and ArduSub sends its demands to the thrusters unchanged. The gain of an ROV
+therefore grows with the size of the command. A model without this fits a different craft to the smaller oscillation
+than to the larger.
 
-Most speed controllers do nothing at all near neutral besides. Two sizes of square wave cannot tell such a dead band
-from a curve: each tells one point of the characteristic. A step under the autopilot's own loop, whose output runs
-through all sizes down to the bias it holds against, can; it has been flown anyway.
+Most speed controllers also have a dead band near neutral. Two sizes of square wave cannot distinguish it from a curve,
+because each gives one point of the characteristic. A step with the autopilot's own controller can. Its output covers
+all sizes, down to the bias it holds against. It is flown anyway.
 
-And no thruster pulls with the square of its command up to full: its motor runs out of voltage, its propeller out of
-water. A square law fitted to small oscillations promises half again the force there is. A step whose output went beyond
-the oscillations tells where the thrust levels off, and so do three sizes of oscillation that speak of a dead band.
+No thruster follows the square law up to full command: the motor runs out of voltage, and the propeller stalls. A square
+law fitted to small oscillations overestimates full thrust by half. A step whose output exceeds the oscillations shows
+where thrust saturates. So do three sizes of oscillation that indicate a dead band.
 """
 
 from __future__ import annotations
@@ -69,13 +70,15 @@ _SHARES = (0.1, 1.5)
 def fit_thrust_curve(
     runs: Sequence[Trial], plain: AxisFit, step: Trial | None = None, *, with_band: bool = False
 ) -> Fit[Model] | None:
-    """Return a model with a thrust curve when the *runs* clearly call for one, else None.
+    """Return a model with a thrust curve if the *runs* clearly require one, else None.
 
-    plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it, or with three
-    sizes of oscillation, the curve may turn out to be a dead band, or to have one, or to level off. Only the step tells
-    the two kinds of dead band apart: its output dwells about the edge, and just beyond it the craft is either hardly
-    pushed (a linkage with slack) or as hard as without a band (a speed controller that starts at once). The second is
-    looked for *with_band* only: position loops designed for it flew worse (BlueROV2 heading, ITAE 0.74 for 0.40).
+    plain : the model of the same runs without a curve. step : flown with the autopilot's own controller. With it, or
+    with three sizes of oscillation, the result may instead be, or include, a dead band or a saturation.
+
+    Only the step distinguishes the two kinds of dead band, because its output stays near the edge. Just beyond the
+    edge, a linkage with slack hardly pushes the craft. A speed controller that starts at once pushes as hard as without
+    a band. The second kind is tried only *with_band*: position loops designed for it performed worse (BlueROV2 heading,
+    ITAE 0.74 for 0.40).
     """
     if unexplained(plain) < _WORTH_A_LOOK:
         return None
@@ -221,7 +224,7 @@ def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
 def fit_with_actuator(
     runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None
 ) -> Fit[Model] | None:
-    """Return the model with these effects of the actuator, and with a neutral *band*, or None when there is none."""
+    """Return the model with these effects of the actuator, and with a neutral *band*; None if it cannot be fitted."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
         found = fit(
@@ -233,13 +236,13 @@ def fit_with_actuator(
 
 
 def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
-    """Whether *found* clearly needs its effect *slug*, *without* being a model of the same runs that lacks it."""
+    """Whether *found* clearly needs its effect *slug*; *without*: a model of the same runs without it."""
     own = effect_number(found, slug)
     return unexplained(found) < _UNEXPLAINED * unexplained(without) and own.value > _STDS * own.std
 
 
 def effect_number(found: Fit[Model], slug: str) -> Parameter:
-    """Return the one number of the effect *slug*."""
+    """Return the only number of the effect *slug*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
@@ -249,7 +252,7 @@ def unexplained(found: Fit[Model]) -> float:
 
 
 def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
-    """Return the finding in a sentence. *step*: the one that was looked at too."""
+    """Return the result in one sentence. *step*: the step that was also used."""
     has = {name.partition("@")[0] for name in found.parameters}
     square, sure = "", False
     if QUADRATIC in has:

@@ -1,4 +1,4 @@
-"""Are residuals white, and what do they cost when they are not: for every method that has residuals."""
+"""Whiteness of residuals and the cost of coloured ones, for every method with residuals."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LAGS = 10
-"""Lags of the whiteness test. Chosen: a second at 10 Hz, where unmodelled lags show first."""
+"""Lags of the whiteness test: a second at 10 Hz, where unmodelled lags show first."""
 
 SIGNIFICANCE = 0.01
-"""Chance of calling white residuals coloured."""
+"""Probability of calling white residuals coloured."""
 
 
 NOISE_SHARE = 0.9
-"""Chosen: what is left counts as noise when this share of its rms changes from sample to sample."""
+"""Fraction of the residual's rms that must change from sample to sample for it to count as noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """What a model leaves of a signal (SI): its ``rms`` and the part of it that is ``noise``.
+    """Residual of a signal (SI): its ``rms`` and the part of it that is ``noise``.
 
-    Noise is what changes from sample to sample, as that of a sensor does; the rest is correlated, so it is motion that
-    the model does not explain.
+    Noise changes from sample to sample, as a sensor's does. The rest is correlated: it is motion that the model does
+    not explain.
     """
 
     rms: float
@@ -55,10 +55,10 @@ class Remainder:
 
 
 def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
-    """Return what is left and how much of it is noise, from second differences, which slow motion leaves alone.
+    """Return the residual and its noise part, from second differences, which suppress slow motion.
 
-    errors : residuals, an array (n,) per run. rounding : standard deviation of what a coarse sensor's steps make, which
-    repeats with the motion and is noise all the same.
+    errors : residuals, an array (n,) per run. rounding : standard deviation of the steps of a coarse sensor. These
+    repeat with the motion, but count as noise.
     """
     together = np.concatenate([e[np.isfinite(e)] for e in errors]) if errors else np.zeros(0)
     if not len(together):
@@ -92,7 +92,8 @@ def all_white(scores: Sequence[Array]) -> bool:
 
 
 def correlation_time(scores: Sequence[Array]) -> float:
-    """Return how many samples make one independent one: ``1 + 2 sum rho_k`` over the initial positive lags."""
+    """Return how many samples are equivalent to one independent sample: ``1 + 2 sum rho_k`` over the first positive
+    lags."""
     if all_white(scores):
         return 1.0
     times = []

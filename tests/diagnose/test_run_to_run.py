@@ -8,7 +8,7 @@ from test_process_noise import SOME, nobody, weathered
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise
 from gcs_autotune.diagnose.run_to_run import differing, doubt_of_days
-from gcs_autotune.identify import Day, fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify import RunOffset, fit_base, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Trial
 
 DAYS = ((0.0, 0.09), (0.0, -0.07), (0.0, 0.05), (0.0, -0.08))
@@ -85,7 +85,7 @@ def test_the_report_tells_what_each_run_had_of_its_own() -> None:
 
 
 def test_a_day_is_told_in_one_plain_sentence() -> None:
-    days = (Day("run1", 0.02, 0.05, 0.01, 0.02), Day("run234", 0.3, 0.09, -0.07, 0.02))
+    days = (RunOffset("run1", 0.02, 0.05, 0.01, 0.02), RunOffset("run234", 0.3, 0.09, -0.07, 0.02))
     (doubt,) = doubt_of_days("yaw", "N m", days)
     assert doubt.cause == (
         "the runs differ in yaw by more than their commands explain (run234: thrust 7 % less and 0.3 N m to starboard)"

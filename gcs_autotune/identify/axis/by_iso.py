@@ -1,4 +1,4 @@
-"""The method ``iso``: first harmonic only, as in Miskovic2010; quick, and honest about its limits."""
+"""The method ``iso``: first harmonic only, as in Miskovic2010. It is fast, and reports its systematic error."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ __all__ = ["METHOD", "fit_by_iso"]
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.05
-"""Relative error of a first-harmonic balance. Chosen: largest of Miskovic2010, Examples 7.1-7.3 and of Table 6.2."""
+"""Relative error of a first-harmonic balance: the largest of Miskovic2010, Examples 7.1-7.3 and Table 6.2."""
 
 SYSTEMATIC_QUADRATIC = 0.12
-"""That of quadratic drag, which flattens the velocity. Chosen: 9 to 19 % in simulation, most for a narrow relay."""
+"""The same for quadratic drag, which flattens the velocity: 9 to 19 % in simulation, most for a narrow relay."""
 
 
 def fit_by_iso(case: Case) -> AxisFit:

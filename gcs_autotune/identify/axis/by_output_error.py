@@ -1,6 +1,6 @@
 """The method ``output-error``: exact fit to the whole record, started from IS-O or from a scan.
 
-Its own doubts are about its residuals, its bounds, and its runs among each other.
+It adds doubts about residuals, bounds, and differences between runs.
 """
 
 from __future__ import annotations
@@ -42,25 +42,25 @@ __all__ = ["fit_by_output_error", "fit_doubts"]
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Standard error, as a share of the value, beyond which a parameter counts as unknown."""
+"""Relative standard error above which a parameter counts as unknown."""
 
 GOOD_START = 0.05
-"""Share of the motion's variance that an IS-O start may leave before a scan is tried as well."""
+"""Unexplained fraction of the motion's variance above which a scan is tried in addition to an IS-O start."""
 
 SHORTER = (4.0, 8.0, 16.0, 32.0)
-"""Chosen: parts that the longest run is cut into where the input does not explain whole runs."""
+"""Numbers of parts into which the longest run is cut if the input does not explain whole runs."""
 
 
 def fit_by_output_error(case: Case) -> AxisFit:
     """Fit *case* by output error; see the package's :func:`identify`.
 
-    Over whole runs a slowly varying force adds up until no model follows. Where the input does not explain these, the
-    fit is made to pieces, each with initial states of its own, the longest that it explains, and a doubt says so.
+    Over whole runs a slowly varying force accumulates until no model follows. If the input does not explain whole runs,
+    the longest pieces that it explains are fitted, each with its own initial state. A doubt reports this.
 
     Raises
     ------
     NotInformative
-        When the input does not explain the motion better than a straight line, in pieces either.
+        The input explains the motion no better than a straight line, even in pieces.
     """
     try:
         return _fitted(case)
@@ -246,14 +246,15 @@ def _status(case: Case, chosen: Selection) -> list[Status]:
 
 
 DELAY_CHANGE = 0.03
-"""Change of inertia by an unproved delay that is worth a word, if it also exceeds three standard errors."""
+"""Relative change of inertia by an unproved delay above which a doubt is raised. It must also exceed three standard
+errors."""
 
 RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
 """Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
 
 
 def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
-    """Return what is doubtful about the chosen fit."""
+    """Return the doubts about the chosen fit."""
     solution = chosen.solution
     found = solution_doubts(solution)
     if chosen.undecided:

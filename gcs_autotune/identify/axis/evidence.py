@@ -1,21 +1,21 @@
-"""Which structure does the record speak for, and how sure can one be when it hardly does?
+"""Decide which structure the record supports, and how uncertain the decision makes the parameters.
 
-Evidence is the Bayesian information criterion with the likelihood tempered by the residuals' correlation time
-``k`` (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction): coloured residuals would otherwise make any
-extra parameter look certain. Thresholds follow the scale of Kass1995: below 2 nothing is decided, 6
-is strong, 10 very strong.
+The evidence is the Bayesian information criterion. Its likelihood is tempered by the residuals' correlation time ``k``
+(``-2 log L / k + p log(n/k)``, the quasi-likelihood correction). Without that, coloured residuals would make any extra
+parameter look certain. Thresholds follow the scale of Kass1995: below 2 nothing is decided, 6 is strong, 10 very
+strong.
 
-Both drags together ("affine") hold each drag alone as a special case. Where the second drag is not decided by the
-record the simpler structure is kept, but its drag then carries what the other would have explained: a craft with a
-little quadratic drag looks linear with too large a ``beta``, by many of its own standard errors. These are therefore
-raised, unless the second drag is less than one standard error above zero, to
+The structure with both drags ("affine") contains each single drag as a special case. If the record does not decide, the
+simpler structure is kept, and its drag includes what the other would explain. A craft with a little quadratic drag then
+looks linear with too large a ``beta``, by many of its standard errors. These are therefore raised, unless the second
+drag is less than one standard error above zero, to
 
     ``std**2 = sum_k w_k (std_k**2 + (theta_k - theta)**2)``,  ``w_k ~ exp(-AIC_k/2)``
 
-over both structures: the weights of Buckland1997, with the squared form of Burnham2002,
-section 4.3. The weights are Akaike's, not those of the criterion that chooses: that one asks whether a
-term is worth having, this whether leaving it out may hurt. Chosen affine, nothing is raised: its estimates are
-unbiased whether or not one drag is really zero.
+over both structures: the weights of Buckland1997, with the squared form of Burnham2002, section 4.3. The weights use
+Akaike's criterion, not the one that chooses the structure. The choice asks whether a term improves the model; the
+weights ask whether omitting it causes an error. If affine is chosen, nothing is raised: its estimates are unbiased even
+if one drag is zero.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ __all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "
 Array = NDArray[np.float64]
 
 DRAG = ("a", "c")
-"""The numbers of linear and of quadratic drag."""
+"""Parameters of linear and of quadratic drag."""
 
 UNDECIDED = 2.0
-"""Difference of the criterion below which nothing is decided: the simpler structure, or the linear one, is kept."""
+"""Difference of the criterion below which nothing is decided. The simpler structure, or the linear one, is then
+kept."""
 
 
 def choose(
@@ -70,7 +71,7 @@ def disadvantage(solution: Solution, rival: Solution, correlation: float, penalt
 def possible_second_drag(
     chosen: Structure, solutions: Mapping[Structure, Solution], correlation: float
 ) -> Solution | None:
-    """Return the affine solution when a single drag was chosen and the other may well be there, else None."""
+    """Return the affine solution if a single drag was chosen and the other is possible, else None."""
     rival = solutions.get("affine")
     if chosen == "affine" or rival is None:
         return None
@@ -80,10 +81,10 @@ def possible_second_drag(
 
 
 def craft_covariance(solution: Solution, rival: Solution | None, correlation: float) -> Array:
-    """Return the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero for what was not fitted.
+    """Return the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero for fixed parameters.
 
-    *rival* is another structure not excluded by the record: what both have in common gets the standard error of
-    the module's formula; correlations stay as they are. *correlation* time of the residuals [samples].
+    *rival* is another structure that the record does not exclude. Parameters of both get the standard error of the
+    module's formula; correlations are unchanged. *correlation*: time of the residuals [samples].
     """
     covariance = physical_covariance(solution)
     if rival is None:
@@ -99,7 +100,7 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
 
 
 def damps(solution: Solution) -> bool:
-    """Whether no drag is negative beyond two standard errors."""
+    """Whether no drag is negative by more than two standard errors."""
     return all(solution.value(n) >= -2.0 * std_of(solution, n, raised=False) for n in DRAG)
 
 

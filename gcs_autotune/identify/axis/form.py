@@ -1,6 +1,6 @@
-"""One degree of freedom as a form: which damping it has, and what its numbers are called.
+"""One degree of freedom as a form: its damping, and the names of its parameters.
 
-Three sets of numbers describe one axis; each follows from the others:
+Three equivalent sets of numbers describe one axis:
 
 ===========  ===================================================================================================
 explicit     ``(b, a, c, d, delay)``, :class:`Explicit`: the motion is nearly linear in them, so they are fitted
@@ -39,7 +39,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Structure = Literal["linear", "nonlinear", "affine"]
-"""Miskovic2010 says: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (|nu| nu), ``affine`` = both."""
+"""Names as in Miskovic2010: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (``|nu| nu``), ``affine`` =
+both."""
 
 FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
     "linear": (True, True, False, True),

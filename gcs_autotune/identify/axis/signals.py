@@ -1,25 +1,24 @@
-"""Which measured signals to fit: position, velocity, or both.
+"""Choose the measured signals to fit: position, velocity, or both.
 
-Position is trusted first where it is a sensor's own (heading, depth). A velocity joins it only when it agrees with
-the motion fitted to the position: same scale, no lag, errors of its own that are white. A gyro does; a filtered,
-delayed or differentiated velocity does not, and would bias the fit. Surge and sway are fitted to velocity when
-there is one, because ``x`` and ``y`` are north and east, not ahead and starboard.
+A position is used first if it comes from its own sensor (heading, depth). A velocity joins it only if it agrees with
+the motion fitted to the position: same scale, no lag, white errors. A gyro agrees; a filtered, delayed or
+differentiated velocity does not, and would bias the fit. Surge and sway are fitted to velocity if there is one, because
+``x`` and ``y`` are north and east, not ahead and starboard.
 
-Where the fitted motion misses the position itself by more than noise, it is no measure of the velocity: then the
-sensors are compared with each other (:mod:`gcs_autotune.crosscheck`). A hull that slides makes a model of one axis
-late, not its gyro.
+If the fitted motion misses the position by more than noise, it is no reference for the velocity. The sensors are then
+compared with each other (:mod:`gcs_autotune.crosscheck`). For example, sideslip makes a one-axis model late, but not
+the gyro.
 
-Otherwise whether a velocity agrees is asked as far as the fitted motion is known. It has an uncertainty of its own,
-and all of it shows in the velocity's errors: a wrong constant force looks like a bias, a wrong inertia like a lag.
-Scale, lag and bias of the velocity are therefore fitted together with the corrections ``x`` of the position's fit,
-which costs as much as the covariance ``C`` of that fit says::
+Otherwise the comparison takes into account how uncertain the fitted motion is. A wrong constant force looks like a bias
+of the velocity, and a wrong inertia like a lag. Scale, lag and bias of the velocity are therefore fitted together with
+corrections ``x`` of the position's fit. The covariance ``C`` of that fit sets their cost::
 
     minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
 
-one Gauss-Newton step of the joint fit of both channels. Input changes that may have come a loop of the autopilot
+This is one Gauss-Newton step of the joint fit of both channels. Input changes that may have come one autopilot loop
 earlier or later (:mod:`gcs_autotune.identify.stamp_correction`) are among ``x``. The standard errors are those of the
-difference between the two channels: the comparison (Hausman1978) of two estimates, asked along the directions in which
-velocities go wrong.
+difference between the two channels. The test is that of Hausman1978 for two estimates, along the directions of typical
+velocity errors.
 """
 
 from __future__ import annotations
@@ -42,14 +41,17 @@ from gcs_autotune.models import simulate_explicit
 __all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
-"""What ``use`` may hold."""
+"""Allowed kinds of signal in ``use``."""
 
 GAIN, LAG, BIAS, COLOUR = 0.02, 0.1, 0.02, 0.2
-"""Largest gain error, lag [sampling steps], bias [fraction of rms] and autocorrelation of a joining velocity.
-Chosen so that what slips through shifts a parameter by less than about 2 %."""
+"""Limits for a velocity that joins the fit.
+
+They are the gain error, the lag [sampling steps], the bias [fraction of rms] and the autocorrelation. Within them no
+parameter shifts by more than about 2 %.
+"""
 
 SURELY = 3.0
-"""Standard errors beyond which scale, lag or bias are not chance."""
+"""Standard errors above which scale, lag or bias are significant."""
 
 
 def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, ...]:
@@ -60,7 +62,7 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
     UsageError
         When *use* is empty or holds anything else.
     MissingChannel
-        When a run has none of the signals asked for.
+        When a run has none of the required signals.
     """
     axis = records[0].dof
     called = {word: getattr(axis, kind) for kind in KINDS for word in (kind, getattr(axis, kind))}
@@ -77,7 +79,7 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
 
 
 def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
-    """Return the signals of the first fit; both kinds only when different runs have different ones."""
+    """Return the signals of the first fit; both kinds only if different runs have different ones."""
     axis = records[0].dof
     prefer = (axis.velocity, axis.position) if axis.along_ground else (axis.position, axis.velocity)
     for name in prefer:
@@ -87,11 +89,11 @@ def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
 
 
 def objection(records: Sequence[Segment], solution: Solution) -> str:
-    """Return why the velocities must not join the fit, empty when nothing speaks against them.
+    """Return why the velocities must not join the fit, empty if they may.
 
-    A scale, lag or bias counts when it is too large to be borne and three standard errors from none, those of the
-    position's fit included (:func:`gcs_autotune.identify.axis.signals.agreement`). Of a model that misses the position
-    a scale or a lag is the model's own where the sensors agree.
+    A scale, lag or bias counts if it exceeds its limit and three standard errors, including those of the position's fit
+    (:func:`gcs_autotune.identify.axis.signals.agreement`). If a model misses the position but the sensors agree, the
+    scale or lag belongs to the model.
     """
     for record in records:
         if record.velocity is None:
@@ -116,7 +118,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
 
 
 SLOW = 0.25
-"""Chosen: share of the craft's time constant below which a lag between two sensors does not matter."""
+"""Fraction of the craft's time constant below which a lag between two sensors does not matter."""
 
 
 def _sensors_agree(record: Segment, solution: Solution) -> bool:
@@ -141,11 +143,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VelocityConsistency:
-    """How the velocities differ from the fitted motion.
+    """Differences between the measured velocities and the fitted motion.
 
-    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
-    ``rms`` [rad/s or m/s] of the motion; ``step`` [s] of the densest velocity; ``errors`` per stretch once the motion
-    is corrected for what velocity and position together say.
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s], with the standard errors of both fits together. ``rms``
+    [rad/s or m/s] of the motion. ``step`` [s] of the densest velocity. ``errors``: per stretch, after the motion is
+    corrected by velocity and position together.
     """
 
     gain: float

@@ -1,8 +1,8 @@
-"""Where the exact fit starts: from IS-O, or, for any other input, from a scan over time constants.
+"""Start of the exact fit: from IS-O, or, for any other input, from a scan over time constants.
 
-For constant drag and a given time constant the motion is linear in everything else (input gain, constant force,
-initial state), so a scan over the time constant with a linear least squares at each point cannot get lost in a
-local minimum, and nothing has to be differentiated.
+For constant drag and a given time constant the motion is linear in all other unknowns (input gain, constant force,
+initial state). A scan over the time constant with linear least squares at each point cannot end in a local minimum. It
+needs no derivatives.
 """
 
 from __future__ import annotations
@@ -25,31 +25,32 @@ __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "star
 Array = NDArray[np.float64]
 
 POINTS = 14
-"""Time constants tried. Chosen: half an octave apart over 0.05..60 s, inside the basin of Gauss-Newton."""
+"""Time constants tried: half an octave apart over 0.05..60 s, which is within the convergence region of
+Gauss-Newton."""
 
 SLOWEST = 60.0
 """Longest time constant tried [s]."""
 
 FASTEST = 50.0
-"""Largest rate fitted [1/s]: no hull answers within 20 ms."""
+"""Largest rate fitted [1/s]: no hull responds within 20 ms."""
 
 DELAYS = (0.0, 0.3)
-"""Delays tried [s]; a long delay that is not looked for can hide the time constant."""
+"""Delays tried [s]. Without them a long delay could hide the time constant."""
 
 SAMPLES = 400
-"""Samples per stretch the scan looks at; it needs no more to find the neighbourhood."""
+"""Samples per stretch that the scan uses; this is enough for a start."""
 
 LONGEST_DELAY = 2.0
-"""Longest delay fitted [s]. Chosen: beyond it a telemetry link is broken, not slow."""
+"""Longest delay fitted [s]. A telemetry link with a longer delay is broken."""
 
 
 LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]
-"""Where the numbers stand in which the motion is linear at a given rate and delay."""
+"""Indices of the numbers in which the motion is linear at a given rate and delay."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the data can resolve at all.
+    """Limits of what the data can resolve.
 
     Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
     """
@@ -116,7 +117,7 @@ def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence
 
 
 def misfit(records: Sequence[Segment], numbers: Explicit) -> float:
-    """Return the sum of squares left by ``a`` and ``delay`` of *numbers* with everything else fitted linearly."""
+    """Return the sum of squared residuals for ``a`` and ``delay`` of *numbers*, with all others fitted linearly."""
     return _linear_fit(records, [_thinned(r.main) for r in records], numbers.a, numbers.delay)[1]
 
 

@@ -1,4 +1,4 @@
-"""Which drag, and is there a delay? Output-error candidates weighed by :mod:`gcs_autotune.identify.axis.evidence`."""
+"""Choose drag and delay by comparing output-error candidates (:mod:`gcs_autotune.identify.axis.evidence`)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """What was chosen and why: the fits per structure, the correlation time, whether it was a close call.
+    """The choice and its reasons: the fits per structure, the correlation time, whether it was close.
 
-    ``records`` are those fitted: without their first moments when there is a delay. ``with_delay`` is the
-    fit with a delay that was tried, kept or not. ``rival`` is the fit of both drags when the record does not exclude
-    it.
+    ``records``: those fitted, without their first moments if there is a delay. ``with_delay``: the fit with a delay
+    that was tried, kept or not. ``rival``: the fit of both drags if the record does not exclude it.
     """
 
     structure: Structure

@@ -1,4 +1,4 @@
-"""How sure a fit of one degree of freedom is in physical parameters, and the bound no method can beat."""
+"""Uncertainty of a fit of one degree of freedom in physical parameters, and its lower bound for any method."""
 
 from __future__ import annotations
 
@@ -65,20 +65,20 @@ def cramer_rao(
 ) -> dict[str, float]:
     """Return the smallest standard deviation any unbiased estimate of *model* can have from these *trials*.
 
-    White Gaussian noise of unknown level; the initial states of every run are unknown too, and so is a common shift
-    of the input stamps where the records tell that these are not exact (then a van Trees bound).
+    The noise is white and Gaussian with unknown level. The initial states of every run are unknown. If the records show
+    that input stamps are not exact, their common shift is unknown too (then a van Trees bound).
 
     Parameters
     ----------
     noise_std : of the position [rad or m], before rounding; or per signal name, e.g. ``{"psi": 0.01, "r": 0.02}``.
     free : which of ``alpha beta beta_quadratic delta delay`` are unknown.
     quantum : step [rad or m] to which a coarse sensor rounds, 0 for none; or per signal name. The measured
-        values tell where the cells lie, so they must be those of the coarse sensor.
+        values define the cells, so they must come from the coarse sensor.
 
     Raises
     ------
     NotInformative
-        When the model runs away on these inputs.
+        The model diverges on these inputs.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, model.dof)]

@@ -1,9 +1,8 @@
-"""The method ``global``: two global optimisers of different kind on the same cost, the better kept (Erunsal2017,
-section 3.4), polished by output error.
+"""The method ``global``: two different global optimisers on the same cost, the better one polished by output error.
 
-One breeds a population (differential evolution, Storn1997), the other samples the box evenly and descends
-from the best of its samples with exact derivatives. Both look at whole free runs, begun at the smoothed first states;
-the cost is the concentrated Gaussian log-likelihood, so that neither units nor noise levels need be known.
+Source: Erunsal2017, section 3.4. One optimiser is differential evolution (Storn1997). The other samples the box evenly
+and descends from its best samples with exact derivatives. Both evaluate whole free runs that start at the smoothed
+first states. The cost is the concentrated Gaussian log-likelihood, so neither units nor noise levels need to be known.
 """
 
 from __future__ import annotations
@@ -45,16 +44,16 @@ WIDTH = 4.0
 """Half-width of the box, in units of the value at which a term is as large as the known forces."""
 
 MOST_RUNAWAY = 50.0
-"""Cost per sample of a motion that runs away, above anything a finite one has."""
+"""Cost per sample of a diverging motion, above any finite one."""
 
 PATIENCE = 15
-"""Steps per stamp of a simulation: what is stiffer than that is no craft whose samples these are."""
+"""Maximum number of steps per stamp of a simulation. A stiffer model does not fit the sampling."""
 
 SHARE_SAMPLED = 0.5
-"""Share of the multi-start's budget spent on even samples, the rest on descents."""
+"""Fraction of the multi-start's budget for even samples; the rest is for descents."""
 
 DESCENTS, TRIALS = 6, 20
-"""Best samples a descent starts from, and its longest."""
+"""Number of best samples from which a descent starts, and its maximum number of trials."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +76,7 @@ class Searched:
 
     @property
     def margin(self) -> float:
-        """By how much the cost (minus twice the log-likelihood) of the other is larger."""
+        """By how much the cost (minus twice the log-likelihood) of the other optimiser is larger."""
         return max(self.costs.values()) - min(self.costs.values())
 
 
@@ -211,7 +210,7 @@ def _descended(cost: _Cost, start: Array, box: Box) -> Array:
 
 
 BUDGET = 150
-"""Simulations of all records per free parameter both searches may spend together, if not told otherwise."""
+"""Simulations of all records per free parameter that both searches may use together by default."""
 
 LEAST = 50
 """Smallest budget."""
@@ -225,11 +224,12 @@ OPTIONS = (
 
 
 def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* from the better of two global searches; an unknown delay is taken as none unless the form frees it.
+    """Fit *case* from the better of two global searches; an unknown delay counts as zero unless the form frees it.
 
-    Start values of the form are not asked. The local fit from the regression's start is kept when it is better still.
-    ``extra["search"]`` tells which optimiser won, its margin in minus twice the log-likelihood, what each spent, and by
-    how much log-likelihood their polished answer is ahead of the local fit (negative: the local fit was kept).
+    Start values of the form are not used. The local fit from the regression's start is kept if it is better.
+    ``extra["search"]`` contains the winning optimiser, its margin in minus twice the log-likelihood, and the
+    simulations each used. It also contains the gain in log-likelihood over the local fit (negative: the local fit was
+    kept).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The method ``output-error`` for coupled models: start, delay, fit, what to doubt."""
+"""The method ``output-error`` for coupled models: start, delay, fit, doubts."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
-    """Return *form* with this delay [s] known, unless there is none to speak of."""
+    """Return *form* with this delay [s] fixed, unless it is negligible."""
     if delay is None or (delay == 0.0 and "delay" not in form.parameters):
         return form
     return form.fixing({"delay": delay})
@@ -83,7 +83,7 @@ def with_known_delay(form: Form, delay: float | None) -> Form:
 def outcome(
     case: Case, chosen: Delayed, limits: Limits, method: str, extra: Mapping[str, Any] | None = None
 ) -> Fit[CoupledModel]:
-    """Return the fit of *chosen*, with what to doubt about it; *extra* goes to its like."""
+    """Return the fit of *chosen* with its doubts; *extra* is added to its own extra entries."""
     solution, records = chosen.local.solution, chosen.local.records
     form = solution.form
     table = form_table(

@@ -1,4 +1,4 @@
-"""How far each parameter may go: what the record can resolve, what is physical, what the user says."""
+"""Limits of each parameter: what the record can resolve, what is physical, what the user sets."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ OPTIONS = (
 """Options of ``fit`` read here."""
 
 LONGEST_DELAY = 3.0
-"""Longest delay and lag [s] searched. Chosen: a craft slower to answer than this is mended first."""
+"""Longest delay and lag [s] searched. A slower craft needs repair first."""
 
 SHORTEST_LAG = 0.1
-"""Shortest lag, in sampling steps: below it nothing of it is left in the samples."""
+"""Shortest lag, in sampling steps. A shorter one is not visible in the samples."""
 
 
 def limits_of(form: Form, case: Case) -> Limits:
@@ -70,7 +70,7 @@ def _physical_side(name: str) -> int:
 
 
 def horizon_of(case: Case) -> float | None:
-    """Return how long [s] a simulation is to run freely; None: as long as it can follow the runs.
+    """Return how long [s] a simulation runs freely; None: as long as it can follow the runs.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One local fit, from the first start that leads somewhere; with a delay where the evidence is strong."""
+"""One local fit from the first successful start, with a delay if the evidence is strong."""
 
 from __future__ import annotations
 
@@ -25,28 +25,27 @@ __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
 Array = NDArray[np.float64]
 
 GOOD = 2.0
-"""A fit whose noise is below this many times each signal's own roughness needs no other start."""
+"""A fit with noise below this multiple of each signal's own roughness needs no other start."""
 
 HOPELESS = 10.0
-"""Misfit of a signal, in multiples of its noise, that equals its motion: the fit has failed and is tried on short
-pieces."""
+"""Misfit of a signal, in multiples of its noise, at which a fit counts as failed and short pieces are tried."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
-"""Effort for each start; only the best is fitted to the end."""
+"""Effort for each start; only the best is fitted until it converges."""
 
 MISFIT = Effort(25, exact=False)
-"""Effort for the end of a fit that leaves far more than noise: its last digits are about what the model misses."""
+"""Effort for the end of a fit that leaves far more than noise. Its last digits depend on what the model misses."""
 
 PATIENT = Effort(25, exact=False)
-"""For whole runs at any price: a large remainder is no reason to give up."""
+"""Effort for whole runs only: the fit continues whatever the residual."""
 
 BETTER = 3.0
-"""Short pieces are kept when they are fitted so many times better than whole runs."""
+"""Factor by which the fit of short pieces must be better than that of whole runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFit:
-    """A fit and the records it was made on; ``pieces``: cut short, because no fit held over whole runs."""
+    """A fit and its records; ``pieces``: whether they were cut, because no fit held over whole runs."""
 
     solution: Solution
     records: tuple[Segment, ...]
@@ -54,11 +53,11 @@ class LocalFit:
 
 
 def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False) -> LocalFit:
-    """Fit *form* from one start after the other until one explains the records down to their noise; the best else.
+    """Fit *form* from one start after the other until one explains the records down to noise, else return the best.
 
-    A free run that diverges from the measured one after a while (a course-unstable craft, runs of different craft, a
-    term missing) has no minimum worth the name. Then the records are cut into short pieces, each with its own initial
-    state; unless *whole* runs are asked for.
+    A free run may diverge from the measured one (an unstable craft, runs of different craft, a missing term). The cost
+    then has no useful minimum. The records are cut into short pieces, each with its own initial state, unless *whole*
+    runs are required.
 
     Raises
     ------
@@ -112,10 +111,10 @@ class Delayed:
 
 
 def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Delayed:
-    """Fit *form* without a delay, and with one where that may help.
+    """Fit *form* without a delay, and with one if that may help.
 
-    One Gauss-Newton step from no delay tells what a delay could gain at all; only then, or when the residuals are
-    coloured, both are fitted to the same samples: those that do not answer to inputs from before the record.
+    One Gauss-Newton step from zero delay estimates its possible gain. Only if there is a gain, or if residuals are
+    coloured, both are fitted. Both use the same samples: those that do not depend on inputs before the record.
     """
     whole = tuple(records)
     plain = local_fit(form, whole, limits, robust=robust)

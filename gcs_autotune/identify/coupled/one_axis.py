@@ -1,8 +1,8 @@
-"""One degree of freedom by a method that fits forms: the axis is the smallest one, told in physical numbers.
+"""One degree of freedom by a method that fits forms: the axis is the smallest form, reported in physical parameters.
 
 ``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form with the derivatives ``N_rdot = -alpha``,
-``N_r = -beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others), so estimates and covariances carry
-over by a change of sign.
+``N_r = -beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others). Estimates and covariances differ
+only by signs.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
-    """Return *fit*, of the form of one degree of freedom, in physical numbers."""
+    """Return *fit*, of the form of one degree of freedom, in physical parameters."""
     record = case.records[0]
     model, table = _in_words(record.dof, record.input_units[0], structure, fit)
     main = record.main.name
@@ -55,10 +55,10 @@ def _rms(fit: Fit[Model], signal: str) -> float:
 
 
 def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
-    """Return *fit*, a model of one axis with effects of its actuator, in the words of one axis.
+    """Return *fit*, a model of one axis with effects of its actuator, as a fit of one axis.
 
-    plain : the model of the same runs without them. Of it the readings of limit cycles stay and what is doubtful about
-    the runs themselves; what it doubts of itself, and how its drag was chosen, does not hold for *fit*.
+    plain : the model of the same runs without these effects. Its readings of limit cycles and its doubts about the runs
+    are kept. Its doubts about itself, and its choice of drag, do not apply to *fit*.
     """
     assert isinstance(fit.model, ExtendedModel)
     axis, main = plain.model.axis, plain.traces[0].signal if plain.traces else plain.model.axis.position

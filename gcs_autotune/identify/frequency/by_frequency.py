@@ -1,4 +1,4 @@
-"""The method ``frequency``: the measured response first, Nomoto's models fitted to it second, and what to doubt."""
+"""The method ``frequency``: measure the response, fit Nomoto's models to it, and collect doubts."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from gcs_autotune.models import Nomoto1, SingleDof
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
 
 DECADE_PART = 3.0
-"""Least ratio of highest to lowest measured frequency that shows a slope. Chosen: half a decade."""
+"""Minimum ratio of highest to lowest measured frequency to determine a slope: half a decade."""
 
 MISFIT = 0.05
-"""Fraction of the motion missed beyond noise above which the model is not the response's."""
+"""Unexplained fraction of the motion beyond noise, above which the model does not fit the response."""
 
 
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:

@@ -1,7 +1,7 @@
-"""Nomoto's models of first and second order fitted to an empirical response, with standard errors.
+"""Fit Nomoto's models of first and second order to an empirical response, with standard errors.
 
-Complex gains are fitted, not decibels and degrees: their errors are what the coherence tells. The search runs over
-``1/K`` and ``T/K`` (inertia and drag), which stay finite for a craft that is all inertia.
+Complex gains are fitted, not decibels and degrees, because the coherence gives their errors. The search runs over
+``1/K`` and ``T/K`` (drag and inertia), which stay finite for a craft without drag.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
 Array = NDArray[np.float64]
 
 FLOOR = 0.003
-"""Smallest relative error of a gain. Chosen: what finite resolution leaves where the coherence sees no noise at all."""
+"""Smallest relative error of a gain: the effect of finite resolution if the coherence shows no noise."""
 
 LEAST, MOST = 1e-4, 3.0
-"""Range of the error granted to a model, as a fraction of the motion: at its end the model says nothing any more."""
+"""Range of the model error, as a fraction of the motion. At its upper end the model explains nothing."""
 
 EVIDENCE = 10.0
-"""Fall of the Bayesian criterion that makes a further parameter believed (Kass1995: very strong)."""
+"""Decrease of the Bayesian criterion at which a further parameter is accepted (Kass1995: very strong)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +59,13 @@ class NomotoFit:
 def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None = None) -> NomotoFit:
     """Fit Nomoto's model of *order* 1 or 2 to *response*.
 
-    Points weigh by their noise and by what the model itself misses: that is raised until it accounts for what is left.
-    Else a model that is only nearly true would follow whatever point happens to have the least noise.
+    Points are weighted by their noise and by the model's own error, which is raised until it explains the residual.
+    Otherwise an approximate model would follow the point with the least noise.
 
     Parameters
     ----------
     delay : known delay [s]; None fits one and keeps it on strong evidence only, or when the motion would otherwise
-        come out as answering before it is asked (a negative time constant).
+        start before the input (a negative time constant).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The empirical response as a value: frequencies, complex gains, coherence, uncertainty; and what it is made from.
+"""The empirical response and its data: frequencies, complex gains, coherence, uncertainty.
 
 :class:`Sampled` is a record on one even grid, input and velocity averaged over the same steps. Over a step both are box
 averages: of the held input exactly, of the velocity as the position's difference. The box then cancels from their
@@ -26,8 +26,10 @@ __all__ = ["FrequencyResponse", "Sampled", "mending", "sampled", "together", "tr
 Array = NDArray[np.float64]
 
 COHERENT = 0.6
-"""Squared coherence above which a point counts as measured. Chosen: the gain is then known to 20 % with eight averages,
-and chance alone exceeds it once in six hundred."""
+"""Squared coherence above which a point counts as measured.
+
+With eight averages the gain is then known to 20 %. Chance alone exceeds it once in six hundred.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,17 +1,17 @@
-"""The empirical response of a run: by cross spectra of any run, or at the harmonics of limit cycles.
+"""Measure the frequency response of a run, by cross spectra or at the harmonics of limit cycles.
 
 ``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine
-tapers (Riedel1995) and over runs. The tapers see the whole run, so slow motion is resolved as well as
-its length allows and a sweep needs no cutting into pieces; their number grows with frequency, where fine resolution
-is of no use.
+tapers (Riedel1995) and over runs. The tapers cover the whole run, so the resolution of slow motion is limited only by
+its length. A sweep need not be cut into pieces. The number of tapers grows with frequency, where fine resolution is not
+needed.
 
-A run of some tens of seconds resolves a craft's corner badly: within one bandwidth the response bends, and the motion
-the run began and ended with leaks. So a first-order model is fitted to what is seen, its free run taken off the motion,
-and its response added to that of the rest (prewhitening, Blackman1958): whatever the model is, the answer is
-that of the record, and only the little that is left over suffers from the resolution.
+A run of some tens of seconds hardly resolves a craft's corner frequency. Within one bandwidth the response bends, and
+the motion at the start and end leaks. Therefore a first-order model is fitted, its free run is subtracted from the
+motion, and its response is added to that of the rest (prewhitening, Blackman1958). The result is that of the record,
+whatever the model. Only the small remainder suffers from the resolution.
 
-A settled relay experiment is periodic: at every odd harmonic of it input and output stand in the ratio of the process'
-response, exactly for a linear process. What IS-O leaves out as higher harmonics is measurement here.
+A settled relay experiment is periodic. At every odd harmonic the ratio of output to input is the process' response,
+exactly for a linear process. The higher harmonics, which IS-O neglects, are data here.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TAPERS = 4
-"""Tapers at low frequency: the fewest that give a coherence."""
+"""Tapers at low frequency: the fewest from which a coherence can be calculated."""
 
 MOST_TAPERS = 24
 
 WIDTH = 0.5
-"""Largest bandwidth as a fraction of the frequency: half an octave still shows every corner."""
+"""Largest bandwidth as a fraction of the frequency: half an octave still resolves every corner."""
 
 HIGHEST = 0.4
 """Highest frequency as a fraction of half the sampling rate: below it straight lines between samples do no harm."""
 
 ROUNDS = 3
-"""Times the model is fitted and taken off. Chosen: the third changes a gain by less than its error."""
+"""Number of times the model is fitted and subtracted; the third changes a gain by less than its error."""
 
 STRONG = 1e-4
 """Least input power, relative to the strongest point, of points the model is fitted to."""

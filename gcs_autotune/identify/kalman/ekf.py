@@ -1,8 +1,8 @@
-"""Extended and sigma-point Kalman filters with the parameters in the state: ZhaoUSV, (8)-(18).
+"""Fit by extended and sigma-point Kalman filters with the parameters in the state: ZhaoUSV, (8)-(18).
 
-The filter runs over the records, the noise levels are fitted to what it leaves, and it runs again from its own answer,
-until the parameters settle. A repeated pass starts three standard errors wide around the last answer, which is a fixed
-point then; what that prior adds to the information is taken away again, so that the data count once.
+The filter runs over the records, then the noise levels are fitted to its innovations. It then runs again from its own
+result until the parameters settle. A repeated pass starts with a prior three standard errors wide around the last
+result. The information of that prior is subtracted again, so that the data count once.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ FILTER_OPTIONS = (
 )
 
 PASSES = 40
-"""Most passes. Chosen: levels settle geometrically, 10 to 25 passes do."""
+"""Maximum number of passes. Noise levels converge geometrically; 10 to 25 passes suffice."""
 
 CLOSE = 0.5
-"""Move of all parameters in standard errors below which the states seen from the run's end are trusted too."""
+"""Largest move of a parameter, in standard errors, at which the smoothed states are used too."""
 
 
 HOPELESS = 3
-"""Passes after which an inertia that is not positive definite is taken for lost."""
+"""Number of passes after which an inertia that is not positive definite counts as a failure."""
 
 
 def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
-    """Fit by the extended Kalman filter; *case* and result as every method for coupled models."""
+    """Fit a coupled model by the extended Kalman filter; *case* and result as for every method for coupled models."""
     return _fit(case, "ekf", sigma=False)
 
 
 @on_settled_stamps
 def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
-    """Fit by the sigma-point filter; see :mod:`.sigma`. Its points cannot carry a shift of stamps."""
+    """Fit by the sigma-point filter; see :mod:`.sigma`. It cannot estimate a shift of stamps."""
     return _fit(case, "ukf", sigma=True)
 
 

@@ -1,4 +1,4 @@
-"""Records made ready for the filters, and one pass of a filter over all of them."""
+"""Prepare records for the filters and run one pass of a filter over all of them."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ __all__ = ["FilterBank", "FilterRecord", "FilterResult", "Levels", "Prior", "Smo
 Array = NDArray[np.float64]
 
 LONGEST = 0.5
-"""Longest interval [s] a filter crosses in one step; longer ones get stamps without samples. Chosen: Simpson's rule for
-the process noise then errs below 1 % for craft with time constants above half a second."""
+"""Longest interval [s] that a filter crosses in one step. Longer ones get stamps without samples.
+
+For craft with time constants above half a second, Simpson's rule for the process noise is then accurate to 1 %.
+"""
 
 HASTE = 1.5
-"""Over-relaxation of the drive's fixed point, which alone is slow where a run hardly tells of process noise."""
+"""Over-relaxation exponent for the drive levels, whose iteration converges slowly if process noise is weak."""
 
 _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRecord:
-    """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN where a signal has none, inputs as in the record."""
+    """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN for a missing sample, inputs as in the record."""
 
     record: Segment
     stamps: Array
@@ -39,11 +41,14 @@ class FilterRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """Noise: ``noise`` (m,) variance of every signal; ``drive`` (n,) intensity of the white noise driving every state
-    [unit^2/s]; ``walk`` (p,) that of the free parameters; ``decay`` (p,) [1/s] the rate at which each returns to zero
-    (an Ornstein-Uhlenbeck process: a drifting force, begun anew in every record), 0 or empty for constants;
-    ``waves`` (4,) see :mod:`.waves`, zeros for none: begun anew in every record, seen in the first signal, and pushing
-    as the first free parameter does."""
+    """Noise levels of a filter.
+
+    ``noise`` (m,): variance of every signal. ``drive`` (n,): intensity of the white noise that drives every state
+    [unit^2/s]. ``walk`` (p,): the same for the free parameters. ``decay`` (p,) [1/s]: rate at which each parameter
+    returns to zero; 0 or empty for constants. A decaying parameter is an Ornstein-Uhlenbeck process: a drifting force
+    that restarts in every record. ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every record,
+    appear in the first signal, and act as the first free parameter does.
+    """
 
     noise: Array
     drive: Array
@@ -53,14 +58,16 @@ class Levels:
 
     @property
     def of_waves(self) -> int:
-        """How many states the waves have."""
+        """Number of states of the waves."""
         return 2 if rough(self.waves) else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """What is assumed before the first sample: ``states`` (records, n) and their standard deviations ``spread``, free
-    parameters (p,) with ``covariance`` (p, p)."""
+    """Assumptions before the first sample.
+
+    ``states`` (records, n) with standard deviations ``spread``; free parameters (p,) with ``covariance`` (p, p).
+    """
 
     states: Array
     spread: Array
@@ -85,10 +92,9 @@ class FilterResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """The same run seen from its end: trajectories (s, N) of states, free parameters and waves, with variances, per
-    record; ``score`` of the levels.
+    """Smoothed result of a run: trajectories (s, N) of states, free parameters and waves, with variances, per record.
 
-    ``by_noise`` (2, m), ``by_drive`` (2, n): a level is right where both rows agree.
+    ``score``: ``by_noise`` (2, m) and ``by_drive`` (2, n). A level is at its maximum of likelihood if both rows agree.
     """
 
     trajectories: tuple[Array, ...]
@@ -98,13 +104,12 @@ class Smoothed:
 
 
 class FilterBank:
-    """A form and its records, ready for filters.
+    """A form and its records, prepared for filters.
 
     Parameters
     ----------
     free : names of the parameters carried in the filter's state; none for a filter with known parameters.
-    per_run : each run has free parameters of its own: they begin anew, at the prior, with every record of another run
-        than the one before.
+    per_run : each run has its own free parameters. They restart at the prior with every record of a new run.
     """
 
     def __init__(self, form: Form, records: Sequence[Segment], free: Sequence[str], *, per_run: bool = False) -> None:
@@ -128,17 +133,17 @@ class FilterBank:
         return FilterBank(self.form, [t.record for t in self.tracks], free)
 
     def ease(self) -> bool:
-        """Make steps no finer than the last pass needed from here on; return whether that changes anything.
+        """Make later steps no finer than the last pass needed; return whether that changes anything.
 
-        Passes that are compared take the same steps, so what one of them needs all later ones take. A trial of a craft
-        without inertia would have them a hundred times finer for ever.
+        Passes that are compared must take the same steps, so the finest step so far applies to all later passes. A
+        trial with almost no inertia would otherwise keep the steps a hundred times too fine.
         """
         finer = self._max_rates != self._needed
         self._max_rates = list(self._needed)
         return finer
 
     def afresh(self) -> None:
-        """Forget how fine the steps of earlier passes were: a trial may have asked for more than there may be."""
+        """Reset the step size: an earlier trial may have required more steps than are allowed."""
         self._max_rates = [1.0] * len(self.tracks)
         self._needed = list(self._max_rates)
 
@@ -152,14 +157,14 @@ class FilterBank:
         sigma: bool = False,
         full: bool = False,
     ) -> FilterResult | None:
-        """Filter all records one after the other; None when the motion runs away.
+        """Filter all records one after the other; return None if the motion diverges.
 
         Parameters
         ----------
         theta : (all,) every parameter; the free ones count only with *about*.
         about : a trajectory (s, n) per record to linearise about, with the parameters of *theta*; None: linearise at
             the estimate.
-        sigma : carry mean and covariance by sigma points, which know no waves.
+        sigma : carry mean and covariance by sigma points, which do not support waves.
         full : keep what :meth:`smooth` needs.
 
         Raises
@@ -266,10 +271,11 @@ def _track(record: Segment, signals: Sequence[str]) -> FilterRecord:
 
 
 def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = True, drive: bool = True) -> Levels:
-    """Return levels nearer to the maximum of the likelihood: each times the ratio of its two score rows.
+    """Return levels closer to the maximum of the likelihood: each is multiplied by the ratio of its two score rows.
 
-    The score of a variance is half the difference of the rows (``backward``), so the maximum is a fixed point; a level
-    the run knows nothing of keeps its value. floors : (m,) least variances, from the steps of the sensors' scales.
+    The score of a variance is half the difference of the rows (``backward``), so the maximum is a fixed point. A level
+    that the run contains no information on keeps its value. floors : (m,) least variances, from the resolution of the
+    sensors.
     """
     r, q = levels.noise.copy(), levels.drive.copy()
     if noise:

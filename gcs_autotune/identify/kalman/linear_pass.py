@@ -1,9 +1,9 @@
-"""One degree of freedom that is linear in its own motion, filtered with exact transitions.
+"""Filter one degree of freedom that is linear in its own velocity, with exact transitions.
 
-Commands bent, delayed or scaled, forces by measured flow and damping that goes with it leave the equation linear in the
-craft's own velocity: between two stamps its motion is an exponential, and neither Runge-Kutta steps nor sensitivities
-are needed. The drifting force is held over an interval between samples, as :func:`.sweep.forward` holds it, so that
-likelihoods of either pass may be compared.
+The equation stays linear in the craft's own velocity if commands are bent, delayed or scaled. The same holds for forces
+by measured flow, and for damping that depends on it. The motion between two stamps is then an exponential, and neither
+Runge-Kutta steps nor sensitivities are needed. The drifting force is held over an interval between samples, as in
+:func:`.sweep.forward`. Likelihoods of both passes are therefore comparable.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Array = NDArray[np.float64]
 
 
 Term = tuple[str, float, tuple[tuple[str, bool], ...]]
-"""Parameter, sign, (input, by its size) of a product."""
+"""Parameter, sign and (input, by its magnitude) of a product."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearTerms:
     """Terms of an equation that is linear in its velocity.
 
-    ``forces`` : added up as force; ``dampings``: times the velocity.
+    ``forces``: terms that add up to the force. ``dampings``: terms multiplied by the velocity.
     """
 
     forces: tuple[Term, ...]
@@ -43,7 +43,7 @@ class LinearTerms:
         return _added_up(self.forces, values, channels), -_added_up(self.dampings, values, channels)
 
     def share_of(self, name: str, values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
-        """Return that part of the force (j,) which goes with the parameter *name*."""
+        """Return the part of the force (j,) that is proportional to the parameter *name*."""
         return _added_up([f for f in self.forces if f[0] == name], values, channels)
 
 
@@ -60,8 +60,8 @@ def _added_up(terms: Sequence[Term], values: Mapping[str, float], channels: Mapp
 def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
     """Return the terms of *form*, of one degree of freedom, with the derivatives *added*.
 
-    None where one is not linear in the velocity, goes with a position, or is an input's with no free gain. The form
-    drives by every input it has.
+    Return None if a term is not linear in the velocity, depends on a position, or has an input without a free gain. The
+    form uses every input it has.
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
     own = STATES.index(d.velocity)  # velocities come first among a term's factors
@@ -92,7 +92,7 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
 
 
 NEAR_ZERO = 1e-3
-"""Damping times interval below which its exponential is taken by the series: what is cancelled loses digits."""
+"""Damping times interval below which its exponential is calculated by a series, because cancellation loses digits."""
 
 
 @njit(cache=True, nogil=True)
@@ -114,13 +114,13 @@ def linear_pass(
 ) -> bool:
     """Filter one record; return whether the motion stayed finite.
 
-    t_in, force (c, j), damping (j,) : held from each stamp on, per inertia. The first row of forces is what drives the
-    craft; of each row more the pass tells what that force, from rest and with no sample but zeros, adds to the
-    innovations (DeJong1991): they are linear in it. y : (s,) position at *stamps* (s,), NaN where
-    there is none; *of_velocity*: velocity instead. size, memory [s] : of the drifting force (Ornstein-Uhlenbeck);
-    noise : standard deviation of *y*; waves (4,) : see :mod:`.waves`, without size for none.
-    start, spread : (2,) velocity and position at the first stamp and their standard
-    deviations. e (c, s), S (s,) : filled with innovations and their variances, left alone where there is no sample.
+    t_in, force (c, j), damping (j,) : held from each stamp on, per inertia. The first row of forces drives the craft.
+    For each further row the pass returns the response of the innovations to that force, from rest and with all samples
+    zero (DeJong1991). The innovations are linear in it. y : (s,) position at *stamps* (s,), NaN where there is none;
+    *of_velocity*: velocity instead. size, memory [s] : of the drifting force (Ornstein-Uhlenbeck); noise : standard
+    deviation of *y*; waves (4,) : see :mod:`.waves`, without size for none. start, spread : (2,) velocity and position
+    at the first stamp and their standard deviations. e (c, s), S (s,) : filled with innovations and their variances,
+    unchanged without a sample.
     """
     rows, m = len(force), 5 if rough(waves) else 3
     # Velocity, position, the drifting force; two of the waves.

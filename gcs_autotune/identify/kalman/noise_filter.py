@@ -1,9 +1,9 @@
-"""One degree of freedom with process noise, as a filter sees it: the innovations of any values of its unknowns.
+"""Filter one degree of freedom with process noise, and return its innovations for any values of the unknowns.
 
-The equation of motion, with whatever effects stand in it, is driven besides by a force that is an Ornstein-Uhlenbeck
-process: its standard deviation and time constant are unknowns beside the model's and the noise of the sensor. The
-filter carries that force as a parameter that decays (:class:`.filter_bank.Levels`), so initial states and what the
-force did are integrated out; what is left is the likelihood of the innovations (Ljung1999, chapter 7).
+An Ornstein-Uhlenbeck force drives the equation of motion in addition to the commands. Its standard deviation and time
+constant are unknowns, as are the parameters of the model and the noise of the sensor. The filter carries the force as a
+parameter that decays (:class:`.filter_bank.Levels`). Initial states and the force are thus integrated out, and the
+innovations have a likelihood (Ljung1999, chapter 7).
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ __all__ = ["DRIFTING_FORCE", "NoiseFilter"]
 Array = NDArray[np.float64]
 
 DRIFTING_FORCE, FORCE_OF_THE_RUN = "gust", "day"
-"""Inputs, always 1, whose gains are the drifting force and a run's own constant force."""
+"""Inputs that are always 1. Their gains are the drifting force and the constant force of a run."""
 
 LINEAR_STATES = 3
-"""Position, velocity and the force: what a sample of the linear filter counts as work, as in a filter bank."""
+"""Number of states (position, velocity and force). It is the work of one sample, as in a filter bank."""
 
 MOST_KEPT = 60
-"""Commands as effects make them that are kept, at most."""
+"""Maximum number of modified command series that are cached."""
 
 Made = TypeVar("Made")
 
 
 class NoiseFilter(ModelProblem):
-    """A form of one degree of freedom and segments with its position, and the filter's passes over these.
+    """A form of one degree of freedom, segments with its position, and the filter passes over them.
 
-    As of :class:`.ModelProblem`; the form is per unit of inertia: its inertia known as one.
+    Parameters as for :class:`.ModelProblem`. The form is per unit of inertia: its inertia is known and equals one.
     """
 
     def __init__(self, form: Form, segments: Sequence[Segment], data_summary: DataSummary, limits: Limits) -> None:
@@ -62,7 +62,7 @@ class NoiseFilter(ModelProblem):
 
     @property
     def runs(self) -> int:
-        """How many runs the segments are of."""
+        """Number of runs that the segments come from."""
         return len({s.run for s in self.segments})
 
     def _first(self) -> tuple[Array, Array]:
@@ -102,9 +102,10 @@ class NoiseFilter(ModelProblem):
         return kept[key]
 
     def bank(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> FilterBank:
-        """Return the records as *effects* make them of the commands.
+        """Return the records with the commands modified by *effects*.
 
-        In the state is the drifting force; where runs differ, the constant force of each, and its gain.
+        The state contains the drifting force. If runs differ, it also contains the constant force and the gain of each
+        run.
         """
         return self._kept(effects, noise, self._banks, self._new_bank)
 
@@ -158,18 +159,18 @@ class NoiseFilter(ModelProblem):
         return self._terms[key]
 
     def ease(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> bool:
-        """Return whether the filter's steps were finer than they need be: see :meth:`.filter_bank.FilterBank.ease`."""
+        """Return whether the filter's steps were finer than necessary: see :meth:`.filter_bank.FilterBank.ease`."""
         return self._linear(effects) is None and self.bank(effects, noise).ease()
 
     def afresh(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> None:
-        """Forget how fine the filter's steps were: see :meth:`.filter_bank.FilterBank.afresh`."""
+        """Reset the step size of the filter: see :meth:`.filter_bank.FilterBank.afresh`."""
         if self._linear(effects) is None:
             self.bank(effects, noise).afresh()
 
     def run(
         self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise, *, full: bool = False
     ) -> tuple[FilterBank, FilterResult, Levels] | None:
-        """Pass the filter over all records; None when it runs away."""
+        """Run the filter over all records; return None if it diverges."""
         bank = self.bank(effects, noise)
         every = self.theta_of(bank.form, theta, effects)
         decay = 1.0 / noise.memory
@@ -206,7 +207,7 @@ class NoiseFilter(ModelProblem):
     def innovations_at(
         self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Return stamps, innovations and their variances of every segment, (n,) each; None where the filter fails."""
+        """Return stamps, innovations and their variances of every segment, (n,) each; None if the filter fails."""
         terms = self._linear(effects)
         if terms is not None:
             return self._linear_innovations(terms, theta, effects, noise)

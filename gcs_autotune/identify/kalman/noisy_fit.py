@@ -1,4 +1,4 @@
-"""The result of a fit with process noise, and how its innovations move with its unknowns."""
+"""The result of a fit with process noise, and the derivatives of its innovations."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["NoisyFit", "Tangent"]
 Array = NDArray[np.float64]
 
 HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
+"""Half-width of a 95 % interval in standard errors."""
 
 WIDEST = 10.0
-"""Half the 95 % interval of a logarithm from which on nothing is known."""
+"""Half-width of the 95 % interval of a logarithm, above which the quantity counts as unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoisyFit(ModelFit):
-    """A fit with process noise: ``theta`` (p,) are the form's free parameters only.
+    """A fit with process noise. ``theta`` (p,): free parameters of the form only.
 
-    ``noise`` as fitted; ``log_likelihood``: (records,) of each record. ``covariance`` (q, q) of the base's parameters,
-    then the effects', then the logarithms of the noise's unknowns. ``innovations``: per record stamps, innovation and
-    its variance.
+    ``noise``: as fitted. ``log_likelihood`` (records,): of each record. ``covariance`` (q, q): of the base parameters,
+    then those of the effects, then the logarithms of the noise's unknowns. ``innovations``: per record the stamps,
+    innovations and their variances.
     """
 
     noise: ProcessNoise
@@ -44,36 +44,37 @@ class NoisyFit(ModelFit):
         return float(self.log_likelihood.sum())
 
     def densities(self, rougher: float = 1.0) -> Array:
-        """Return the log density (samples,) of every innovation, record after record, their variances *rougher*."""
+        """Return the log density (samples,) of every innovation in order of the records, with variances times
+        *rougher*."""
         return np.concatenate([log_density(e, rougher * S, self.noise.freedom) for _, e, S in self.innovations])
 
     @property
     def roughness(self) -> float:
-        """The mean of the squares of all innovations over what their variances say."""
+        """Mean square of all innovations relative to their variances."""
         return float(np.mean(np.concatenate([e * e / S for _, e, S in self.innovations])))
 
     @property
     def unknowns(self) -> int:
-        """How many numbers were fitted."""
+        """Number of fitted numbers."""
         return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
     @property
     def samples(self) -> int:
-        """How many samples were predicted."""
+        """Number of predicted samples."""
         return sum(len(e) for _, e, _ in self.innovations)
 
     def price(self, more: int) -> float:
-        """Return what so many numbers more cost (Schwarz), as log-likelihood."""
+        """Return the cost of this many further numbers (Schwarz), as log-likelihood."""
         return 0.5 * more * math.log(max(self.samples, 2))
 
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of those of an effect's numbers that were fitted, where they are known."""
+        """Return the standard errors of an effect's fitted numbers, as far as they are known."""
         return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}
 
     def interval_of(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of one of the noise's unknowns, from the standard error of its logarithm.
 
-        From 0 to inf where it was not fitted, or where nothing limits it.
+        The interval is 0 to inf if the unknown was not fitted, or if the data do not limit it.
         """
         names = self.noise.unknowns
         if name not in names:
@@ -88,7 +89,7 @@ class NoisyFit(ModelFit):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:
-    """Derivatives of all innovations (samples,) and of their log variances by the unknowns of a fit, (q, samples)."""
+    """Derivatives (q, samples) of all innovations and of their log variances by the unknowns of a fit."""
 
     J: Array
     D: Array

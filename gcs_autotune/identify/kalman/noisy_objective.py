@@ -1,6 +1,6 @@
-"""The likelihood of a fit with process noise over its unknowns in a row, with its slopes and its information.
+"""Calculate the likelihood of a fit with process noise, its gradient and its information.
 
-Derivatives are differences of passes of the filter.
+Derivatives are differences of filter passes.
 """
 
 from __future__ import annotations
@@ -27,31 +27,37 @@ Innovations = tuple[tuple[Array, Array, Array], ...]
 """Stamps, innovations and their variances of every segment, (n,) each."""
 
 STEP = 0.3
-"""Chosen: length of a difference in standard errors, all else held. Where unknowns go together that is a small share of
-their own error, and with a step of 0.02 rounding ended a fit 1.3 nats early, its errors half of what they are."""
+"""Length of a difference in standard errors, with all other unknowns held.
+
+For correlated unknowns this is a small fraction of their total error. With a step of 0.02, rounding ended one fit 1.3
+nats early, and its errors came out at half the true ones.
+"""
 
 LONGEST_MOVE = 2.0
-"""Longest step of a logarithm."""
+"""Largest change of a logarithm in one step."""
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Time constants of a smoother, in samples of the record."""
 
 LONGEST_WAVE = 20.0
-"""Longest period [s] of waves: what is slower pushes, and is the drifting force's."""
+"""Longest period [s] of waves. Slower motion is part of the drifting force."""
 
 LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
-"""Damping ratios of waves: narrower is a machine's hum, wider no band (Fossen2011 fits 0.1 to 0.26 to usual seas)."""
+"""Limits of the damping ratio of waves.
+
+A narrower band is the hum of a machine; a wider one is not a band. Fossen2011 fits 0.1 to 0.26 to usual sea states.
+"""
 
 SHORTEST_MEMORY = 2.0
-"""Least time constant of the force, in intervals between samples: quicker, it is noise of the sensor's kind."""
+"""Shortest time constant of the force, in sampling intervals. A faster force looks like sensor noise."""
 
 
 class Point:
-    """Innovations at one place ``x`` (q,): minus twice their log-likelihood is the cost.
+    """Innovations at one point ``x`` (q,). The cost is minus twice their log-likelihood.
 
-    ``innovations``: stamps, innovations and variances of every segment; ``total`` their log-likelihood, ``each`` that
-    of each segment. The slopes are calculated when they are asked for, by differences of passes of the filter; where a
-    trial before it had the filter's steps made finer, it is first looked at again.
+    ``innovations``: stamps, innovations and variances of every segment. ``total``: their log-likelihood; ``each``: that
+    of each segment. The derivatives are calculated on demand, by differences of filter passes. If an earlier trial made
+    the filter's steps finer, the point is first evaluated again.
     """
 
     def __init__(self, objective: NoisyObjective, x: Array, innovations: Innovations, each: Array) -> None:
@@ -81,11 +87,12 @@ class Point:
 
 
 class NoisyObjective(FreeNumbers):
-    """Minus the log-likelihood of the innovations, as a function of all unknowns in a row.
+    """Minus the log-likelihood of the innovations, as a function of the vector of all unknowns.
 
-    These are base parameters, effects' numbers, and logarithms of the noise's (:attr:`ProcessNoise.unknowns`).
+    The unknowns are the base parameters, the numbers of effects, and the logarithms of those of the noise
+    (:attr:`ProcessNoise.unknowns`).
 
-    held : numbers of effects that stay as they are.
+    held : numbers of effects that stay fixed.
     """
 
     def __init__(
@@ -128,7 +135,7 @@ class NoisyObjective(FreeNumbers):
         """Of the last place whose slopes were asked for."""
 
     def pack(self) -> Array:
-        """Return the unknowns (q,) of the numbers given."""
+        """Return the vector (q,) of unknowns."""
         every = [getattr(self.noise, n) for n in self.names]
         return np.append(self.pack_shared(), [math.log(max(v, 1e-12)) for v in every])
 
@@ -143,14 +150,14 @@ class NoisyObjective(FreeNumbers):
         return inside
 
     def first_steps(self, x: Array) -> Array:
-        """Return the lengths (q,) of the first differences at *x*, before an error of it is known."""
+        """Return the lengths (q,) of the first differences at *x*, before its errors are known."""
         steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[: -self.levels]).max(initial=1e-6)), 1e-9))
         steps[-self.levels :] = 1e-2
         least: Array = np.minimum(steps, self.widest)
         return least
 
     def at(self, x: Array) -> Point | None:
-        """Return the innovations at *x* (q,); None where the filter fails."""
+        """Return the innovations at *x* (q,); None if the filter fails."""
         found = self.problem.innovations_at(*self.unpack(x))
         if found is None:
             return None
@@ -158,7 +165,7 @@ class NoisyObjective(FreeNumbers):
         return Point(self, x, found, each) if math.isfinite(float(each.sum())) else None
 
     def begun(self, x: Array) -> Point | None:
-        """Return :meth:`at` the first *x* (q,) of a series, with steps anew where those of an earlier one fail."""
+        """Return :meth:`at` the first *x* (q,) of a series. The step size is reset if the earlier one fails."""
         here = self.at(x)
         if here is None:
             _, effects, noise = self.unpack(x)
@@ -167,17 +174,17 @@ class NoisyObjective(FreeNumbers):
         return here
 
     def local(self, x: Array) -> Point | None:
-        """Return :meth:`begun` the first time, :meth:`at` after that."""
+        """Return :meth:`begun` in the first call, :meth:`at` in later ones."""
         first, self._is_new = self._is_new, False
         return self.begun(x) if first else self.at(x)
 
     def eased(self, x: Array, here: Point) -> Point:
-        """Return *x*, the last looked at, again where a trial before it had the filter's steps made finer: *here*."""
+        """Return the innovations *here* again if an earlier trial made the filter's steps finer."""
         _, effects, noise = self.unpack(x)
         return (self.at(x) or here) if self.problem.ease(effects, noise) else here
 
     def slopes(self, here: Point) -> tuple[Array, Array]:
-        """Return half the gradient (q,) and the expected information (q, q), by differences of passes."""
+        """Return half the gradient (q,) and the expected information (q, q), by differences of filter passes."""
         x = here.x
         gradient, self.information = self.gathered(*self.derivatives(x, here, self._steps_at(x)), here)
         self.steps = self.steps_for(x, np.sqrt(np.maximum(np.diag(self.information), 1e-30)))
@@ -187,7 +194,7 @@ class NoisyObjective(FreeNumbers):
         return self.first_steps(x) if self.steps is None else self.steps
 
     def steps_for(self, x: Array, scale: Array) -> Array:
-        """Return the lengths (q,) of differences about *x* (q,), of which *scale* are the inverse standard errors."""
+        """Return the lengths (q,) of differences about *x* (q,); *scale*: the inverse standard errors."""
         steps: Array = np.minimum(np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12), self.widest)
         return steps
 
@@ -200,7 +207,8 @@ class NoisyObjective(FreeNumbers):
         return J, D
 
     def derivative(self, i: int, x: Array, here: Point, step: float) -> tuple[Array, Array]:
-        """Return the derivatives (samples,) of innovations and log variances by unknown *i*; 0 for one that cannot."""
+        """Return the derivatives (samples,) of innovations and log variances by unknown *i*; 0 if they cannot be
+        calculated."""
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
         moved = x.copy()
         moved[i] += step if x[i] + step <= self.high[i] else -step
@@ -212,7 +220,7 @@ class NoisyObjective(FreeNumbers):
         return (then - e) / by, (np.log(wider) - np.log(S)) / by
 
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
-        """Return gradient and expected information at *here* with these derivatives."""
+        """Return gradient and expected information at *here* from these derivatives."""
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
         nu = self.noise.freedom
         if math.isinf(nu):
@@ -226,7 +234,7 @@ class NoisyObjective(FreeNumbers):
 
 
 def log_density(e: Array, S: Array, freedom: float) -> Array:
-    """Return the log density of innovations of variance *S*, Student's of that *freedom* or normal."""
+    """Return the log density of innovations of variance *S*: Student's with *freedom* degrees, or normal."""
     density: Array
     if math.isinf(freedom):
         density = -0.5 * (e * e / S + np.log(2.0 * np.pi * S))

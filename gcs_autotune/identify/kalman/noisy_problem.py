@@ -1,8 +1,8 @@
-"""One degree of freedom with process noise: wind, wake and current as a drifting force, fitted with the model.
+"""Fit one degree of freedom with process noise: wind, wake and current as a drifting force.
 
-The likelihood is that of the innovations of :mod:`.noise_filter`. Gusts come in bursts: innovations may follow
-Student's law of *freedom* degrees instead of the normal one, its variance the filter's. Derivatives by the unknowns are
-those of ``noisy_objective``; steps and covariance come from the expected information.
+The likelihood is that of the innovations of :mod:`.noise_filter`. Because gusts come in bursts, the innovations may
+follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is the filter's.
+Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilte
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import RunSays
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
 from gcs_autotune.identify.segment import Segment
@@ -31,14 +31,16 @@ __all__ = ["NoisyProblem"]
 Array = NDArray[np.float64]
 
 KNOWN_WITHIN = 0.2
-"""Chosen: share of thrust, and of the largest commanded force, within which a run is asked for what it has of its own:
-wide enough to leave the answer to the run, narrow enough for a bent equation."""
+"""Prior standard deviation of a run's own thrust and force, relative to thrust and to the largest commanded force.
+
+It is wide enough for the run to decide and narrow enough for a nonlinear equation.
+"""
 
 ROUNDS = 30
-"""Most scoring rounds."""
+"""Maximum number of scoring rounds."""
 
 MOST_TRIALS = 10_000
-"""Of a fit: its scoring rounds end it, or the damping."""
+"""Maximum number of trials of a fit. In practice the scoring rounds or the damping end it."""
 
 ENOUGH = 2e-2
 """Expected gain of the log-likelihood at which a search ends."""
@@ -51,8 +53,8 @@ class NoisyProblem(NoiseFilter):
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
-    def says(self, fit: NoisyFit) -> tuple[RunSays, ...] | None:
-        """Return what each run says of its own constant force and thrust at *fit*; None where the filter fails."""
+    def says(self, fit: NoisyFit) -> tuple[RunLikelihood, ...] | None:
+        """Return the likelihood of each run's own constant force and thrust at *fit*; None if the filter fails."""
         full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
@@ -66,7 +68,7 @@ class NoisyProblem(NoiseFilter):
             cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)
             told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
-            found[track.record.run] = RunSays(track.record.run, told - np.diag(wide**-2.0), told @ mean)
+            found[track.record.run] = RunLikelihood(track.record.run, told - np.diag(wide**-2.0), told @ mean)
         return tuple(found.values())
 
     def fit(
@@ -78,9 +80,9 @@ class NoisyProblem(NoiseFilter):
         rounds: int = ROUNDS,
         only_log_likelihood: bool = False,
     ) -> NoisyFit | None:
-        """Fit from these values on; None when the filter runs away at the start already.
+        """Fit from these values; return None if the filter diverges at the start.
 
-        Within :func:`.keeping` a fit that is known is only evaluated.
+        Within :func:`.keeping` a known fit is only evaluated.
         """
         effects = in_order(effects)
         if only_log_likelihood or rounds == 0:
@@ -137,7 +139,7 @@ class NoisyProblem(NoiseFilter):
         return NoisyFit(self.form, theta, effects, *fitted, noise, here.each, covariance, here.innovations)
 
     def tangent(self, fit: NoisyFit) -> Tangent | None:
-        """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
+        """Return the derivatives of the innovations of *fit* by its unknowns; None if it is about to diverge."""
         objective = NoisyObjective(self, fit.theta, fit.effects, fit.noise)
         x = objective.pack()
         here = objective.begun(x)
@@ -147,7 +149,7 @@ class NoisyProblem(NoiseFilter):
         return Tangent(*objective.derivatives(x, here, objective.steps_for(x, scale)))
 
     def adapted(self, fit: NoisyFit, own: EffectInstance, tangent: Tangent) -> NoisyFit | None:
-        """Return *fit* with an effect more, its own numbers moved to first order by what the effect leaves."""
+        """Return *fit* with one more effect. Its other numbers are adjusted to first order for that effect."""
         effects = in_order((*fit.effects, own))
         held = [(own.slug, own.place, name) for name in own.values]
         objective = NoisyObjective(self, fit.theta, effects, fit.noise, held)
@@ -172,11 +174,11 @@ class NoisyProblem(NoiseFilter):
         return self._fit_at(objective, here, np.zeros((len(x), len(x))))
 
     def judge(self, fit: NoisyFit) -> NoisyFit | None:
-        """Return *fit* as it is on this problem's segments: their log-likelihoods and innovations."""
+        """Return *fit* evaluated on the segments of this problem: log-likelihoods and innovations."""
         return self.fit(fit.theta, fit.effects, fit.noise, only_log_likelihood=True)
 
     def ahead(self, fit: NoisyFit, seconds: float) -> Array:
-        """Return errors (k,) of the signal *seconds* [s] ahead of samples all along the records."""
+        """Return the errors (k,) of the signal, predicted *seconds* [s] ahead of samples throughout the records."""
         done = self.run(fit.theta, fit.effects, fit.noise, full=True)
         if done is None:
             return np.array([np.nan])

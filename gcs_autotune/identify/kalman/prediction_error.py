@@ -1,11 +1,13 @@
-"""Prediction error: parameters, measurement noise and process noise of greatest likelihood, together.
+"""Fit parameters, measurement noise and process noise together by maximum likelihood (prediction-error method).
 
-The likelihood is that of the innovations of a filter with known parameters,
-``-1/2 sum(e^2/S + ln 2 pi S)``. Its derivatives by the parameters are differences of whole passes, so that the gain's
-and the innovation variances' own dependence on every parameter is in them; steps and covariance come from
-``sum(de de'/S + dS dS'/(2 S^2))``, the information. The start is the iterated smoother's.
+A Kalman filter with known parameters predicts each sample. The log-likelihood of its innovations is
+``-1/2 sum(e^2/S + ln 2 pi S)``.
 
-Ljung1999, chapter 7.
+Each derivative by a parameter is a difference of two whole filter passes. It therefore includes how the gain and the
+innovation variances depend on that parameter. Steps and covariance come from the information
+``sum(de de'/S + dS dS'/(2 S^2))``. The search starts at the result of the iterated smoother.
+
+Source: Ljung1999, chapter 7.
 """
 
 from __future__ import annotations
@@ -34,19 +36,21 @@ Array = NDArray[np.float64]
 PEM_OPTIONS = (*OPTIONS, ("rounds", "most scoring rounds (20)"))
 
 ROUNDS = 20
-"""Most scoring rounds. Chosen: from the smoother's answer three to six suffice."""
+"""Maximum number of scoring rounds. Three to six suffice from the smoother's result."""
 
 STEP = 1e-2
-"""Length of a difference in standard errors: the likelihood is a parabola over it."""
+"""Length of a difference, in standard errors. The log-likelihood is nearly a parabola over this length."""
 
 ENOUGH = 1e-3
-"""Expected gain of the log likelihood at which the search ends: a thousandth of a standard error's."""
+"""Expected gain of the log-likelihood below which the search ends. It corresponds to a thousandth of a standard
+error."""
 
 SMOOTHER_ROUNDS = 30
-"""Rounds of the smoother that gives the start."""
+"""Rounds of the smoother that provides the start."""
 
 ACTIVE = 1e-3
-"""Process noise is estimated when what it adds to the score's power exceeds this; below it is put to zero."""
+"""Contribution to the score's power above which process noise is estimated. Below it the process noise is set to
+zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +130,7 @@ class _Likelihood:
 
 
 def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
-    """Fit by prediction error; *case* and result as every method for coupled models."""
+    """Fit a coupled model by prediction error; *case* and result as for every method for coupled models."""
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))
     if rounds < 1:

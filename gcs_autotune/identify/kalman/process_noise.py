@@ -1,4 +1,4 @@
-"""What drives a craft besides its commands, and how well it is seen."""
+"""The disturbances that drive a craft in addition to its commands, and the noise of its sensor."""
 
 from __future__ import annotations
 
@@ -15,21 +15,27 @@ __all__ = ["ProcessNoise"]
 Array = NDArray[np.float64]
 
 NO_FORCE = 1e-9
-"""Size [m/s^2, rad/s^2] up to which a drifting force counts as none: it is held there, and its memory means nothing."""
+"""Size [m/s^2, rad/s^2] up to which a drifting force counts as none. It is held there, and its time constant has no
+effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessNoise:
-    """What drives a craft besides its commands, and how well it is seen.
+    """The disturbances that drive a craft in addition to its commands, and the noise of its sensor.
 
-    ``size`` standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none), ``memory`` [s]
-    its time constant, ``sensor`` the noise of the measured position [m, rad]; ``freedom`` degrees of freedom of the
-    innovations' law, inf when normal.
-    ``wave_swing`` [as sensor], ``wave_force`` [as size]: standard deviations of what waves add to the position seen and
-    to the force, ``wave_frequency`` [rad/s] and ``wave_damping`` ratio: of their band (:mod:`.waves`); 0 for none.
-    ``smoothing`` [s]: the position was smoothed forwards and backwards with this time constant, 0 when it was not.
-    What a linear craft then shows is what smoothed commands would have done. ``day_force`` [as size] and ``day_thrust``
-    [share]: standard deviations between runs of each one's constant force and of its thrust; 0 where runs are alike.
+    ``size``: standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none). ``memory`` [s]:
+    its time constant. ``sensor``: noise of the measured position [m, rad]. ``freedom``: degrees of freedom of the
+    innovations' distribution, inf for normal.
+
+    ``wave_swing`` [as sensor], ``wave_force`` [as size]: standard deviations of what waves add to the measured position
+    and to the force. ``wave_frequency`` [rad/s] and ``wave_damping`` ratio describe their band (:mod:`.waves`); 0 for
+    none.
+
+    ``smoothing`` [s]: time constant with which the position was smoothed forwards and backwards, 0 for none. The
+    response of a linear craft then equals the response to smoothed commands.
+
+    ``day_force`` [as size] and ``day_thrust`` [relative]: standard deviations between runs of the constant force and of
+    the thrust; 0 if runs are alike.
     """
 
     size: float
@@ -46,12 +52,12 @@ class ProcessNoise:
 
     @property
     def differs(self) -> bool:
-        """Whether every run has a constant force, or a thrust, of its own."""
+        """Whether every run has its own constant force or thrust."""
         return self.day_force > 0.0 or self.day_thrust > 0.0
 
     @property
     def waves(self) -> Array:
-        """Swing, force, frequency and damping ratio (4,) of the waves."""
+        """Oscillation, force, frequency and damping ratio (4,) of the waves."""
         return np.array([self.wave_swing, self.wave_force, self.wave_frequency, self.wave_damping])
 
     @property
@@ -61,12 +67,12 @@ class ProcessNoise:
 
     @property
     def still(self) -> ProcessNoise:
-        """The same sensor without any force that drifts, differs between runs or goes with waves."""
+        """Return the same sensor without drifting force, differences between runs or waves."""
         return replace(self, size=NO_FORCE, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of what is fitted, each by its logarithm."""
+        """Names of the fitted quantities; each is fitted as a logarithm."""
         smoothing = ("smoothing",) if self.smoothing > 0.0 else ()
         waves = ("wave_swing", "wave_force", "wave_frequency", "wave_damping") if self.wavy else ()
         force = ("size", "memory") if self.size > NO_FORCE else ()

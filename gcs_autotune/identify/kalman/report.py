@@ -1,6 +1,6 @@
-"""From what a filter found to a ``Fit``: parameters, free-run traces, innovations and doubts.
+"""Build a ``Fit`` from the result of a filter: parameters, free-run traces, innovations and doubts.
 
-Doubted are its innovations, its parameters' last moves, and what the run never showed.
+Doubts concern the innovations, the last moves of the parameters, and parameters that the run does not excite.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
 Array = NDArray[np.float64]
 
 MOST_POINTS = 200
-"""Points of a history kept for pictures."""
+"""Maximum number of points of a history kept for plots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What a method found: free parameters (p,), covariance (p, p), their bounds (p,), levels, its last pass.
+    """Result of a method: free parameters (p,), covariance (p, p), their bounds (p,), levels, the last pass.
 
-    ``moved`` (p,): how far the last round still moved each parameter, in its standard errors; ``extra`` for the fit.
+    ``moved`` (p,): last move of each parameter in standard errors. ``extra``: further entries for the fit.
     """
 
     parameters: Array
@@ -105,7 +105,7 @@ def _innovations(task: Task, last: FilterResult) -> dict[str, Any]:
 
 
 def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return at most MOST_POINTS of *indices*, first and last among them."""
+    """Return at most MOST_POINTS of *indices*, including the first and the last."""
     whole = np.asarray(indices, dtype=np.int64)
     if len(whole) <= MOST_POINTS:
         return whole
@@ -116,11 +116,11 @@ MOVING = 0.5
 """Last move of a parameter, in standard errors, above which it has not settled."""
 
 UNSEEN = 0.5
-"""Standard error over prior spread above which a run has told next to nothing of a parameter."""
+"""Standard error relative to prior spread, above which a run contains almost no information on a parameter."""
 
 
 def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
-    """Return the doubts about a fit whose last pass and last parameter moves (p,) are given."""
+    """Return the doubts about a fit from its last pass and the last moves (p,) of its parameters."""
     doubts = [*_consistency(task, last)]
     names = [n for n in task.bank.free if not task.is_shift(n)]
     own = [task.bank.free.index(n) for n in names]

@@ -1,10 +1,14 @@
-"""What differs from run to run: a constant force and the thrust of the day, each known by its spread alone.
+"""Model what differs from run to run: a constant force and the thrust.
 
-A run has its own constant force ``b`` (mean wind, current, trim) and its own share ``s`` of thrust more (battery,
-load), begun at zero mean. Under a linear equation its innovations are ``e = e0 + A (b, s)``: what the filter makes of
-the record without them, and what it makes of either force alone. So both are integrated out beside the filter, sample
-after sample (DeJong1991), and no state of it is more. How far runs differ is told by what each says of its own
-``b`` and ``s``, about what they have in common: the common part is a bias, which is for an effect to explain.
+A run has its own constant force ``b`` (mean wind, current, trim) and its own relative change of thrust ``s`` (battery,
+load). Both have zero mean and are known only by their standard deviations.
+
+For a linear equation the innovations of a run are ``e = e0 + A (b, s)``. ``e0`` is the innovation without them; each
+column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out beside the filter,
+sample by sample (DeJong1991), and the filter needs no further states.
+
+The spread between runs is estimated from each run's own ``b`` and ``s``, about their common part. The common part is a
+bias, which an effect has to explain.
 """
 
 from __future__ import annotations
@@ -17,19 +21,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Day", "RunSays", "common_gain", "integrate_out", "spread_between"]
+__all__ = ["RunLikelihood", "RunOffset", "common_gain", "integrate_out", "spread_between"]
 
 Array = NDArray[np.float64]
 
 MOST_THRUST = 0.05
-"""Chosen: largest spread of thrust between days. A battery's voltage falls by a sixth from full to empty, and thrust at
-one command by twice that; runs of one outing begin more alike. A larger one takes up what a bent thrust curve does to
-runs of different commands (a saturation beneath weather, seed 318: of 16 in log-likelihood 0.1 left 7)."""
+"""Largest standard deviation of thrust between runs.
+
+The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. The runs of
+one outing start closer together. A larger spread hides what a nonlinear thrust curve does to runs with different
+commands. Example: a saturation with process noise, seed 318; a spread of 0.1 leaves 7 of 16 in log-likelihood.
+"""
 
 
 @dataclass(frozen=True, slots=True)
-class Day:
-    """What one run had of its own: constant force per inertia, share of thrust more, and their standard deviations."""
+class RunOffset:
+    """Constant force per inertia and relative change of thrust of one run, with their standard errors."""
 
     run: str
     force: float
@@ -39,29 +46,30 @@ class Day:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunSays:
-    """What one run says of its constant force and thrust: log-likelihood ``h x - x G x / 2``, h (2,), G (2, 2)."""
+class RunLikelihood:
+    """Log-likelihood ``h x - x G x / 2`` of the constant force and thrust ``x`` of one run; h (2,), G (2, 2)."""
 
     run: str
     G: Array
     h: Array
 
-    def day(self, force: float, thrust: float) -> Day:
-        """Return the estimate under zero means and these standard deviations."""
+    def day(self, force: float, thrust: float) -> RunOffset:
+        """Return the estimate for a prior with zero means and these standard deviations."""
         P = np.diag([force**2, thrust**2])
         cov = P @ np.linalg.inv(np.eye(2) + self.G @ P)
         mean = cov @ self.h
         std = np.sqrt(np.maximum(np.diag(cov), 0.0))
-        return Day(self.run, float(mean[0]), float(std[0]), float(mean[1]), float(std[1]))
+        return RunOffset(self.run, float(mean[0]), float(std[0]), float(mean[1]), float(std[1]))
 
 
 @njit(cache=True, nogil=True)
 def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None:
-    """Take a run's own forces out of the innovations of one record, sample after sample.
+    """Remove the run's own forces from the innovations of one record, sample by sample.
 
-    A (2, s) : what each force, at one, adds to the innovations. e, S (s,) : innovations without them and their
-    variances; replaced by those of a filter that does not know (b, s). mean (2,), cov (2, 2) : of (b, s) before the
-    record and, in place, after it. With the innovation e0 + A' x of variance S about zero at the true x: H = -A'.
+    A (2, s) : response of the innovations to each force of size one. e, S (s,) : innovations without these forces and
+    their variances. They are replaced by those of a filter that does not know (b, s). mean (2,), cov (2, 2) : of (b, s)
+    before the record and, in place, after it. The innovation e0 + A' x has variance S about zero at the true x, so H =
+    -A'.
     """
     for k in range(len(e)):
         a0, a1 = A[0, k], A[1, k]
@@ -78,7 +86,7 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
         e[k], S[k] = error, variance
 
 
-def _parts(says: Sequence[RunSays], force: float, thrust: float) -> tuple[float, Array, Array]:
+def _parts(says: Sequence[RunLikelihood], force: float, thrust: float) -> tuple[float, Array, Array]:
     """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
     P = np.diag([force**2, thrust**2])
     constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
@@ -91,20 +99,20 @@ def _parts(says: Sequence[RunSays], force: float, thrust: float) -> tuple[float,
     return constant, q, Q
 
 
-def common_gain(says: Sequence[RunSays], force: float, thrust: float) -> float:
-    """Return the log-likelihood that deviations of these sizes, about the best common part, gain over none at all."""
+def common_gain(says: Sequence[RunLikelihood], force: float, thrust: float) -> float:
+    """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
     constant, q, Q = _parts(says, force, thrust)
     return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
 
 def spread_between(
-    says: Sequence[RunSays], least: float, widest: float, *, force: bool, thrust: bool
+    says: Sequence[RunLikelihood], least: float, widest: float, *, force: bool, thrust: bool
 ) -> tuple[float, float]:
-    """Return the standard deviations of force and thrust between runs, about what they have in common.
+    """Return the standard deviations of force and thrust between runs, about their common part.
 
-    By restricted likelihood (Patterson1971): that of what is left when the common part is taken out, for the few runs
-    there are would make the plain one too small. least, widest : of the force [per inertia]; force, thrust : whether
-    the force differs by more than the least, and thrust at all.
+    The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few runs
+    the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force, thrust :
+    whether the force differs by more than the least, and whether the thrust differs at all.
     """
     best, found = -math.inf, (least, 0.0)
     forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if force and widest > least else [least]

@@ -1,11 +1,11 @@
-"""Iterated smoother: all states of all runs and the parameters at once, by Gauss-Newton.
+"""Iterated smoother: estimate all states of all runs and the parameters at once, by Gauss-Newton.
 
-Each round linearises the equations about the smoothed trajectories and parameters of the round before (not about a
-filter's half-informed estimate), runs forwards and backwards, and fits the noise levels to what is left. With the
-trajectories tied to the samples from the first round on, a bad start cannot send the motion astray, and velocities come
-out of positions alone.
+Each round linearises the equations about the smoothed trajectories and parameters of the round before. It then runs
+forwards and backwards, and fits the noise levels to the residuals. The samples constrain the trajectories from the
+first round on. A bad start therefore cannot make the motion diverge, and velocities can be estimated from positions
+alone.
 
-Bell1994.
+Source: Bell1994.
 """
 
 from __future__ import annotations
@@ -33,23 +33,26 @@ Array = NDArray[np.float64]
 SMOOTHER_OPTIONS = (*OPTIONS, ("rounds", "most rounds (60)"))
 
 ROUNDS = 60
-"""Most rounds. Chosen: parameters need five to ten, levels that go to zero up to forty."""
+"""Maximum number of rounds. Parameters need five to ten; noise levels that go to zero need up to forty."""
 
 WIDE = 10.0
-"""Prior spread in natural scales: linearised about a trajectory the answer needs no guidance from it."""
+"""Prior spread in natural scales. It is wide, because linearisation about a trajectory needs no prior information."""
 
 
 RETREATS = 6
-"""Times a round that ran away is tried again half way back."""
+"""Number of times a diverged round is repeated with half the step."""
 
 SETTLED = 0.02
-"""Move in standard errors, and gain of the log likelihood by the levels, at which rounds end."""
+"""Limit for the last move in standard errors, and for the gain of log-likelihood by the levels, at which rounds end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ended:
-    """Where the rounds ended: last pass, smoothed states, levels, last moves (p,) in standard errors, how many rounds,
-    and whether parameters and levels stood still."""
+    """State at the end of the rounds.
+
+    It holds the last pass, the smoothed states, the levels, the last moves (p,) in standard errors and the number of
+    rounds. It also holds whether parameters and levels have settled.
+    """
 
     result: FilterResult
     smoothed: Smoothed
@@ -60,7 +63,7 @@ class Ended:
 
 
 def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
-    """Fit by the iterated smoother; *case* and result as every method for coupled models."""
+    """Fit a coupled model by the iterated smoother; *case* and result as for every method for coupled models."""
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))
     if rounds < 1:
@@ -80,12 +83,13 @@ def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
 
 
 def iterate(task: Task, rounds: int) -> Ended:
-    """Return where at most *rounds* rounds lead: from the regression, and should that not settle, without any drag.
+    """Return the result of at most *rounds* rounds, started from the regression or, if that does not settle, without
+    drag.
 
     Raises
     ------
     NotInformative
-        Even the first round ran away.
+        The first round diverged.
     """
     ended = _rounds(task, task.start.theta, rounds)
     if ended is None or not ended.settled:
@@ -132,7 +136,7 @@ def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
 
 
 def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
-    """Whether the noise levels stand still, those apart that have become too small to matter."""
+    """Whether the noise levels have settled. Levels too small to matter are ignored."""
     for old, new, rows in (
         (before.noise, after.noise, smoothed.by_noise),
         (before.drive, after.drive, smoothed.by_drive),

@@ -1,8 +1,8 @@
-"""Where a filter begins: motion smoothed without a model, the equations of motion as a regression on it, and scales.
+"""Starting values of a filter: smoothed motion, a regression of the equations of motion on it, and scales.
 
-The smoother is this room's own, with velocities that walk at random: it takes positions only as well as velocities, at
-whatever stamps, and its walk is fitted by maximum likelihood. The equations of motion are linear in the derivatives
-(Miskovic2007 (10)-(12), ZhaoUSV (25)), so least squares gives the parameters to begin with.
+The smoother uses no craft model: velocities are random walks whose intensity is fitted by maximum likelihood. It
+accepts positions alone, or positions and velocities, at any stamps. The equations of motion are linear in the
+derivatives (Miskovic2007 (10)-(12), ZhaoUSV (25)). Least squares therefore gives the first parameters.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ __all__ = ["Start", "begin"]
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Rounds to fit the walk of the velocities; start values need no more."""
+"""Rounds to fit the random walk of the velocities. Starting values need no more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
     """Initial values of a filter.
 
-    ``theta`` (all,) parameters and the ``scale`` (p,) of the free ones: the size at which a term matters as much as
-    all others together. ``states`` (records, n) at every start, ``spread`` their standard deviations; ``levels`` with
-    a drive on the high side; ``floors`` (m,) least variances of the signals; ``paths`` (s, n) the smoothed states;
-    ``cautious`` (all,) parameters that cannot run away, should ``theta``: inertia as input over acceleration suggests,
-    no drag.
+    ``theta`` (all,): parameters. ``scale`` (p,): scale of the free ones, the size at which a term matters as much as
+    all others together. ``states`` (records, n): states at every start, with standard deviations ``spread``.
+    ``levels``: noise levels, with a drive on the high side. ``floors`` (m,): least variances of the signals. ``paths``
+    (s, n): smoothed states. ``cautious`` (all,): parameters that cannot diverge, in case ``theta`` does. Their inertia
+    is input over acceleration, and they have no drag.
     """
 
     theta: Array
@@ -62,7 +62,7 @@ class Start:
 
 
 def begin(bank: FilterBank, given: Mapping[str, float]) -> Start:
-    """Return where to begin; *given* overrides the regression's values."""
+    """Return the starting values; *given* overrides the regression's values."""
     form = bank.form
     walked = [_walked(form, track.record, bank.signals) for track in bank.tracks]
     motions = [m for m, _ in walked]

@@ -1,13 +1,15 @@
 """The compiled filter, forwards, and its adjoint, backwards.
 
-Forwards: state and free parameters as one augmented vector (ZhaoUSV, (8)-(12)), time update (14)-(15) over the true
-interval between stamps, measurement update (16)-(18) one sample after the other, in Joseph's form, so that any subset
-of the signals may be present at a stamp. Backwards: the adjoint recursion of Bryson and Frazier, which smooths without
-inverting a covariance, and gives the exact derivatives of the likelihood by every noise level.
+Forwards: state and free parameters form one augmented vector (ZhaoUSV, (8)-(12)). The time update (14)-(15) covers the
+true interval between stamps. The measurement update (16)-(18) takes one sample after the other, in Joseph's form, so
+that any subset of the signals may be present at a stamp.
 
-Numba's cache knows a function by its file and line, and the named tuples it takes by their class's name: after a class
-was renamed, an entry left at the same line cannot be read. Who renames :class:`FilterHistory` moves the functions, or
-has every ``__pycache__`` here cleared.
+Backwards: the adjoint recursion of Bryson and Frazier smooths without inverting a covariance. It gives the exact
+derivatives of the likelihood by every noise level.
+
+Numba's cache identifies a function by its file and line, and named tuples by their class's name. After a class is
+renamed, a cache entry at the same line cannot be read. If you rename :class:`FilterHistory`, move the functions or
+clear every ``__pycache__`` here.
 """
 
 from __future__ import annotations
@@ -29,12 +31,12 @@ Index = NDArray[np.int64]
 
 
 class FilterHistory(NamedTuple):
-    """What a forward pass leaves behind, for s stamps, m signals, n states, N = n + free parameters.
+    """Results of a forward pass, for s stamps, m signals, n states, N = n + free parameters.
 
-    ``mean`` (s, N), ``covariance`` (s, N, N) after each stamp's samples; ``F`` (s, n, N), ``late`` (s, n, n) the
-    transition into each stamp; ``e``, ``S`` (s, m) innovations and their variances (NaN where no sample);
-    ``K``, ``H`` (s, m, N) gains and output derivatives, those of :func:`measure`. Where there are waves (:mod:`.waves`)
-    their two states come last, and N is two more.
+    ``mean`` (s, N), ``covariance`` (s, N, N): after each stamp's samples. ``F`` (s, n, N), ``late`` (s, n, n): the
+    transition into each stamp. ``e``, ``S`` (s, m): innovations and their variances (NaN without a sample). ``K``,
+    ``H`` (s, m, N): gains and output derivatives, those of :func:`measure`. With waves (:mod:`.waves`) their two states
+    come last, and N is larger by two.
     """
 
     mean: Array
@@ -155,20 +157,21 @@ def forward(
     history: FilterHistory,
     W: Scratch,
 ) -> float:
-    """Filter one record; *mean* (N,) and *cov* (N, N) go in as the prior at ``stamps[0]`` and come out at the end.
+    """Filter one record; *mean* (N,) and *cov* (N, N) are the prior at ``stamps[0]`` and are replaced by the final
+    values.
 
-    theta : all parameters; places : (p,) where the free ones stand in it; free : (all,) their column in the augmented
-    vector, -1 for known ones. Y : (s, m) samples, NaN where there is none; codes : (m,) what they are (see
-    :func:`measure`); r : (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s];
-    walk : (p,) that of the parameters; decay : (p,) [1/s] the rate at which each returns to zero, 0 for constants.
-    waves : (4,) see :mod:`.waves`, without size for none, and nothing of them in *mean* and *cov*. The first signal
-    shows them, and what they push is added to the first free parameter.
-    reference : (s, n) trajectory to linearise about with the parameters in
-    *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
+    theta : all parameters; places : (p,) index of the free ones in it; free : (all,) their column in the augmented
+    vector, -1 for known ones. Y : (s, m) samples, NaN if missing; codes : (m,) their kind (see :func:`measure`); r :
+    (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s]; walk : (p,) that of the
+    parameters; decay : (p,) [1/s] the rate at which each returns to zero, 0 for constants. waves : (4,) see
+    :mod:`.waves`, of size zero for none; they are not part of *mean* and *cov*. They appear in the first signal, and
+    their force is added to the first free parameter. reference : (s, n) trajectory to linearise about with the
+    parameters in *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
 
-    max_rate : rate [1/s] steps are made for at least; a filter with moving parameters makes them finer where it must.
+    max_rate : lowest rate [1/s] that the steps are made for. A filter with changing parameters uses finer steps if
+    necessary.
 
-    Returns the fastest rate [1/s] met, or -1 - (index of the stamp at which the motion ran away).
+    Returns the fastest rate [1/s] met, or -1 - (index of the stamp at which the motion diverged).
     """
     n, N, p = len(q), len(mean), len(places)
     theta = theta.copy()
@@ -334,9 +337,9 @@ def backward(
 ) -> None:
     """Run the adjoint over a full *history*.
 
-    adjoint : (N,), information : (N, N), in: those of the records after this one (states zero), out: at its start.
-    smoothed : (s, N) filled with smoothed means; variances : (s, N) likewise. by_noise : (2, m) and by_drive : (2, n)
-    are added to: twice the derivative of the log likelihood by a variance is row 0 minus row 1.
+    adjoint : (N,), information : (N, N). On entry they are those of the records after this one (states zero), on return
+    those at its start. smoothed : (s, N) filled with smoothed means; variances : (s, N) likewise. by_noise : (2, m) and
+    by_drive : (2, n) are added to. Row 0 minus row 1 is twice the derivative of the log-likelihood by a variance.
     """
     m, N = history.K.shape[1], history.K.shape[2]
     n = history.F.shape[1]

@@ -1,4 +1,4 @@
-"""A question as the filters take it: bank, start, options read and checked; and the noise levels a user fixes."""
+"""The task of a filter: bank, start, checked options, and the noise levels that a user fixes."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ OPTIONS = (
     ("start", "start value of some or all parameters, by name; the others come from a regression"),
     ("spread", "how far a parameter may lie from its start, in units of its natural scale (1)"),
 )
-"""Options all methods of this room understand."""
+"""Options that all methods of this package accept."""
 
 REPEAT = 3.0
-"""Standard errors a repeated pass begins with: wide enough to move, narrow enough to stay where the model is linear."""
+"""Prior width of a repeated pass in standard errors: wide enough to move, narrow enough for the linear model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What every method here works on.
+    """Input of every method of this package.
 
-    ``form``: what is asked; that of ``bank`` has the shift of input stamps besides, as ``delay``, where these are not
-    exact (decision 3): ``stamps`` [s] is then the delay it is about. ``tune_noise``, ``tune_drive``: whether levels are
-    estimated or given. ``loose`` (n,): a drive on the high side, which ties the states to the samples.
+    ``form``: the form to fit. That of ``bank`` also has the shift of input stamps as ``delay`` if these are not exact
+    (decision 3); ``stamps`` [s] is then the delay it starts from. ``tune_noise``, ``tune_drive``: whether levels are
+    estimated or fixed. ``loose`` (n,): a drive on the high side, which ties the states to the samples.
     """
 
     case: Case
@@ -53,12 +53,12 @@ class Task:
 
     @property
     def prior(self) -> Prior:
-        """What is assumed before the first sample."""
+        """Assumptions before the first sample."""
         theta = self.start.theta[self.bank.places]
         return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
 
     def widened(self, factor: float) -> Array:
-        """Return the covariance of the prior *factor* times as wide, that of a shift of stamps as it is known."""
+        """Return the prior covariance, *factor* times as wide. The shift of stamps keeps its known width."""
         wide = np.array([1.0 if self.is_shift(n) else factor for n in self.bank.free])
         return self.prior.covariance * np.outer(wide, wide)
 
@@ -73,13 +73,13 @@ class Task:
         return theta
 
     def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
-        """Return *levels* nearer to the most likely ones, those given by the user as they were given."""
+        """Return *levels* closer to the most likely ones. Levels fixed by the user stay unchanged."""
         levels = tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
         return levels if self.tune_drive else replace(levels, drive=self.start.levels.drive)
 
 
 def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
-    """Return the records' first states (records, n), seen from their ends, and the spread to begin again with."""
+    """Return the smoothed first states of the records (records, n) and their spread for the next pass."""
     n = widest.shape[1]
     states = np.array([path[0, :n] for path in smoothed.trajectories])
     std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))

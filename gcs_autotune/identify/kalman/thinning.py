@@ -1,5 +1,6 @@
-"""Records with one signal, no closer than suits a craft, their inputs as means over a share of that, or as a smoother
-of the signal makes them look.
+"""Thin records to one signal at a suitable interval, with inputs averaged to match.
+
+Inputs are means over a fraction of the interval, or smoothed as the signal was.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ __all__ = ["smoothed_drive", "thinned_to"]
 Array = NDArray[np.float64]
 
 PER_SAMPLE = 4.0
-"""Inputs and measured motions are held as means over no less than this share of the interval between samples."""
+"""Shortest averaging interval of inputs and measured motions, as a fraction of the interval between samples."""
 
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 
 
 def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> list[Segment]:
-    """Return the segments with samples of *signal* only, no closer than *interval* [s]."""
+    """Return the segments with samples of *signal* only, at least *interval* [s] apart."""
     found = []
     for segment in segments:
         if signal not in segment.signals:
@@ -70,9 +71,9 @@ def _coarser(segment: Segment, width: float) -> Segment:
 
 
 def smoothed_drive(drive: Drive, smoothing: float, end: float, step: float, commands: Container[str]) -> Drive:
-    """Return inputs up to *end* [s] as means over *step* [s], *commands* smoothed forwards and backwards.
+    """Return inputs up to *end* [s] as means over *step* [s], with *commands* smoothed forwards and backwards.
 
-    smoothing : time constant [s] of the smoother either way.
+    smoothing : time constant [s] of the smoother in each direction.
     """
     t = np.arange(float(drive.t[0]), end + step, step)
     every = np.union1d(drive.t[drive.t < t[-1] + step], t)

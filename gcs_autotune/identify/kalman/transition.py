@@ -1,10 +1,11 @@
-"""The compiled step of every filter here: from one stamp to the next, with inputs that jump on the way.
+"""The compiled step of every filter: from one stamp to the next, with inputs that jump in between.
 
-By linearisation (:func:`step`): the mean is carried by the Runge-Kutta steps of
-:mod:`gcs_autotune.models.coupled.kernel`, the transition matrix by the sensitivities of the same steps, so it is that
-of the computed motion to rounding. By sigma points (:func:`sigma_step`): central differences at sqrt(3) standard
-deviations, Norgaard2000; its covariance is a sum of squares, so that twenty parameters do not make it negative as the
-weights of the plain unscented transform would.
+By linearisation (:func:`step`): Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel` carry the mean. The
+sensitivities of the same steps give the transition matrix, which is exact for the computed motion to rounding.
+
+By sigma points (:func:`sigma_step`): central differences at sqrt(3) standard deviations, Norgaard2000. The covariance
+is a sum of squares and stays positive with twenty parameters. The weights of the plain unscented transform would make
+it negative.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHORT = 0.3
-"""Interval times fastest rate below which the root of a transition is taken by its series; it then errs by 3e-4."""
+"""Interval times fastest rate below which the root of a transition is calculated by its series, with an error of
+3e-4."""
 
 
 MAX_STEPS = 400.0
-"""Runge-Kutta steps between two stamps before a filter's model is given up as hopelessly stiff."""
+"""Maximum number of Runge-Kutta steps between two stamps. Beyond it the model counts as too stiff."""
 
 
 @njit(cache=True)
@@ -113,8 +115,8 @@ def step(
 
     Returns whether the motion stayed finite, the fastest rate met and the input row in force at *stop*.
 
-    ``late`` is what process noise needs (Simpson's rule). Over an interval short against the fastest rate it is the
-    root of the whole's, by its series; over a longer one the interval is crossed in two halves.
+    Process noise needs ``late`` (Simpson's rule). Over an interval that is short against the fastest rate, it is the
+    root of the whole transition, by its series. A longer interval is crossed in two halves.
     """
     n, N = F.shape
     begin, first = x.copy(), row
@@ -202,10 +204,10 @@ def sigma_step(
     max_rate: float,
     W: Scratch,
 ) -> bool:
-    """Carry *mean*, *cov* from *t* to *stop*; *x* (n,) comes in as the mean carried plainly and goes out as the better.
+    """Carry *mean*, *cov* from *t* to *stop*; replace *x* (n,), the mean carried linearly, by the better estimate.
 
-    Returns False, with nothing changed, when a sigma point has no positive inertia or runs away: the caller then uses
-    the linearised step.
+    Returns False, with nothing changed, if a sigma point diverges or has no positive inertia. The caller then uses the
+    linearised step.
     """
     n, N, p = len(x), len(mean), len(places)
     L = _root(cov)

@@ -1,9 +1,11 @@
-"""Waves as two states of a filter: a force in a narrow band of frequencies, and a swing of what the sensor sees.
+"""Model waves as two states of a filter: a narrow-band force and an oscillation of the measured signal.
 
-White noise through ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both states have unit
-spread; the first goes with the integral of the second, which pushes and is seen. At rest that has no share: a slow
-force is no wave. ``waves`` (4,) throughout: swing [m, rad] and force per inertia, standard deviations both; frequency
-[rad/s]; damping ratio. Between two stamps the force is held, as that which wanders is.
+Both are white noise through ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both states
+have unit standard deviation. The first is proportional to the integral of the second. The second acts as a force and
+appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
+
+``waves`` (4,): standard deviations of the oscillation [m, rad] and of the force per inertia; frequency [rad/s]; damping
+ratio. Between two stamps the force is held, as the drifting force is.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ def wave_transition(waves: Array, h: float, F: Array) -> None:
 
 @njit(cache=True)
 def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
-    """Apply *F* (2, 2) to the last two of *vector* (N,), and to those of *matrix* (N, N) from both sides, in place."""
+    """Apply *F* (2, 2) to the last two elements of *vector* (N,), and to those of *matrix* (N, N) from both sides, in
+    place."""
     N = len(vector)
     a, b = N - 2, N - 1
     vector[a], vector[b] = F[0, 0] * vector[a] + F[0, 1] * vector[b], F[1, 0] * vector[a] + F[1, 1] * vector[b]
@@ -49,7 +52,7 @@ def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
 
 @njit(cache=True)
 def renew_waves(cov: Array, F: Array) -> None:
-    """Add to *cov* (N, N) what comes anew in an interval of transition *F*: as much as a stationary process lost."""
+    """Add the noise of an interval of transition *F* to *cov* (N, N): as much as a stationary process loses."""
     a, b = len(cov) - 2, len(cov) - 1
     cov[a, a] += 1.0 - F[0, 0] * F[0, 0] - F[0, 1] * F[0, 1]
     cov[b, b] += 1.0 - F[1, 0] * F[1, 0] - F[1, 1] * F[1, 1]
@@ -59,7 +62,7 @@ def renew_waves(cov: Array, F: Array) -> None:
 
 
 def waves_ahead(waves: Array, state: Array, after: Array) -> Array:
-    """Return the second state (k,) expected *after* (k,) [s] the two were *state* (2,)."""
+    """Return the expected second state (k,) *after* (k,) [s], starting from the two states *state* (2,)."""
     F, found = np.zeros((2, 2)), np.zeros(len(after))
     if rough(waves):
         for k, h in enumerate(after.tolist()):

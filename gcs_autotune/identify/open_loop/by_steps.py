@@ -1,10 +1,11 @@
-"""The method ``step``: one model from the step responses of all runs, each reading weighted by what it is worth.
+"""The method ``step``: one model from the step responses of all runs, with readings weighted by their accuracy.
 
-Two residuals a step, each zero when the model is right: the balance at the steady velocity,
-``tau + Delta - (beta + beta_nn*|k_ss|)*k_ss``, and the lag ``(eta_0 - eps_v) - lag(model)`` (or the time to the knee).
-With one step, one drag and no Delta this is Miskovic2010, table 4.1 exactly, once the response has settled. With
-quadratic drag and little force it never quite has: the velocity then dies out as one over the time. So the model's own
-response is read over the same seconds as the record's, and what is left of the transient stands in both.
+Each step has two residuals that are zero for the right model. One is the balance at the steady velocity,
+``tau + Delta - (beta + beta_nn*|k_ss|)*k_ss``. The other is the lag ``(eta_0 - eps_v) - lag(model)``, or the time to
+the knee. For one step, one drag and no Delta this equals Miskovic2010, table 4.1, once the response has settled.
+
+With quadratic drag and little force it never settles completely, because the velocity decays as one over the time. The
+model's response is therefore read over the same seconds as the record's, so that both contain the same transient.
 """
 
 from __future__ import annotations
@@ -225,7 +226,7 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
 
 
 MOVES = 3.0
-"""Chosen: standard errors from which on a velocity is not zero."""
+"""Standard errors from which a velocity differs from zero."""
 
 CLOSE = 2.0
 """Difference of the criterion below which two structures count as undecided."""

@@ -1,7 +1,7 @@
-"""Sequenced experiments (Erunsal2017): a plan says which manoeuvre identifies what, and the fits run in that order.
+"""Sequenced experiments (Erunsal2017): a plan defines which manoeuvre identifies what, and the fits run in that order.
 
-``plan`` reads it, ``run`` does it, ``combine`` weighs the steps' estimates of shared parameters by their information
-and fits all runs at once.
+``plan`` reads it and ``run`` executes it. ``combine`` weights the steps' estimates of shared parameters by their
+information, and fits all runs at once.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""Shared parameters of several steps: their estimates combined and compared, then all steps fitted at once.
+"""Combine and compare the steps' estimates of shared parameters, then fit all steps at once.
 
-Erunsal2017 takes the plain mean of a shared parameter's estimates (its 3.4). Here each estimate counts by its
-information: with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``, which no other
-weighting beats and which also passes on what correlated estimates know of each other. What a step says badly no longer
-spoils the mean.
+Erunsal2017 (3.4) takes the plain mean of a shared parameter's estimates. Here each estimate is weighted by its
+information: with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``. This weighting has the
+smallest error, and it uses the correlations between estimates. An uncertain estimate no longer spoils the mean.
 
-In the joint fit every step keeps its own equations and runs under one vector of parameters. What a step held is free
-there, so its uncertainty reaches the other parameters, and the covariance is that of all runs together. The steps'
-estimates are the start; the noise of each signal is the one its step found. Where residuals are coloured (gusts, an
-input with noise, an effect the equations lack) a sample says less than white noise would let it. Each signal of each
-step then counts with the noise it has at low frequency, its standard deviation times the root of ``1 + 2 sum rho_k``,
-and the covariance is that of the weighted fit with residuals as coloured as they are.
+In the joint fit every step keeps its own equations and runs, but all share one vector of parameters. Parameters that a
+step held are free, so their uncertainty reaches the other parameters. The covariance is that of all runs together. The
+fit starts at the steps' estimates, with the noise of each signal from its step.
+
+If residuals are coloured (gusts, a noisy input, a missing effect), a sample contains less information than with white
+noise. Each signal of each step then has its low-frequency noise: its standard deviation times the root of
+``1 + 2 sum rho_k``. The covariance is that of the weighted fit with equally coloured residuals.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepEstimate:
-    """What one step says: values (k,) of ``names`` and their covariance (k, k), positive definite."""
+    """Estimate of one step: values (k,) of ``names`` and their covariance (k, k), positive definite."""
 
     step: str
     names: tuple[str, ...]
@@ -49,11 +49,10 @@ class StepEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How the steps agree on one shared parameter.
+    """Agreement of the steps on one shared parameter.
 
-    ``values`` and ``stds`` by step; ``combined`` their information-weighted mean; ``mean`` the plain one of
-    Erunsal2017;
-    ``probability`` that estimates as far apart come from one value (chi-square).
+    ``values`` and ``stds``: by step. ``combined``: their information-weighted mean. ``mean``: the plain mean of
+    Erunsal2017. ``probability``: that estimates this far apart come from one value (chi-square).
     """
 
     name: str
@@ -108,9 +107,9 @@ def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One step in the joint fit: its form, all parameters free that any step identifies, and what they are called.
+    """One step in the joint fit: its form with all identified parameters free, and their names.
 
-    ``names`` (f,) the joint names of ``form.free``; ``noise`` standard deviation per signal.
+    ``names`` (f,): the joint names of ``form.free``. ``noise``: standard deviation per signal.
     """
 
     form: Form
@@ -121,7 +120,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """Values (k,) of ``names``, covariance (k, k), misfit per sample (1 when the noise is what the steps found)."""
+    """Values (k,) of ``names``, covariance (k, k), misfit per sample (1 if the noise is that of the steps)."""
 
     names: tuple[str, ...]
     values: Array
@@ -138,7 +137,7 @@ class _Place:
 
 
 def fit_jointly(parts: Sequence[Part], start: Mapping[str, float]) -> Joint | None:
-    """Minimise the sum of all parts' misfits from *start* (joint name -> value); None when that start runs away."""
+    """Minimise the sum of all parts' misfits from *start* (joint name -> value); return None if that start diverges."""
     names = tuple(dict.fromkeys(n for part in parts for n in part.names))
     places, x = _placed(parts, names, start)
     k = len(names)

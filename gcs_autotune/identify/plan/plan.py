@@ -86,10 +86,10 @@ class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Which runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern.
+    """Selection of runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern.
 
-    Manoeuvres are called as ``fly`` calls them, or by any name of one's own; capitals, hyphens and underscores do not
-    count. A run whose ``meta["dof"]`` is none of ``dofs`` is not meant.
+    Manoeuvres have the names of ``fly``, or any other. Capitals, hyphens and underscores do not count. A run whose
+    ``meta["dof"]`` is none of ``dofs`` is not selected.
     """
 
     manoeuvres: tuple[str, ...] = ()
@@ -97,7 +97,7 @@ class Chosen:
     dofs: tuple[str, ...] = ()
 
     def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-        """Return the trials meant, in the order given."""
+        """Return the selected trials in the order given."""
         return tuple(t for t in trials if self._means(t))
 
     def _means(self, trial: Trial) -> bool:

@@ -1,4 +1,4 @@
-"""Running a plan: step after step, shared parameters passed on, validation, joint fit, doubts."""
+"""Run a plan: step after step, passing on shared parameters, then validation, joint fit and doubts."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class StepResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanResult:
-    """Everything a plan found.
+    """Result of a plan.
 
-    ``parameters`` after the joint fit of all runs, ``covariance`` (k, k) in their order; ``combined`` before it, from
-    the steps' estimates weighted by information; ``agreements`` per shared parameter; ``model`` the final form with the
-    values, ``final`` its free run on runs nothing was fitted to; ``skipped``: steps without runs.
+    ``parameters``: after the joint fit of all runs; ``covariance`` (k, k) in their order. ``combined``: before it, from
+    the steps' estimates weighted by information. ``agreements``: per shared parameter. ``model``: the final form with
+    the values; ``final``: its free run on runs that were not fitted. ``skipped``: steps without runs.
     """
 
     plan: Plan
@@ -99,10 +99,10 @@ class PlanResult:
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Chance of a false alarm, over all shared parameters together, below which steps are said to disagree."""
+"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree."""
 
 TOGETHER = 0.98
-"""Correlation from which two parameters are said to move together."""
+"""Correlation from which two parameters are reported as correlated."""
 
 MISFIT = 1.3
 """Misfit of the joint fit per sample above which the steps' equations do not fit together."""
@@ -119,7 +119,7 @@ def plan_doubts(
     final: Validation | None,
     unused: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
-    """Return the doubts about the whole; those about a step stand in its fit. *unused*: runs of no step."""
+    """Return the doubts about the whole plan; those about a step are in its fit. *unused*: runs of no step."""
     found: list[Doubt] = []
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
@@ -206,10 +206,10 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
 
 
 def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
-    """Identify everything the plan names from *trials*.
+    """Identify all parameters of the plan from *trials*.
 
-    Each step starts from what the steps before it found, combined by information; what it holds has that value. Then
-    all steps' runs are fitted at once, and the whole model is let loose on the final runs.
+    Each step starts from the earlier steps' estimates, combined by information. Held parameters have these values. Then
+    all steps' runs are fitted at once, and the whole model is simulated on the final runs.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """The method ``instrumental-variables``: least squares without its noise bias.
 
-Least squares is biased because its regressors hold the noise of the equations' errors. Instruments are what the
-regressors would be without noise: those of the motion simulated with the last estimate (refined instrumental
-variables, Young2011), found anew until nothing changes. What smoothing and sampling do to the equations they do to the
-simulated ones too, so that their share is taken off the errors.
+Least squares is biased because its regressors contain the noise of the equations' errors. Instruments are noise-free
+regressors: those of the motion simulated with the last estimate (refined instrumental variables, Young2011). They are
+updated until nothing changes. Smoothing and sampling affect the simulated equations in the same way, so their
+contribution is subtracted from the errors.
 """
 
 from __future__ import annotations

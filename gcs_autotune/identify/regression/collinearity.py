@@ -1,4 +1,5 @@
-"""Which terms move together in these runs, so that their parameters cannot be told apart (variance inflation)."""
+"""Find terms that are correlated in these runs, so that their parameters cannot be distinguished (variance
+inflation)."""
 
 from __future__ import annotations
 
@@ -14,20 +15,20 @@ __all__ = ["collinearity_doubts", "inflation_factors"]
 Array = NDArray[np.float64]
 
 TOO_MUCH = 100.0
-"""Variance inflation above which two terms are said to move together: 99 % of one is in the others."""
+"""Variance inflation above which two terms are reported as correlated: 99 % of one is in the others."""
 
 SHARE = 0.3
-"""Smallest share in the worst direction of a parameter that is named."""
+"""Smallest fraction in the worst direction for a parameter to be listed."""
 
 
 def inflation_factors(information: Array) -> Array:
-    """Return the variance inflation factor (f,) of each parameter: 1 when its term moves on its own."""
+    """Return the variance inflation factor (f,) of each parameter: 1 for an uncorrelated term."""
     factors: Array = np.diag(information) * np.diag(inverse_of(information))
     return factors
 
 
 def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
-    """Return what cannot be told apart, and what was not excited at all."""
+    """Return doubts about parameters that cannot be distinguished or were not excited."""
     information, names = estimate.information, estimate.equations.form.free
     doubts: list[Doubt] = []
     dead = np.diag(information) <= 0.0

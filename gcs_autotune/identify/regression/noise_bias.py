@@ -28,13 +28,13 @@ __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Noise records drawn. The shift is a mean, so few tell its size."""
+"""Number of noise records drawn. The shift is a mean, so a few are enough."""
 
 WORTH_SAYING = 0.1
-"""Shift, in standard errors, below which it is not worth a word."""
+"""Shift, in standard errors, below which no doubt is raised."""
 
 NAMED = 3
-"""Parameters named in the doubt."""
+"""Maximum number of parameters listed in the doubt."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:
@@ -80,16 +80,16 @@ def noise_bias(
 
 
 def with_bias(estimate: Estimate, bias: Array) -> Estimate:
-    """Return *estimate* with its covariance that about the truth, the bias squared added to it.
+    """Return *estimate* with its covariance about the truth, that is, with the squared bias added.
 
-    An interval has to cover the truth, not what the method would find on average.
+    An interval has to cover the truth, not the mean result of the method.
     """
     known = np.nan_to_num(bias)
     return replace(estimate, covariance=estimate.covariance + np.outer(known, known))
 
 
 def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
-    """Return what to say about the bias; None when it is nothing against the standard errors."""
+    """Return a doubt about the bias; None if it is small against the standard errors."""
     std = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
     share = np.nan_to_num(np.abs(bias) / np.maximum(std, 1e-9 * np.abs(estimate.free) + 1e-300))
     worst = [int(i) for i in np.argsort(-share)[:NAMED] if share[i] > WORTH_SAYING]

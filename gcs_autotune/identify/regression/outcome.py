@@ -1,4 +1,4 @@
-"""What a regression found, in the words of :class:`Fit`."""
+"""Convert the result of a regression to a :class:`Fit`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gcs_autotune.models import CoupledModel
 __all__ = ["regression_fit"]
 
 BEYOND_NOISE = 2.0
-"""Rms residual of the free run, in noise levels, that noise no longer excuses."""
+"""Rms residual of the free run, in noise levels, that noise does not explain."""
 
 
 def regression_fit(

@@ -22,18 +22,19 @@ __all__ = ["Check", "check_physics", "damping_slopes", "physics_doubts", "veloci
 Array = NDArray[np.float64]
 
 DIRECTIONS = 64
-"""Directions in which the farthest velocity is looked for: D is linear in their magnitudes, so the rest lie between."""
+"""Number of directions in which the largest velocity is searched; D is linear in the magnitudes, so the rest lie
+between."""
 
 ROUNDING = 1e-9
 """Relative size below which an asymmetry or a negative eigenvalue is rounding."""
 
 POWERLESS = 0.1
-"""Share of the coupling terms' power that may be left over before C is called not skew."""
+"""Fraction of the coupling terms' power that may remain before C counts as not skew."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One verdict: what was looked at, whether it holds, by how much (0 is the border), and in words."""
+    """Result of one check: its subject, whether it holds, the margin (0 is the limit), and a description."""
 
     what: str
     holds: bool
@@ -153,7 +154,7 @@ def _terms(form: Form) -> list[tuple[int, int, float, tuple[int, ...]]]:
 
 
 def physics_doubts(checks: Sequence[Check]) -> list[Doubt]:
-    """Return one doubt for everything that does not hold."""
+    """Return one doubt for every check that fails."""
     wrong = [c.told for c in checks if not c.holds]
     if not wrong:
         return []

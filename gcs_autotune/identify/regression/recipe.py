@@ -1,7 +1,7 @@
-"""From records to equations, always in the same way: what is chosen once is kept for every record made alike.
+"""Convert records to equations, always in the same way: settings chosen once apply to every similar record.
 
-Instruments come from simulated records and the size of the noise bias from records with noise added; both go through
-exactly the processing of the measured ones.
+Instruments come from simulated records, and the noise bias from records with added noise. Both are processed exactly
+like the measured ones.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ OPTIONS = (
 """Options of ``fit`` read here."""
 
 WINDOWS = (8, 16, 32, 64)
-"""Lengths of window tried, in samples; that with the smallest standard errors is kept."""
+"""Window lengths tried, in samples; the one with the smallest standard errors is kept."""
 
 LONGEST = 0.125
-"""Longest window in shares of the shortest stretch."""
+"""Longest window relative to the shortest stretch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Recipe:
         return [f[0] for f in found if f is not None]
 
     def with_spread(self, estimate: Estimate, draws: Sequence[NoiseDraw]) -> Estimate:
-        """Return the least-squares *estimate* with its standard errors raised to what noise does to it."""
+        """Return the least-squares *estimate* with its standard errors raised to include the noise of the signals."""
         J = estimate.jacobian * estimate.weights[:, :, None]
         bread = inverse_of(estimate.information)
         return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
@@ -85,7 +85,8 @@ class Recipe:
 
 
 def form_of(case: Case) -> Form:
-    """Return the form to regress: the delay asked for known, a constant in every equation when ``bias`` is set."""
+    """Return the form to regress: with the requested delay fixed, and a constant in every equation if ``bias`` is
+    set."""
     form = case.the_form
     if case.delay is not None and (case.delay > 0.0 or "delay" in form.parameters):
         form = form.fixing({"delay": case.delay})

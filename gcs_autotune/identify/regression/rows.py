@@ -26,7 +26,7 @@ EQUATIONS = ("integral", "derivative")
 """Values of the option ``equation``."""
 
 OVERLAP = 6
-"""Windows that cover each instant. Chosen: more of them tell nothing new."""
+"""Windows that cover each instant; more windows add no information."""
 
 EDGE = 2
 """Grid points left out at either end, where a smoothed derivative is worst."""

@@ -1,6 +1,6 @@
 """Value, rate and acceleration of one noisy, unevenly sampled signal, at any times.
 
-Two ways, both with their degree of smoothing chosen by the data:
+There are two methods; the data set the degree of smoothing of both:
 
 * ``savitzky-golay``: a polynomial through the nearest samples (the filter of Miskovic2007, II-C, for uneven stamps);
 * ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers1996), the penalty chosen

@@ -1,10 +1,9 @@
-"""Least squares of the accelerations: the estimator behind every method of this room.
+"""Least squares of the accelerations: the estimator of every method in this package.
 
-The papers put the acceleration on the left, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010
-(4.17)-(4.22)), so that
-its noise, by far the largest, is the error of the equation and does no harm. For a form the same reads: minimise
-``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that is (4.15) exactly, by a change of variables; with a full M
-it is its generalisation. Gauss-Newton solves it; degrees of freedom are weighed by the variance they leave.
+The papers solve for the acceleration, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010 (4.17)-(4.22)). Its
+noise, by far the largest, is then the error of the equation and causes no bias. For a form this becomes: minimise
+``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that equals (4.15) by a change of variables; with a full M it is
+the generalisation. Gauss-Newton solves it, and degrees of freedom are weighted by their residual variance.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ SETTLED = 1e-3
 """Relative change of every weight below which they have settled."""
 
 LEVERAGE = 1e-9
-"""Ridge in shares of each parameter's own information: only what is not excited at all feels it."""
+"""Ridge relative to each parameter's own information; it affects only parameters that are not excited."""
 
 Barrier = Callable[[Array], "Local | None"]
 """Cost added to the sum of squares, of all parameters (p,); None where it is infinite."""
@@ -119,11 +118,12 @@ def _check_scale(form: Form, E: Array) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What least squares found.
+    """Result of least squares.
 
-    theta (p,), all parameters; errors (n, k) and jacobian (n, k, f) of the accelerations there; weights (n, k), one
-    over their variance (and less for outliers); covariance (f, f) of the free parameters, robust to coloured
-    residuals; converged. ``excess`` (k,): rms of the errors over that which the signals' noise makes, when known.
+    theta (p,): all parameters. errors (n, k) and jacobian (n, k, f): of the accelerations there. weights (n, k):
+    inverse variance, less for outliers. covariance (f, f): of the free parameters, robust to coloured residuals.
+    converged: whether the iteration converged. ``excess`` (k,): rms of the errors relative to that from the signals'
+    noise, if known.
     """
 
     equations: Equations

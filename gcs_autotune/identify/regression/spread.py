@@ -1,9 +1,10 @@
-"""Standard errors: what the noise of the measured signals does to an estimate.
+"""Standard errors of an estimate, from the noise of the measured signals.
 
-The residuals of a regression say too little: few windows hold most of the information, and there the fit follows the
-noise. So the noise that smoothing found in every signal is added to the signals anew, and its way through smoothing,
-rows and estimate is followed to first order. What the residuals say, with their colour (:mod:`.covariance`), is kept
-where it is more: it holds what is not noise of the sensors. Correlations are those of the information matrix.
+The residuals of a regression underestimate the error: few windows contain most of the information, and there the fit
+follows the noise. Therefore noise of the size that smoothing found is added to the signals again. Its effect on
+smoothing, rows and estimate is followed to first order. The standard error from the residuals, with their colour
+(:mod:`.covariance`), is used if it is larger, because it includes errors other than sensor noise. Correlations are
+those of the information matrix.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 Array = NDArray[np.float64]
 
 DRAWS = 32
-"""Draws of the noise. A standard error from them is itself known to ``1/sqrt(2*DRAWS)``, 12 %."""
+"""Number of noise draws. Their standard error is itself known to ``1/sqrt(2*DRAWS)``, 12 %."""
 
 FAR = 3.0
-"""Rms error of an equation, in what noise makes of it, from which something else is at work."""
+"""Ratio of an equation's rms error to that from noise, from which another cause must exist."""
 
 SMALL = 0.003
-"""Error of an equation in shares of its terms that is small whatever the noise: what smoothing leaves of clean data."""
+"""Error of an equation, relative to its terms, that is negligible for any noise: smoothing leaves it in clean data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseDraw:
-    """All records once more with their noise doubled, and their motions, smoothed as the measured ones were."""
+    """All records with their noise doubled, and their motions, smoothed as the measured ones were."""
 
     records: tuple[Segment, ...]
     motions: tuple[GriddedMotion, ...]
@@ -56,7 +57,7 @@ def draw_noise(
 
 
 def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator) -> Segment:
-    """Return *record* with as much noise added to every signal as its smoothing found in it."""
+    """Return *record* with noise added to every signal, as large as its smoothing found."""
     signals = {
         name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))
         for name, s in record.signals.items()
@@ -65,7 +66,7 @@ def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator)
 
 
 def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequence[Array], base: Array) -> Estimate:
-    """Return *estimate* with its standard errors raised to what the noise draws say, see above.
+    """Return *estimate* with its standard errors raised to those of the noise draws, see above.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequenc
 
 
 def excess_doubt(estimate: Estimate) -> Doubt | None:
-    """Return what to say when the equations miss by far more than noise explains; None when they do not."""
+    """Return a doubt if the equations miss by far more than noise explains, else None."""
     equations, k = estimate.equations, len(estimate.equations.form.dofs)
     theta = np.append(estimate.theta, 1.0)
     missed = np.sqrt(np.mean((equations.E @ theta) ** 2, axis=0))

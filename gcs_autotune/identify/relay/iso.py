@@ -1,14 +1,14 @@
 """IS-O: identification by use of self-oscillations, from one limit cycle (Miskovic2010, Table 6.3).
 
 The relay's describing function: ``x = x_0 + X_m sin(omega t)`` into a relay of output ``C`` that switches at
-``+/- x_a`` gives, to the first harmonic, ``Y_0 + (P_N + j Q_N) (x - x_0)``, (5.10)-(5.14);
-integrators and delays turn it.
+``+/- x_a`` gives, to the first harmonic, ``Y_0 + (P_N + j Q_N) (x - x_0)``, (5.10)-(5.14); integrators and delays turn
+it.
 
-Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay
-(6.31), real switching value (6.5). The answer is approximate, because only the first harmonic is balanced;
-output error (:mod:`gcs_autotune.identify.solution`) starts from it. Between the structures two limit cycles decide,
-(7.1)-(7.2): the one whose coefficient scatters less between them describes the craft better; the scatter of ``alpha``,
-which is the same in both, measures how sure one can be.
+Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay (6.31), real
+switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
+(:mod:`gcs_autotune.identify.solution`) starts from it. Two limit cycles decide between the structures, (7.1)-(7.2). The
+structure whose coefficient scatters less describes the craft better. The scatter of ``alpha``, equal in both, measures
+the confidence.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Limit cycles read off a relay experiment, and a monitor that tells when to stop one (Miskovic2010, 6.5-6.7).
+"""Read limit cycles from a relay experiment, and monitor when to stop one (Miskovic2010, 6.5-6.7).
 
-Extremes and durations of every half period, the real switching value (6.5), condition (7.12) for every period, and the
-stop rule: five consecutive periods whose maxima and minima scatter within 10 %.
+The readings are extremes and durations of every half period, the real switching value (6.5), and condition (7.12) for
+every period. The stop rule needs five consecutive periods whose maxima and minima scatter within 10 %.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 PERIODS = 5
-"""Consecutive periods the stop rule asks for, Miskovic2010, 6.7."""
+"""Consecutive periods that the stop rule requires, Miskovic2010, 6.7."""
 
 SCATTER = 0.10
 """Largest standard deviation of maxima and of minima, as a fraction of the amplitude, Miskovic2010, 6.7."""
@@ -107,11 +107,11 @@ def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class MonitorState:
-    """What is known so far.
+    """State of the monitor.
 
-    ``switchings`` counted in all; ``periods`` consecutive proper periods at present (0 after one that broke
-    (7.12), which clears the registers); ``settled`` the stop rule; ``proper`` whether the last full period
-    satisfied (7.12) (True before the first); ``cycle`` the mean over the latest periods, None before the first.
+    ``switchings``: total count. ``periods``: consecutive proper periods at present, 0 after one that violates (7.12),
+    which clears the registers. ``settled``: the stop rule. ``proper``: whether the last full period satisfied (7.12),
+    True before the first. ``cycle``: the mean over the latest periods, None before the first.
     """
 
     switchings: int
@@ -193,11 +193,12 @@ class LimitCycleMonitor:
 Array = NDArray[np.float64]
 
 LEVEL_TOLERANCE = 0.05
-"""Spread of a relay's level from half period to half period that still counts as the same experiment."""
+"""Spread of a relay's level between half periods that still counts as the same experiment."""
 
 
 NEUTRAL = 0.25
-"""Chosen: an input this share of the relay's swing away from its level has left the relay: half of it is neutral."""
+"""Deviation of an input from the relay's level, relative to its amplitude, at which it counts as neutral (half of
+it)."""
 
 RELAY_SPREAD = 0.2
 """Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""

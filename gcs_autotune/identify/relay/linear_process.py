@@ -1,12 +1,12 @@
 """IS-O for any linear process with n poles and m zeros, from several limit cycles: Miskovic2010, eq. (6.16)-(6.19).
 
 ``G(s) = sum b_i s^i / sum a_i s^i * exp(-s T_d) / s^k`` with ``a_0 = 1``. Each experiment balances one complex
-equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``; its real and imaginary parts are two rows.
-What stands for ``P + j Q`` is the relay's describing function, good to the first harmonic
-(:func:`identify_process`), or ``-1/G`` measured at any frequency (:func:`process_from_response`).
+equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``; its real and imaginary parts are two rows. What
+stands for ``P + j Q`` is the relay's describing function, good to the first harmonic (:func:`identify_process`), or
+``-1/G`` measured at any frequency (:func:`process_from_response`).
 
-The closed heading loop is such a process (Miskovic2010, 6.6.4): the relay stands outside the autopilot and commands
-the heading, ``psi_ref = psi_ref* +/- C``. What is identified is
+The closed heading loop is such a process (Miskovic2010, 6.6.4): the relay is outside the autopilot and commands the
+heading, ``psi_ref = psi_ref* +/- C``. What is identified is
 ``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``, (6.49): every autopilot of its Table 8.1 but the
 classical PID is of that form on a steering equation of first order. :func:`simplify` is its Algorithm 8.7.
 """
@@ -167,17 +167,19 @@ def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay
 
 
 LOOPS: Mapping[str, tuple[str, str]] = {"psi_ref": ("psi", "yaw"), "z_ref": ("z", "heave"), "u_ref": ("u", "surge")}
-"""Channel of what is commanded -> that of what answers, and the degree of freedom whose position and input stand for
-the two. A speed ahead takes the place of a position: it is what the loop holds."""
+"""Commanded channel -> responding channel, and the degree of freedom whose position and input represent them.
+
+A speed ahead takes the place of a position, because the loop holds it.
+"""
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
-    """Return the closed heading loop of two (or more) limit cycles, Miskovic2010, eq. (6.52); the gain at rest is 1.
+    """Return the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52); its static gain is 1.
 
     Raises
     ------
     NotInformative
-        Cycles too alike.
+        The cycles are too similar.
     """
     return identify_process((cycle_1, cycle_2, *further), n=3, m=1, gain=1.0)
 

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from test_noisy_problem import DRAG, GAIN, LINEAR, problem_of, run
 
-from gcs_autotune.identify import NoisyProblem, ProcessNoise, RunSays, Segment, Signal, common_gain, spread_between
+from gcs_autotune.identify import (
+    NoisyProblem,
+    ProcessNoise,
+    RunLikelihood,
+    Segment,
+    Signal,
+    common_gain,
+    spread_between,
+)
 
 Array = NDArray[np.float64]
 
@@ -189,6 +197,6 @@ def test_spreads_next_to_none_are_none() -> None:
 
 
 def test_a_run_that_says_nothing_keeps_its_prior() -> None:
-    day = RunSays("mute", np.zeros((2, 2)), np.zeros(2)).day(0.3, 0.05)
+    day = RunLikelihood("mute", np.zeros((2, 2)), np.zeros(2)).day(0.3, 0.05)
     assert (day.force, day.thrust) == (0.0, 0.0)
     assert (day.force_std, day.thrust_std) == pytest.approx((0.3, 0.05))
