@@ -115,9 +115,9 @@ def check_heading(run: Trial) -> None:
     torn = _tears(run["psi"].values)
     if torn:
         raise BadFile(
-            f"the heading of run '{run.name}' jumps {len(torn)} time(s), by {math.degrees(float(np.median(torn))):.0f} "
-            "deg instead of a full turn: it was wrapped wrongly, or averaged across north; log psi as the vehicle "
-            "sends it, from 0 to 360 deg or from -180 to 180 deg"
+            f"the heading of run '{run.name}' jumps {len(torn)} time(s), by "
+            f"{math.degrees(float(np.median(torn))):.0f} deg instead of a full turn. It was wrapped wrongly, or "
+            "averaged across north. Log psi as the vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
         )
 
 
@@ -174,8 +174,9 @@ def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
     forward = max(coherence(y, u), coherence(y, u, integrated=True) if integrated else 0.0)
     if backward > LEADS and 1.0 - backward < ALONE * (1.0 - forward):
         raise BadFile(
-            f"{name} and {output} of run '{run.name}' look swapped: {name} is smooth and follows {output} "
-            f"({100 * backward:.0f} % of it), while {output} jumps like a command; swap the names of the two columns"
+            f"{name} and {output} of run '{run.name}' look swapped. {name} is smooth and follows {output} "
+            f"({100 * backward:.0f} % of it), while {output} jumps like a command. Swap the names of the two "
+            "columns"
         )
 
 
@@ -254,13 +255,13 @@ def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[lis
         if twin is None:
             kept.append(run)
         else:
-            cause = f"runs '{twin.name}' and '{run.name}' are the same recording: only the first was used"
-            doubts.append(Doubt("run-twice", cause, "list every run once"))
+            cause = f"runs '{twin.name}' and '{run.name}' are the same recording. Only the first was used"
+            doubts.append(Doubt("run-twice", cause, "list each run once"))
     for run in unseen:
         if any(_same(run, k) for k in kept):
             raise UsageError(
                 f"run '{run.name}' is used both to fit and to validate, so the gain would be measured on fitted "
-                "data; name another run after --validate, or none to leave out blocks in turn"
+                "data. Use another run after --validate, or omit --validate to hold out blocks in turn"
             )
     return kept, doubts
 
@@ -300,11 +301,11 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
         if len(channel):
             doubts.append(_doubt(run, name, "contains no numbers", "check the sensor and the logger"))
     if not channels:
-        raise BadFile(f"run '{run.name}' contains no samples: check that it is the right file")
+        raise BadFile(f"run '{run.name}' contains no samples. Check that it is the right file")
     motions = [n for n in channels if n in MOTIONS and len(channels[n]) >= MIN_SAMPLES]
     if not motions and not any(n in SIGNALS and n not in MOTIONS for n in channels):
         raise MissingChannel(
-            f"run '{run.name}' has no known column; it has {', '.join(channels)}; name columns like t[s], "
+            f"run '{run.name}' has no known column; it has {', '.join(channels)}. Rename the columns like t[s], "
             "psi[rad], r[rad/s], N[N m]"
         )
     still = {n for n in motions if np.ptp(channels[n].values) == 0.0}

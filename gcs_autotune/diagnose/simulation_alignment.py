@@ -213,23 +213,29 @@ def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[D
     """Return what the commands of both files leave open about the clock."""
     doubts = []
     if match.kind == "constant" and holds_commands:
-        cause = f"the commands in the simulation of '{run}' change too rarely to be matched with those of the run"
-        cure = "use a run whose commands change often: clock, order, signs and units of inputs are derived from that"
+        cause = (
+            f"the commands in the simulation of '{run}' change too rarely to be matched with those of the run. "
+            "Clock, order, signs and units of the inputs were not checked"
+        )
+        cure = "use a run whose commands change often"
         doubts.append(Doubt("commands-constant", cause, cure))
     if match.kind == "repeating":
         cause = (
-            f"the commands of '{run}' and of its simulation are both periodic, but differ in period or number: a wrong "
-            "clock or a simulator with its own commands explains that; the time stamps were left unchanged"
+            f"the commands of '{run}' and of its simulation are both periodic, but differ in period or number. "
+            "Possible causes are a wrong clock or a simulator with its own commands. The time stamps were left "
+            "unchanged"
         )
         doubts.append(Doubt("commands-repeat", cause, "drive the simulator with all commands of the run"))
     if match.is_uneven:
-        cause = f"the clock in the simulation of '{run}' is uneven: commands change {match.scatter:.2g} s (rms) off it"
+        cause = (
+            f"the clock in the simulation of '{run}' is uneven: commands deviate from it by {match.scatter:.2g} s (rms)"
+        )
         cure = "write the simulator's own time into its file, or step it at the time stamps of the run"
         doubts.append(Doubt("clock-uneven", cause, cure))
     for name, clock in match.others:
         cause = (
-            f"the changes of {name} in the simulation of '{run}' imply another clock than those of all inputs: "
-            f"{clock.scale:.4g} s per second of the run instead of {_scale_of(match):.4g}, or another offset"
+            f"the changes of {name} in the simulation of '{run}' imply a different clock from all inputs together: "
+            f"{clock.scale:.4g} s per second of the run instead of {_scale_of(match):.4g}, or a different offset"
         )
         doubts.append(Doubt("commands-disagree", cause, f"check how {name} is written to the file, and when"))
     return doubts
@@ -242,8 +248,8 @@ def _scale_of(match: CommandMatch) -> float:
 def _ambiguous(run: str, period: float) -> Doubt:
     return Doubt(
         "clock-ambiguous",
-        f"the commands of '{run}' repeat every {period:.4g} s: the simulation matches as well a period earlier or "
-        "later; the match nearest to its own time stamps was used",
+        f"the commands of '{run}' repeat every {period:.4g} s, so the simulation matches equally well one period "
+        "earlier or later. The match nearest to its own time stamps was used",
         "compare a run whose commands do not repeat, or stamp both files with one clock",
     )
 
@@ -263,7 +269,7 @@ def _elsewhere(name: str, by: float, *, by_commands: bool) -> Doubt:
     way = "before" if by > 0.0 else "after"
     return Doubt(
         "simulation-elsewhere",
-        f"the simulation of '{name}' is stamped {abs(by):.4g} s {way} the run: it was shifted to {taken}",
+        f"the simulation of '{name}' is stamped {abs(by):.4g} s {way} the run. It was shifted to {taken}",
         "write the time stamps of the run into the simulator's file",
     )
 
@@ -298,9 +304,9 @@ def _driven(simulation: Trial, run: Trial, doubts: list[Doubt], match: CommandMa
             doubts.append(
                 Doubt(
                     "simulation-driven-otherwise",
-                    f"{name} of the simulation of '{run.name}' differs from that of the run: the simulation was "
-                    "compared with its own",
-                    "drive the simulator with the commands of the run, in the same unit",
+                    f"{name} differs between run '{run.name}' and its simulation. The simulation was compared "
+                    f"using its own {name}",
+                    "drive the simulator with the commands of the run, in the same units",
                 )
             )
     return replace(simulation, channels=channels)
@@ -373,7 +379,7 @@ def _scaled(command: MatchedCommand, run: str) -> Doubt:
         "command-scaled",
         f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as much as {command.ours} "
         "of the run",
-        "if the unit differs, write it in the unit of the run; the gain is compared for the command as written",
+        "if the units differ, write it in the unit of the run; the gain was compared for the command as written",
     )
 
 
@@ -381,7 +387,7 @@ def _exchanged(moved: Sequence[MatchedCommand], run: str) -> Doubt:
     pairs = ", ".join(f"its {c.theirs} is {c.ours} of the run" for c in moved)
     return Doubt(
         "commands-exchanged",
-        f"inputs of the simulation of '{run}' are in another order: {pairs}; they were reordered",
+        f"inputs of the simulation of '{run}' are in another order ({pairs}). They were reordered",
         "swap the names of these columns, or the inputs in the simulator",
     )
 

@@ -85,9 +85,9 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
         return None
     return Doubt(
         "not-facing",
-        f"the heading of run '{trial.name}' varies by {np.degrees(swing):.0f} deg while surge is derived from the "
-        "distance to a surface: the distance then changes by cos(angle) only",
-        "hold the heading square to the surface (the angle controller first, Miskovic2010, Algorithm 8.5)",
+        f"the heading of run '{trial.name}' varies by {np.degrees(swing):.0f} deg, but surge is derived from the "
+        "distance to a surface. At an angle that distance changes only by cos(angle) of the path",
+        "hold the heading square to the surface; tune the heading controller first (Miskovic2010, Algorithm 8.5)",
     )
 
 
@@ -123,16 +123,17 @@ def projected_track(
         return None
     if spread > CROOKED:
         raise NotInformative(
-            f"run '{trial.name}' has no {axis.velocity}, and its heading varies by {np.degrees(spread):.0f} deg: north "
-            "and east then do not determine one axis; record the velocity, keep straight, or use --dof horizontal"
+            f"run '{trial.name}' has no {axis.velocity}, and its heading varies by {np.degrees(spread):.0f} deg. "
+            "North and east then do not determine one axis. Record the velocity, keep a straight course, or use --dof "
+            "horizontal"
         )
     if spread > STRAIGHT:
         notes.append(
             Doubt(
                 "not-straight",
-                f"the heading of run '{trial.name}' varies by {np.degrees(spread):.0f} deg while {axis.name} is read "
-                "off positions",
-                "keep straight, or use --dof horizontal",
+                f"the heading of run '{trial.name}' varies by {np.degrees(spread):.0f} deg while {axis.name} is "
+                "derived from positions",
+                "keep a straight course, or use --dof horizontal",
             )
         )
     across = np.interp(position.t, second.t, second.values)

@@ -109,11 +109,11 @@ def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence
 def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:
     """Refuse what a fit with effects cannot do."""
     if method != "output-error":
-        raise UsageError(f"effects and start values are for the method output-error, not for '{method}'")
+        raise UsageError(f"effects and start values need method output-error, not '{method}'")
     if options:
         raise UsageError(f"a fit with effects has no option {', '.join(options)}")
     if structure is not None:
-        raise UsageError("the start model fixes the structure: leave --structure out")
+        raise UsageError("the start model fixes the structure. Omit --structure")
 
 
 def _case_with_effects(
@@ -170,8 +170,8 @@ def _fit_coupled(
     arm = [n for n in LEVER_ARM if n in form.parameters]
     if arm and "lever arm" not in chosen.bears:
         raise UsageError(
-            f"{method} takes the sensor to sit in the middle, {' and '.join(arm)} are left out; what a sensor shows "
-            f"is simulated by: {', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
+            f"{method} assumes a sensor at the origin and cannot use {' and '.join(arm)}. Methods that can: "
+            f"{', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
         )
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
     with _contradictions_named(runs):
@@ -317,8 +317,8 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
         found.append(
             Doubt(
                 "stamps-taken-as-exact",
-                f"the stamps of the inputs may all be off by up to {1000.0 * dating:.0f} ms, which {method.name} "
-                "cannot account for: its standard errors leave that out",
+                f"all input time stamps may be off by up to {1000.0 * dating:.0f} ms, which {method.name} cannot "
+                "model. Its standard errors do not include this",
                 "compare with output-error, which fits the shift",
             )
         )
@@ -326,7 +326,7 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
         found.append(
             Doubt(
                 "outliers-not-weighed",
-                f"{method.name} is sensitive to outliers: any robust weighting is applied after smoothing",
+                f"{method.name} is sensitive to outliers: robust weighting is applied only after smoothing",
                 "use output-error, or repair the sensor",
             )
         )
@@ -340,14 +340,14 @@ def _all(runs: Trial | Sequence[Trial], use: Sequence[str] | None) -> tuple[Tria
 def _all_as_they_are(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if not together:
-        raise NotInformative("no run was given to identify from")
+        raise NotInformative("no run to identify from: supply at least one run file")
     return together
 
 
 def _method(name: str, loss: str, options: dict[str, Any]) -> Method:
     method = lookup(METHODS, name, "identification method")
     if loss not in ("linear", "soft_l1"):
-        raise UsageError(f"loss '{loss}' is not known; use linear or soft_l1")
+        raise UsageError(f"unknown loss '{loss}'; use linear or soft_l1")
     known = {option for option, _ in method.options}
     for option in options:
         if option not in known:
@@ -367,7 +367,7 @@ def _known(delay: Literal["auto"] | float) -> float | None:
 
 def _seconds(delay: float | str) -> float:
     if not 0.0 <= float(delay) < 60.0:
-        raise UsageError(f"a delay of {delay} s makes no sense: give seconds, 0 or more")
+        raise UsageError(f"a delay of {delay} s is not valid: use 0 s or more")
     return float(delay)
 
 
@@ -377,15 +377,17 @@ def _common_axis(runs: Sequence[Trial], dof: str | None) -> Dof:
     guesses = [guess_dof(run) for run in runs]
     if any(g != guesses[0] for g in guesses):
         names = ", ".join(f"{r.name}: {g.name}" for r, g in zip(runs, guesses, strict=True))
-        raise UsageError(f"the runs are about different degrees of freedom ({names}): give --dof or fewer runs")
+        raise UsageError(
+            f"the runs are of different degrees of freedom ({names}). Select one with --dof, or use fewer runs"
+        )
     return guesses[0]
 
 
 def _check_one_input(names: set[str], units: set[str]) -> None:
     if len(names) > 1 or len(units) > 1:
         raise UsageError(
-            f"the runs have different inputs ({', '.join(sorted(names))} in {', '.join(sorted(units))}): "
-            "identify them one by one"
+            f"the runs have different inputs ({', '.join(sorted(names))} in {', '.join(sorted(units))}). Identify "
+            "them one at a time"
         )
 
 

@@ -141,8 +141,8 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{', '.join(missing)} was requested but not examined: no recorded channel drives it and shows it",
-                f"record what is needed for it ({columns})",
+                f"{', '.join(missing)} was requested but not examined: the runs lack its input or its motion",
+                f"record the channels it needs ({columns})",
             )
         )
     compared = {n for s in segments for n in s.signals}
@@ -154,8 +154,8 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{' and '.join(left)} were recorded and not compared: this model does not move on the plane with what "
-                "was recorded, so what happens to the track alone was not seen",
+                f"{' and '.join(left)} were recorded but not compared. The recorded channels do not support a "
+                "model of motion in the plane, so effects on the track alone were not examined",
                 "record the thrust (X) and the speeds u and v, or only x, y and psi beside X and N",
             )
         )
@@ -301,7 +301,8 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
     best = _best_from(problem, starts, (), trials)
     if best is None:
         raise NotInformative(
-            f"no simulation of '{form.title}' follows these runs: check columns and units, or give --dof with less"
+            f"no simulation of '{form.title}' follows these runs. Check columns and units, or use --dof with fewer "
+            "degrees of freedom"
         )
     return _known(form, segments, limits, best), best
 
@@ -330,8 +331,8 @@ def given_base(
     best = _best_from(problem, chain([own], starts), effects)
     if best is None:
         raise NotInformative(
-            f"the model '{form.title}' diverges on these runs for all parameter values: check that it describes this "
-            "craft, in these units"
+            f"the model '{form.title}' diverges on these runs for all parameter values. Check that it describes "
+            "this craft and uses the units of the runs"
         )
     return _known(form, segments, limits, best), given, best
 

@@ -56,7 +56,7 @@ class Case:
             One degree of freedom was asked for: see :meth:`as_form`.
         """
         if self.form is None:
-            raise UsageError("this method fits a form: give one, or a structure of damping")
+            raise UsageError("this method needs a form or a damping structure. Supply one of them")
         return self.form
 
     def as_form(self, structure: Structure) -> Case:
@@ -101,5 +101,5 @@ class Case:
     def more_levels(self) -> str:
         """Advice on what to fly to distinguish kinds of damping, or damping and delay."""
         if self.relay_flown:
-            return "fly a second relay with a clearly different C"
+            return "fly a second relay with a clearly different output C"
         return "record a run with clearly larger or smaller inputs as well"

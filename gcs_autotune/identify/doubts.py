@@ -68,8 +68,8 @@ def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
     return Doubt(
         "poor-fit",
         f"the model explains these signals only in part: {', '.join(poor)}",
-        "look at the fit's plot: wind, current, other axes, a missing term, a slipping clock or the wrong input "
-        "may be at work",
+        "inspect the plot of the fit; check for wind, current, other axes, a missing term, a drifting clock or a "
+        "wrong input",
     )
 
 
@@ -79,9 +79,9 @@ def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
         return None
     return Doubt(
         "delay-fitted",
-        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted: with it BIC, the misfit "
-        f"weighed against the count of fitted numbers, is lower by {evidence:.0f}",
-        "give --delay if you know it; a slow actuator looks like a delay too: free 'lag' in a form for it",
+        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit "
+        f"with a penalty per parameter) by {evidence:.0f}",
+        "supply --delay if it is known; if the actuator is slow, fit a form with 'lag' free instead",
     )
 
 
@@ -115,8 +115,8 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 
 REVERSED_INPUT = Doubt(
     "reversed-input",
-    "a positive input turns or pushes against the SNAME convention; the parameters come out negative",
-    "expected for a rudder angle; otherwise check wiring and sign of the channel",
+    "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
+    "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
 )
 """Doubt for one input and one motion with negative inertia."""
 
@@ -127,7 +127,7 @@ def _few_periods(f: Findings) -> Doubt | None:
     most = max(c.periods for c in f.relays)
     return Doubt(
         "few-periods",
-        f"only {most} full period(s) of self-oscillation, {PERIODS} are asked for",
+        f"only {most} full period(s) of self-oscillation; {PERIODS} are required",
         "let the relay run longer",
     )
 
@@ -136,11 +136,11 @@ def _unsettled(f: Findings) -> Doubt | None:
     if not f.relays or f.case.cut_short or min(c.scatter for c in f.relays) <= SCATTER:
         return None
     worst = min(c.scatter for c in f.relays)
-    cause = "the single period found" if np.isinf(worst) else f"extremes that scatter by {100 * worst:.0f} %"
+    cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
     return Doubt(
         "unsettled",
-        f"the oscillation never settled ({cause}; the rule is {100 * SCATTER:.0f} %)",
-        "wait for calmer water, use a larger C or x_a, let the relay run longer",
+        f"the oscillation never settled ({cause}; the limit is {100 * SCATTER:.0f} %)",
+        "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
     )
 
 
@@ -150,15 +150,15 @@ def _condition(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "not-self-oscillation",
-        f"{len(broken)} of {len(f.relays)} relay settings break condition "
-        "x_a* + |x_0| < X_m (7.12): IS-O does not hold there (the exact fit still does)",
+        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). "
+        "IS-O is not valid for them; the simulated fit is",
         "use a larger C or a smaller x_a; trim away the constant force",
     )
 
 
 PUSHES_BOTH_WAYS: Mapping[str, str] = {
     "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
-    "surge": "fly steps ahead well apart, as throttle-steps, or what pushes astern as well, as doublets",
+    "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
 }
 """Degree of freedom -> what to fly if the input had one sign only; others need a relay or doublets."""
 
@@ -181,8 +181,8 @@ def _saturated(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "saturated-input",
-        f"the input stands at full output for {100 * share:.0f} % of the time",
-        "use smaller inputs: commands beyond the actuator's limit are not in the record",
+        f"the input is at full output for {100 * share:.0f} % of the time",
+        "use smaller inputs; the record does not show commands beyond the actuator's limit",
     )
 
 
@@ -202,7 +202,7 @@ def _irregular(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "irregular-sampling",
-        f"{100 * max(shares):.0f} % of the time steps are far from the usual one",
+        f"{100 * max(shares):.0f} % of the time steps differ from the median by more than half of it",
         "request a lower, steadier message rate; the fit uses each timestamp unchanged",
     )
 
@@ -213,8 +213,8 @@ def _time_unit(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "time-unit",
-        f"the usual time step is {step:.3g} s: are the stamps really in seconds?",
-        "head the time column t[ms] or t[us] if it is in these units",
+        f"the median time step is {step:.3g} s, so the time stamps may not be in seconds",
+        "name the time column t[ms] or t[us] if it is in these units",
     )
 
 
@@ -236,7 +236,7 @@ def _quantised(f: Findings) -> Doubt | None:
         "quantised",
         f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
         f"{f.case.records[0].dof.position_unit}, coarser than its noise",
-        "use a finer sensor or message; larger oscillations lessen it",
+        "use a finer sensor or message, or larger oscillations",
     )
 
 
@@ -271,8 +271,8 @@ def _negative_drag(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "negative-drag",
-        f"{', '.join(bad)} does not damp: the craft would diverge by itself",
-        "check that input and output belong together and are in step; look for current or a course-unstable hull",
+        f"{', '.join(bad)} is destabilising: the model diverges without input",
+        "check that input and output belong together and are synchronous; check for current or a course-unstable hull",
     )
 
 
@@ -291,8 +291,9 @@ def _disagreement(f: Findings) -> Doubt | None:
     kind = {"linear": "linear", "nonlinear": "quadratic"}
     return Doubt(
         "decisions-disagree",
-        f"two limit cycles indicate {kind[f.decision.verdict]} damping, the exact fit for {kind[f.structure]}",
-        "fly a further relay with a clearly different C",
+        f"two limit cycles indicate {kind[f.decision.verdict]} damping, but the simulated fit indicates "
+        f"{kind[f.structure]}",
+        "fly a further relay with a clearly different output C",
     )
 
 

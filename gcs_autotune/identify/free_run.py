@@ -168,8 +168,8 @@ def runs_or_doubt(
         return tuple(t for s in segments for t in run_freely(model, s)), ()
     except NotInformative as error:
         cure = (
-            "fly what shows the drag (coast down, steps at several speeds), give start values, leave terms out of the "
-            "form, or use output-error"
+            "fly manoeuvres that determine the drag (coast-down, steps at several speeds), supply start values, "
+            "omit terms of the form, or use output-error"
         )
         return (), (Doubt(RUNS_AWAY, str(error), cure),)
 

@@ -84,7 +84,7 @@ class FittedModel:
             self.theta, self.initial[record], own.t_in, own.inputs, stamps, sensitivities=True
         )
         if found is None:
-            raise NotInformative(f"the model '{self.form.name}' runs away on run '{own.run}'")
+            raise NotInformative(f"the model '{self.form.name}' diverges on run '{own.run}'")
         return stamps, found[0]
 
 
@@ -110,16 +110,16 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
         form, theta, free, names, signs = _of_axis(fit, runs)
     else:
         raise UsageError(
-            f"the information in runs about a {type(model).__name__} is not computed here; use diagnose for the next "
-            "manoeuvre"
+            f"the information content of runs is not available for a {type(model).__name__}. Use `diagnose` to "
+            "choose the next manoeuvre"
         )
     if not free:
-        raise UsageError(f"nothing of '{fit.structure}' was fitted: there is no limit to report")
+        raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no bound to report")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = initial_guess_of(form, records, model_delay(form, theta))
     found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
-        raise NotInformative(f"the model '{form.name}' runs away on run '{records[0].run}': its drag destabilises it")
+        raise NotInformative(f"the model '{form.name}' diverges on run '{records[0].run}': its drag destabilises it")
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
     units = tuple(fit.parameters[n].unit for n in names)
     return FittedModel(form, theta, free, names, signs, units, records, found.initial, noise)
@@ -256,7 +256,7 @@ def information_on(subject: FittedModel) -> Information:
     objective = subject.objective()
     found = objective.residuals(objective.pack())
     if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' runs away: no information can be computed")
+        raise NotInformative(f"the model '{subject.form.name}' diverges: no information can be computed")
     p = len(subject.free)
     _, weight = objective.known()
     rows = []

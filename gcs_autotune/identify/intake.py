@@ -78,7 +78,9 @@ def prepared_runs(
 
 def left_out(name: str, error: Exception) -> Doubt:
     """Return a doubt that the run called *name* was left out, and why."""
-    return Doubt("run-left-out", f"run '{name}' was left out: {error}", "mend or drop that run, the others were used")
+    return Doubt(
+        "run-left-out", f"run '{name}' was left out: {error}", "the other runs were used; repair or drop that run"
+    )
 
 
 COMPARED = "compared"
@@ -105,8 +107,8 @@ def parts_of(trial: Trial) -> list[Trial]:
     if len(counts) > 1:
         where = next(f"{float(trial[n].t[c[0] - 1]):.3f} s (channel {n})" for n, c in cuts.items() if len(c))
         raise BadFile(
-            f"the clock of run '{trial.name}' jumps back after t = {where}, but not on every channel alike: "
-            "cut the file there and identify the parts as two runs"
+            f"the clock of run '{trial.name}' jumps back after t = {where}, but not equally on every channel. Cut "
+            "the file there and identify the parts as two runs"
         )
     pieces = [_piece(trial, cuts, k) for k in range(counts.pop() + 1)]
     doubt = clock_jump(trial.name, len(pieces) - 1)
@@ -119,7 +121,7 @@ def clock_jump(name: str, times: int) -> Doubt:
     return Doubt(
         "clock-jump",
         f"the clock of run '{name}' jumps back {times} time(s)",
-        "the parts were taken as runs of their own; check the logger, and that it is one craft",
+        "the parts were used as separate runs; check the logger, and that all parts are of one craft",
     )
 
 
@@ -222,8 +224,8 @@ def check_axes(trial: Trial) -> None:
     )
     if by_track < ALONG_TRACK * by_craft and by_track < ALONG_TRACK * float(np.sum(moved**2)):
         raise BadFile(
-            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard: turn them "
-            "by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or leave them out"
+            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard. "
+            "Rotate them by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or omit them"
         )
 
 
@@ -236,11 +238,11 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
         size = float(np.max(np.abs(trial[name].values), initial=0.0, where=np.isfinite(trial[name].values)))
         if trial[name].unit == "rad" and size > 1.1 * math.pi:
             raise BadFile(
-                f"{name} of run '{trial.name}' goes to {size:.3g} rad, and no rudder goes beyond half a turn: are the "
-                f"numbers degrees? write {name}[deg] in the head (or --columns OLD={name}[deg])"
+                f"{name} of run '{trial.name}' goes to {size:.3g} rad, more than half a turn of the rudder. If the "
+                f"numbers are degrees, write {name}[deg] in the head (or --columns OLD={name}[deg])"
             )
         if trial[name].unit == "1" and size > OVERFULL:
-            cause = f"{name} of run '{trial.name}' goes to {size:.3g} without a unit, where 1 is full output"
+            cause = f"{name} of run '{trial.name}' reaches {size:.3g} without a unit, where 1 is full output"
             found.append(Doubt("unit", cause, f"write {name}[count] in the head, or its unit, or divide by full"))
     return found
 
@@ -266,8 +268,8 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     for height, said, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
         if len(wraps) and np.all(np.abs(wraps / height - 1.0) < 0.05) and np.ptp(x) <= 1.01 * height:
             raise BadFile(
-                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head states {said}, "
-                f"but the numbers are {really}; correct the unit in the head"
+                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head states "
+                f"{said}, but the numbers are {really}. Correct the unit in the head"
             )
     is_smooth = float(np.median(np.abs(np.diff(x, n=2)))) < 0.5 * usual
     if is_smooth and float(np.mean(steps > math.pi)) > 0.1:

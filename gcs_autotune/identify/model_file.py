@@ -124,7 +124,7 @@ def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, An
         for key in INSIDE:
             if isinstance(data.get(key), dict) and data[key].get("model") in KINDS:
                 return data[key], data[key].get("known_from") or data
-    raise BadFile(f"{path} holds no model; write one with: identify RUN --save FILE, or diagnose RUN --out DIR")
+    raise BadFile(f"{path} contains no model. Create one with:  identify RUN --save FILE, or diagnose RUN --out DIR")
 
 
 def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDof | None]:

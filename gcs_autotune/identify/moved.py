@@ -75,8 +75,8 @@ def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
     return [
         Doubt(
             MOVED_TOO,
-            f"only {' and '.join(dofs)} was looked at; {names} moved too",
-            f"give the same command with --dof {option}" if option else f"record what drives them ({inputs})",
+            f"only {' and '.join(dofs)} was examined; {names} moved too",
+            f"repeat the command with --dof {option}" if option else f"record their inputs ({inputs})",
         )
     ]
 

@@ -124,10 +124,14 @@ def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
     return [
         Doubt(
             "run-apart",
-            f"runs '{a.pair[0]}' and '{a.pair[1]}' differ by {a.sigmas:.0f} standard errors: they speak of two crafts"
+            f"runs '{a.pair[0]}' and '{a.pair[1]}' differ by {a.sigmas:.0f} standard errors: they indicate two "
+            "different crafts"
             if a.pair
-            else f"run '{a.run}' differs from the others by {a.sigmas:.0f} standard errors: it speaks of another craft",
-            "was it another vehicle, load, speed or battery? identify the odd run by itself",
+            else (
+                f"run '{a.run}' differs from the others by {a.sigmas:.0f} standard errors: it indicates a "
+                "different craft"
+            ),
+            "check vehicle, load, speed and battery of the outlier; identify it separately",
         )
         for a in found
     ]
@@ -156,9 +160,9 @@ def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) 
     relief, misfit, run = best
     return Doubt(
         "run-apart",
-        f"run '{run}' does not fit the others: a model of theirs misses it by {misfit:.1f} times their noise, and "
-        f"without it the noise falls by a factor {relief:.1f}",
-        f"leave '{run}' out: it may be of another vehicle, load or input scale; identify it by itself",
+        f"run '{run}' does not fit the others. The model of the other runs misses it by {misfit:.1f} times their "
+        f"noise. Without it the noise falls by a factor of {relief:.1f}",
+        f"omit '{run}' and identify it separately; check its vehicle, load and input scale",
     )
 
 
@@ -174,8 +178,8 @@ def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[st
         return None
     return Doubt(
         "runs-disagree",
-        f"runs '{runs[0]}' and '{runs[1]}' speak for different models: each alone is fitted {relief:.1f} times better",
-        "did load, speed or battery change between the runs? identify them one by one, or fly a third",
+        f"runs '{runs[0]}' and '{runs[1]}' need different models: each fits alone {relief:.1f} times better",
+        "check whether load, speed or battery changed between the runs; identify them separately, or fly a third run",
     )
 
 

@@ -94,13 +94,13 @@ def guess_dof(trial: Trial) -> Dof:
     have = ", ".join(trial.channels) or "nothing"
     if not pairs:
         raise MissingChannel(
-            f"run '{trial.name}' has no input with its output; it has {have}. Needed is a pair like "
-            f"N (or delta) with psi or r, Z with z or w, X with u or x, Y with v or y{_several_at_once(trial)}"
+            f"run '{trial.name}' has no input with its output; it has {have}. It needs a pair such as N (or delta) "
+            f"with psi or r, Z with z or w, X with u or x, Y with v or y{_several_at_once(trial)}"
         )
     if not moving:
         if len(pairs) == 1:
             return pairs[0]
-        raise NotInformative(f"no input of run '{trial.name}' ever changes: nothing can be identified from it")
+        raise NotInformative(f"no input of run '{trial.name}' ever changes, so nothing can be identified from it")
     names = ", ".join(d.name for d in moving)
     raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): choose one with --dof")
 
@@ -199,14 +199,12 @@ def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) 
     overlap = drive.t[(drive.t <= outputs[0].t[-1])] if len(drive) else drive.t
     if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
         raise NotInformative(
-            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: "
-            "inertia, damping and constant force cannot be separated; fly a relay or a sequence of steps"
+            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: inertia, "
+            "damping and constant force cannot be separated. Fly a relay or a sequence of steps"
         )
     if not any(_varies(c) for c in outputs):
         names = " and ".join(c.name for c in outputs)
-        raise NotInformative(
-            f"nothing moves in run '{trial.name}': {names} never changes; do sensor and actuator work?"
-        )
+        raise NotInformative(f"nothing moves in run '{trial.name}': {names} never changes. Check sensor and actuator")
 
 
 def prepare_form(
@@ -273,7 +271,7 @@ def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: M
     if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
         raise NotInformative(
             f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be "
-            "separated; fly steps, a zig-zag or a relay"
+            "separated. Fly steps, a zig-zag or a relay"
         )
     if all(np.ptp(c.values) == 0.0 for c in channels.values()):
         raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
@@ -350,8 +348,8 @@ def _cut(
         notes.append(
             Doubt(
                 "gaps",
-                f"run '{trial.name}' has {len(borders) - 2} hole(s) in its telemetry",
-                "stay within good radio range; each part was fitted with its own initial state",
+                f"run '{trial.name}' has {len(borders) - 2} gap(s) in its telemetry",
+                "each part was fitted with its own initial state; stay within good radio range",
             )
         )
     channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}

@@ -86,7 +86,7 @@ def simulated(
         passage_of("simulated", t_in, commands, dict.fromkeys(states, at)), {**first, **(start or {})}
     )
     if found is None:
-        raise NotInformative("the model diverges on these inputs: simulate a shorter part, or a smaller input")
+        raise NotInformative("the model diverges on these inputs. Simulate a shorter part, or a smaller input")
     motion = {n: Channel(n, SIGNALS[n][0], at, y) for n, y in found.items()}
     return Trial("simulated", {**given, **motion}, meta={"source": "simulated"})
 
@@ -106,7 +106,9 @@ def _channel(inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]], name: st
             raise UsageError(f"{name} of run '{inputs.name}' is in {channel.unit}, the model's is in {unit}")
         return channel
     if name not in inputs:
-        raise UsageError(f"the model is driven by {name}: give its stamps and values; given are {', '.join(inputs)}")
+        raise UsageError(
+            f"the model needs the input {name}: supply its time stamps and values. Supplied:  {', '.join(inputs)}"
+        )
     t, values = (np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in inputs[name])
     if t.shape != values.shape or len(t) == 0 or np.any(np.diff(t) < 0.0):
         raise UsageError(f"{name}: as many ascending stamps as values are needed, and at least one")

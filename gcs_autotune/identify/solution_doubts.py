@@ -61,7 +61,7 @@ def _not_converged(solution: Solution) -> Doubt | None:
     return Doubt(
         "not-converged",
         "the fit did not converge",
-        "record longer; give the structure, start values or the delay; fit fewer parameters",
+        "record longer; supply the structure, start values or the delay; or fit fewer parameters",
     )
 
 
@@ -75,11 +75,13 @@ def _at_bound(solution: Solution) -> Doubt | None:
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []
     if none:
-        causes.append(f"{', '.join(none)} stopped at zero, beyond which damping drives: these runs show none of it")
-        cures.append("nothing if other damping was found; otherwise fly slower and faster runs")
+        causes.append(f"{', '.join(none)} stopped at zero, the limit of damping: these runs show no such damping")
+        cures.append("no action if other damping was identified; otherwise fly slower and faster runs")
     if held:
-        causes.append(f"{', '.join(held)} stopped at a bound: the runs prefer a value beyond it; it was fixed there")
-        cures.append("widen the bound, or leave the parameter out")
+        causes.append(
+            f"{', '.join(held)} stopped at a bound and was fixed there. The runs fit a value beyond it better"
+        )
+        cures.append("widen the bound, or omit the parameter")
     return Doubt("at-bound", "; ".join(causes), "; ".join(cures))
 
 
@@ -88,8 +90,8 @@ def _not_excited(solution: Solution) -> Doubt | None:
         return None
     return Doubt(
         "not-excited",
-        f"nothing in these runs depends on {', '.join(solution.blind)}: the values given mean nothing",
-        "fly a manoeuvre that moves these degrees of freedom, or measure them; or leave the parameters out of the form",
+        f"nothing in these runs depends on {', '.join(solution.blind)}: their values are meaningless",
+        "fly a manoeuvre that moves these degrees of freedom, measure the parameters, or omit them from the form",
     )
 
 
@@ -107,7 +109,7 @@ def _together(solution: Solution) -> Doubt | None:
     return Doubt(
         "correlated",
         f"these are known only in combination (correlation of the estimates): {text}",
-        "fix one of each pair to a value you know, or fly a manoeuvre with other speeds and turns",
+        "fix one of each pair to a known value, or fly a manoeuvre with other speeds and turns",
     )
 
 
@@ -122,8 +124,8 @@ def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, fl
     channels = [c for c, pairs in form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
     return Doubt(
         "reversed-input",
-        f"{', '.join(names)} came out negative: {', '.join(channels)} act opposite to their names",
-        "check labels, wiring and the sign of the inputs, left against right; the model holds for the log as it is",
+        f"{', '.join(names)} are negative: {', '.join(channels)} act opposite to their names",
+        "check labels, wiring, signs and left/right of the inputs; the model is valid for the log as recorded",
     )
 
 
@@ -144,8 +146,9 @@ def _coloured(solution: Solution) -> Doubt | None:
         return None
     return Doubt(
         "residuals-not-white",
-        f"the residuals are correlated ({colour:.2f}): the model misses something; standard errors were raised for it",
-        "look at the residuals; wind, waves, current, a slow actuator, another axis or a missing term may be at work",
+        f"the residuals are correlated ({colour:.2f}), so a term is missing from the model. The standard errors "
+        "were increased",
+        "inspect the residuals; check for wind, waves, current, a slow actuator, another axis or a missing term",
     )
 
 
@@ -163,7 +166,7 @@ def _outliers(solution: Solution) -> Doubt | None:
         return None
     return Doubt(
         "outliers",
-        f"{100 * share:.1f} % of the samples lie far off the rest",
+        f"{100 * share:.1f} % of the samples are outliers",
         "identify again with --robust (in Python loss='soft_l1'), or repair the sensor",
     )
 
@@ -184,6 +187,6 @@ def effect_doubts(
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",
-                f"these runs do not support {own.slug} at {own.place} ({said}): without it they are followed as well",
-                f"leave it out; to look for it, fly {entry.separated_by}",
+                f"these runs do not support {own.slug} at {own.place} ({said}): the model fits as well without it",
+                f"omit it; to test for it, fly  {entry.separated_by}",
             )

@@ -47,7 +47,7 @@ def test_samples_at_the_end_of_the_range_are_left_out_and_told_but_of_a_heading_
     assert found.t.tolist() == whole.t[~at_end].tolist()
     (note,) = notes
     assert (note.slug, note.cause) == (
-        "clipped", f"{at_end.sum()} samples of r in run 'run 7' stand at the end of its range (-1, 1 rad/s)",
+        "clipped", f"{at_end.sum()} samples of r in run 'run 7' are at the limit of the sensor's range (-1, 1 rad/s)",
     )  # fmt: skip
     free = channel(triangle(9.0))
     assert within_range(free, "run", notes) is free

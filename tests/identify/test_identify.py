@@ -231,7 +231,7 @@ def test_a_run_that_tells_nothing_is_not_said_to_hardly_move() -> None:
     """A zig-zag of ArduPilot's stock boat, 48 degrees there and back within 0.6 s, heard 25 times a second."""
     unknown = {name: SimpleNamespace(name=name, value=0.1, std=0.09, status="fitted") for name in ("alpha_r", "beta_r")}
     dof = SimpleNamespace(parameter_names=lambda: [*unknown])
-    with pytest.raises(NotInformative, match=r"determines no parameter of the craft .*: it is too short, sampled too"):
+    with pytest.raises(NotInformative, match=r"determines no parameter of the craft .*\. It is too short, sampled too"):
         _check_that_something_is_known([SimpleNamespace(run="zig-zag", dof=dof)], unknown)  # type: ignore[list-item, arg-type]
 
 

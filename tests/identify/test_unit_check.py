@@ -156,7 +156,7 @@ def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_
     if not is_refused:
         assert said(run(psi=ANGLE, delta=rudder)) == []
         return
-    with pytest.raises(BadFile, match=r"no rudder goes beyond half a turn: .* write delta\[deg\] in the head"):
+    with pytest.raises(BadFile, match=r"more than half a turn of the rudder\..* write delta\[deg\] in the head"):
         check_units(run(psi=ANGLE, delta=rudder))
 
 

@@ -106,7 +106,7 @@ def test_outliers_move_no_fit_with_effects_that_weighs_them(spoilt: Trial) -> No
 
 
 def test_outliers_are_weighed_or_explained_but_not_both(spoilt: Trial) -> None:
-    with pytest.raises(UsageError, match="leave --robust out"):
+    with pytest.raises(UsageError, match="Omit --robust"):
         fit(spoilt, "linear", dof="yaw", effects=["outliers"], loss="soft_l1")
 
 

@@ -171,19 +171,20 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     """Return notes on the speeds at which the gains are valid."""
     base = _get(settings, "MOT_SPD_SCA_BASE")
     if is_skid(settings):
+        at = "the speed" if speed is None else f"{speed:.2f} m/s"
         return [
-            "steered by two thrusters: the autopilot does not scale their difference with speed, so the gains are "
-            f"valid at {speed or 0.0:.2f} m/s and this throttle. If thrust grows with the square of the pulse, "
-            "steering is stronger at more throttle and weaker at less, unless MOT_THST_EXPO linearises it"
+            f"the gains are valid only at {at} and the throttle of the identification runs. On a boat steered by two "
+            "thrusters the autopilot does not scale steering with speed. Steering gets stronger with throttle if "
+            "thrust grows with the square of the pulse. In that case set MOT_THST_EXPO to linearise the thrust"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0
         whence = "" if known else " (from CRUISE_THROTTLE and CRUISE_SPEED)"
         return [
-            "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle), "
-            f"so the gains are valid at the throttle of the experiment, {'' if known else 'assumed to be '}"
-            f"{_throttle(settings, speed):.0%} of full{whence}, and elsewhere if thrust is proportional to throttle. "
-            "Without throttle there is no steering"
+            "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle). The "
+            f"gains are valid at the throttle of the experiment, {'' if known else 'assumed to be '}"
+            f"{_throttle(settings, speed):.0%} of full{whence}. They hold at other throttles only if thrust is "
+            "proportional to throttle. Without throttle there is no steering"
         ]
     turn = math.degrees(abs(model.steady_velocity(1.0)))
     seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"

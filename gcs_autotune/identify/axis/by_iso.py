@@ -45,8 +45,8 @@ def fit_by_iso(case: Case) -> AxisFit:
     usable = [e for e in everything if e.cycle.valid]
     if not usable:
         raise NotInformative(
-            f"run '{case.names[0]}' contains no self-oscillation that satisfies (7.12): IS-O needs a relay; "
-            "use method='output-error' for other inputs"
+            f"run '{case.names[0]}' contains no self-oscillation that satisfies Miskovic2010, eq. (7.12). IS-O "
+            "(identification by self-oscillation) needs a relay. Fly a relay, or use method='output-error'"
         )
     decision = two_experiment_decision(usable)
     structure, undecided = _structure(case.structure, decision)
@@ -108,7 +108,8 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
     gain = np.array([quadratic_drag(e.cycle.nu_0, e.cycle.X_m * e.cycle.omega)[1] for e in usable])
     if len(usable) < 2 or float(np.ptp(gain)) < 0.1 * float(gain.max()):
         raise NotInformative(
-            "IS-O needs two clearly different limit cycles to separate both drag terms: change C or x_a"
+            "IS-O needs two clearly different limit cycles to separate the two drag terms. Fly another relay with "
+            "a clearly different C (output) or x_a (switching value)"
         )
     table = np.column_stack([np.ones_like(gain), gain])
     beta, quadratic = np.linalg.lstsq(table, np.array([e.beta for e in usable]), rcond=None)[0]
@@ -118,16 +119,19 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
 def _first_harmonic() -> Doubt:
     return Doubt(
         "first-harmonic",
-        "IS-O balances the first harmonic only; errors of a few percent are normal",
-        "use method='output-error'",
+        "IS-O (identification by self-oscillation) uses only the first harmonic of the limit cycle. The standard "
+        f"errors include {SYSTEMATIC:.0%} of inertia and linear drag for that, and {SYSTEMATIC_QUADRATIC:.0%} of "
+        "quadratic drag. A craft with further dynamics can exceed this",
+        "compare with method='output-error', which fits the whole motion",
     )
 
 
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "one limit cycle, or two alike, do not distinguish linear from quadratic damping; linear was chosen",
-        "fly a second relay with a clearly different C",
+        "one limit cycle, or two similar ones, cannot distinguish linear from quadratic damping. Linear damping "
+        "was used",
+        "fly a second relay with a clearly different output C",
     )
 
 

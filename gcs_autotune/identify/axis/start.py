@@ -112,7 +112,7 @@ def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence
             if np.isfinite(cost) and (best is None or cost < best[0]):
                 best = (cost, theta)
     if best is None or best[1].b == 0.0:
-        raise NotInformative("the input explains nothing of the motion: check that input and output belong together")
+        raise NotInformative("the input does not explain the motion. Check that input and output belong together")
     return best[1]
 
 

@@ -142,7 +142,9 @@ class _Fitter:
             found = self.fit(structure, begin, False, start)
         found = found or self.fit(structure, begin, False, None)
         if found is None:
-            raise NotInformative("no model could be simulated on this record: are input and output from the same run?")
+            raise NotInformative(
+                "no model could be simulated on this record. Check that input and output are from the same run"
+            )
         return found
 
     def without(self, seconds: float) -> _Fitter:

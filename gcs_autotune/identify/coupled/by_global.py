@@ -217,8 +217,8 @@ LEAST = 50
 
 OPTIONS = (
     *LIMIT_OPTIONS,
-    ("budget", f"simulations to spend on the search, {BUDGET} per free parameter if not given"),
-    ("seed", "of the random numbers; the same seed gives the same answer"),
+    ("budget", f"number of simulations of the search (default: {BUDGET} per free parameter)"),
+    ("seed", "seed of the random numbers; the same seed gives the same result"),
 )
 """Options of ``fit`` read here."""
 
@@ -240,7 +240,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     seed = int(case.options.get("seed", 0))
     budget = int(case.options.get("budget", BUDGET * len(form.free)))
     if budget < LEAST:
-        raise UsageError(f"a budget of {budget} simulations finds nothing: give {LEAST} or more")
+        raise UsageError(f"a budget of {budget} simulations is too small: use {LEAST} or more")
     limits = limits_of(form, case)
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = initial_guess_of(form, records)
@@ -249,7 +249,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     if polished is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': both global searches found only "
-            "diverging motions; narrow the bounds or give a larger budget"
+            "diverging motions. Narrow the bounds or increase the budget"
         )
     told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
     plain = _from_regression(form, records, limits, robust=case.robust)

@@ -131,8 +131,8 @@ def _pieces(local: LocalFit) -> Doubt | None:
     longest = max(float(np.ptp(r.stamps)) for r in local.records)
     return Doubt(
         "short-horizon",
-        f"no model of this form follows a whole run; it was fitted to pieces of {longest:.0f} s each",
-        "look for a missing term, a run of another vehicle, or a craft that is course-unstable",
+        f"no model of this form follows a whole run. It was fitted to pieces of {longest:.0f} s each",
+        "check for a missing term, a run of another vehicle, or a course-unstable craft",
     )
 
 

@@ -61,7 +61,10 @@ def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
     """
     if any(EFFECTS[e.slug].is_disturbance for e in fitted.effects):
         if case.robust:
-            raise UsageError("an effect that is learnt from what is left over explains outliers: leave --robust out")
+            raise UsageError(
+                "--robust cannot be used with an effect fitted to the residuals, because that effect also "
+                "explains outliers. Omit --robust"
+            )
         last = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
         return solution_of(problem, last)
     found = solve(
@@ -168,7 +171,7 @@ def _best(problem: Problem, fitted: Fitted, others: Sequence[EffectInstance], sp
     if best is not None:
         final = problem.fit(best.theta, best.effects, best.initial, trials=LAST_TRIALS, shift=best.shift)
     if final is None:
-        raise NotInformative(f"no model with '{spec.slug}' can be simulated on these runs: leave it out")
+        raise NotInformative(f"no model with '{spec.slug}' can be simulated on these runs. Omit this effect")
     return final
 
 

@@ -30,9 +30,11 @@ class EffectSpec:
         entry = EFFECTS[self.slug]
         places = entry.places(data_summary)
         if not places:
-            raise UsageError(f"these runs cannot show '{self.slug}' ({entry.meaning}); leave it out")
+            raise UsageError(f"these runs cannot identify '{self.slug}' ({entry.meaning}). Omit it")
         if self.place is not None and self.place not in places:
-            raise UsageError(f"'{self.slug}' cannot sit at '{self.place}' in these runs; it can at {', '.join(places)}")
+            raise UsageError(
+                f"'{self.slug}' cannot be placed at '{self.place}' in these runs. Possible places: {', '.join(places)}"
+            )
         for place in places if self.place is None else (self.place,):
             constants = entry.constants(place, data_summary)
             for start in entry.starts(place, data_summary):

@@ -49,9 +49,9 @@ def _coherence(response: FrequencyResponse) -> Doubt | None:
         return None
     return Doubt(
         "low-coherence",
-        f"the squared coherence is below {COHERENT:g} at {poor} of {len(excited)} excited frequencies: most of the "
-        "motion there is not the input's doing",
-        "use a larger input, calmer water, or a longer record; look for other axes at work",
+        f"the squared coherence is below {COHERENT:g} at {poor} of {len(excited)} excited frequencies: the input "
+        "does not cause most of the motion there",
+        "use a larger input, calmer water, or a longer record; check for motion of other axes",
     )
 
 
@@ -60,20 +60,18 @@ def _band(response: FrequencyResponse, model: Nomoto1) -> Doubt | None:
     if not len(measured):
         return Doubt(
             "narrow-band",
-            "no frequency was measured with coherence: gain and time constant are guesses",
+            "no frequency was measured with enough coherence: gain and time constant are unreliable",
             "fly a sweep or a relay with a larger input",
         )
     low, high = float(measured.omega.min()), float(measured.omega.max())
     band = f"the input excited {low:.2g} to {high:.2g} rad/s with coherence"
     corner = 1.0 / abs(model.T) if model.T and math.isfinite(model.T) else 0.0
     if corner < low:
-        what = (
-            f"{band}, the corner 1/T = {corner:.2g} rad/s lies below: T/K (inertia) is measured, K and T apart are not"
-        )
-        return Doubt("narrow-band", what, "add slower motion: longer steps, a slower sweep, a relay with a larger x_a")
+        what = f"{band}. The corner 1/T = {corner:.2g} rad/s is lower. T/K (inertia) is measured, K and T are not"
+        return Doubt("narrow-band", what, "fly slower motion: longer steps, a slower sweep, a relay with a larger x_a")
     if corner > high:
-        what = f"{band}, the corner 1/T = {corner:.2g} rad/s lies above: K is measured, T is extrapolated"
-        return Doubt("narrow-band", what, "add faster motion: a quicker sweep, a relay with a smaller x_a")
+        what = f"{band}. The corner 1/T = {corner:.2g} rad/s is higher: K is measured, T is extrapolated"
+        return Doubt("narrow-band", what, "fly faster motion: a faster sweep, a relay with a smaller x_a")
     if high < DECADE_PART * low:
         return Doubt("narrow-band", f"{band}, less than half a decade", "sweep over a wider band")
     return None
@@ -83,13 +81,13 @@ def _misfit(first: NomotoFit, second: NomotoFit | None) -> Doubt | None:
     better = second is not None and first.bic - second.bic > EVIDENCE
     if first.misfit <= MISFIT and not better:
         return None
-    also = "" if second is None else f", the second by {100 * second.misfit:.0f} %"
+    also = "" if second is None else f", the second-order model {100 * second.misfit:.0f} %"
     return Doubt(
         "model-misfit",
-        f"Nomoto's first order misses {100 * first.misfit:.0f} % of the motion beyond its noise{also}",
-        "take the second order from nomoto_2"
+        f"the first-order Nomoto model leaves {100 * first.misfit:.0f} % of the motion unexplained beyond noise{also}",
+        "use the second-order model (nomoto_2)"
         if better
-        else "quadratic damping, or runs of different amplitude: method='output-error' weighs that too",
+        else "check for quadratic damping or runs of different amplitude; method='output-error' models both",
     )
 
 
@@ -97,7 +95,10 @@ SOURCES = ("auto", "harmonics", "spectrum")
 
 OPTIONS = (
     ("source", "harmonics (of a relay's limit cycles), spectrum (any run), or auto"),
-    ("tapers", f"averages of the spectrum at low frequency, {TAPERS} by default: more are smoother and coarser"),
+    (
+        "tapers",
+        f"number of spectra averaged at low frequency (default: {TAPERS}); more give a smoother, coarser response",
+    ),
 )
 
 
@@ -116,8 +117,8 @@ def fit_by_frequency(case: Case) -> AxisFit:
     """
     if case.structure not in (None, "linear"):
         raise UsageError(
-            f"method 'frequency' fits linear damping only, not {case.structure}: a response knows no amplitude; "
-            "use method='output-error'"
+            f"method 'frequency' fits linear damping only, not {case.structure}: a frequency response does not "
+            "depend on amplitude. Use method='output-error'"
         )
     response = _response(case)
     used = response.at((response.input_power >= STRONG) & (response.coherence > 1.0 / response.averages))
@@ -162,11 +163,12 @@ def _motion(model: SingleDof, case: Case) -> Motion:
 def _runs_away(first: NomotoFit) -> Doubt:
     assert isinstance(first.model, Nomoto1)
     T = first.model.T
-    early = f"the motion answers {-1000.0 * T:.0f} ms before the input's stamp" if T < 0.0 else f"T = {T:.3g} s"
+    early = f"the motion responds {-1000.0 * T:.0f} ms before the input's time stamp" if T < 0.0 else f"T = {T:.3g} s"
     return Doubt(
         "runs-away",
-        f"the model cannot be simulated on its own run ({early}): inertia too small to see, or stamps out of step",
-        "check that input and output carry the times they belong to; record faster, or sweep over a wider band",
+        f"the model cannot be simulated on its own run ({early}). The inertia is too small to measure, or the time "
+        "stamps are not synchronous",
+        "check the time stamps of input and output; record faster, or sweep over a wider band",
     )
 
 
@@ -179,7 +181,7 @@ def _settled(case: Case) -> bool:
 def _response(case: Case) -> FrequencyResponse:
     source = str(case.options.get("source", "auto"))
     if source not in SOURCES:
-        raise UsageError(f"source '{source}' is not known; use {', '.join(SOURCES)}")
+        raise UsageError(f"unknown source '{source}'; use {', '.join(SOURCES)}")
     tapers = int(case.options.get("tapers", TAPERS))
     if tapers < 2:
         raise UsageError(f"{tapers} tapers give no coherence: use 2 or more")
@@ -205,7 +207,7 @@ def _model(case: Case, first: NomotoFit) -> tuple[SingleDof, NDArray[np.float64]
     """Return the model and the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay)."""
     beta, alpha, delay = (float(v) for v in first.physical)
     if alpha == 0.0:
-        raise NotInformative("the response shows no inertia at all: record faster, or with a sweep that reaches higher")
+        raise NotInformative("the response shows no inertia. Record faster, or sweep to a higher frequency")
     delta, scatter = constant_force(case.records, alpha, beta)
     record = case.records[0]
     covariance = np.zeros((5, 5))

@@ -130,8 +130,8 @@ def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -
 def _check_reach(model: Nomoto2, lowest: float) -> None:
     if max(abs(model.T_1), abs(model.T_3)) * lowest > REACH:
         raise NotInformative(
-            f"the second order's times run away below the lowest frequency measured, {lowest:.2g} rad/s: the first "
-            "order serves, or slower motion"
+            f"the time constants of the second-order model lie beyond the lowest frequency measured, {lowest:.2g} "
+            "rad/s. Use the first-order model, or record slower motion"
         )
 
 
@@ -187,8 +187,8 @@ def _search(
     wanted = _size(order) - (0 if free else 1)
     if 2 * len(response) < wanted:
         raise NotInformative(
-            f"{len(response)} frequencies with coherence do not determine a Nomoto model of order {order}: "
-            "record longer, or with a wider sweep"
+            f"{len(response)} frequencies with coherence do not determine a Nomoto model of order {order}. Record "
+            "longer, or use a wider sweep"
         )
     if start is None:
         start = np.append(_start(response, order, delay, error), delay)
@@ -271,15 +271,15 @@ def _named(theta: Array, order: int) -> tuple[Nomoto1 | Nomoto2, Array]:
     discriminant = total**2 - 4.0 * product
     if discriminant <= 0.0:
         raise NotInformative(
-            "the second order's poles come out complex: no Nomoto model; the first order serves, or a sweep that "
-            "reaches higher"
+            "the poles of the second-order model are complex, which a Nomoto model excludes. Use the first-order "
+            "model, or sweep to a higher frequency"
         )
     root = math.sqrt(discriminant)
     times = sorted((0.5 * (total + root), 0.5 * (total - root)), key=abs, reverse=True)
     if times[1] <= 0.0:
         raise NotInformative(
-            "the second order's fast pole comes out unstable: it lies beyond what was measured; the first order "
-            "serves, or a sweep that reaches higher"
+            "the fast pole of the second-order model is unstable, because it lies above the frequencies measured. "
+            "Use the first-order model, or sweep to a higher frequency"
         )
     for row, T in enumerate(times, start=1):
         by_total, by_product = T / (2.0 * T - total), -1.0 / (2.0 * T - total)

@@ -86,7 +86,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     omega, count = _grid(duration, max(run.dt for run in series), tapers)
     if len(omega) == 0:
         raise NotInformative(
-            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers: record longer"
+            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers. Record longer"
         )
     raw = _spectra(series, omega, count)
     found = _response(omega, raw, raw, np.zeros(len(omega)))
@@ -222,8 +222,8 @@ def harmonic_response(
     ]
     if not parts:
         raise NotInformative(
-            f"no limit cycle with two whole periods is in run '{runs[0].name}': "
-            "harmonics need a relay that has settled; use source='spectrum' for any other input"
+            f"run '{runs[0].name}' contains no limit cycle of two whole periods. Harmonics need a settled relay "
+            "oscillation. Use source='spectrum' for any other input"
         )
     return together(parts)
 

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 FILTER_OPTIONS = (
     *OPTIONS,
     ("parameter_walk", "how far a parameter may drift in 1 s, as a share of its natural scale (0: constants)"),
-    ("passes", "most passes over the runs (40); 1 is the recursive filter"),
+    ("passes", "maximum number of passes over the runs (40); 1 is the recursive filter"),
 )
 
 PASSES = 40
@@ -74,8 +74,8 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
         ended = _passes(task, near, replace(smooth.levels, walk=drift), passes, sigma=sigma) or ended
     if ended is None:
         raise NotInformative(
-            f"the filter ran away on run '{case.names[0]}' from these start values: give others (start=...), "
-            "or a wider state_noise"
+            f"the filter diverged on run '{case.names[0]}' from these start values. Supply others (start=...), or "
+            "a larger state_noise"
         )
     std = np.sqrt(np.diag(ended.covariance))
     found = Found(
@@ -186,7 +186,7 @@ EKF = Method(
 
 UKF = Method(
     "ukf",
-    "sigma-point Kalman filter, likewise",
+    "sigma-point Kalman filter, parameters in its state",
     axis=for_axis(fit_by_ukf),
     coupled=fit_by_ukf,
     options=FILTER_OPTIONS,

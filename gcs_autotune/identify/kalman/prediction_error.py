@@ -33,7 +33,7 @@ __all__ = ["METHOD", "PEM_OPTIONS", "fit_by_prediction_error"]
 
 Array = NDArray[np.float64]
 
-PEM_OPTIONS = (*OPTIONS, ("rounds", "most scoring rounds (20)"))
+PEM_OPTIONS = (*OPTIONS, ("rounds", "maximum number of scoring rounds (20)"))
 
 ROUNDS = 20
 """Maximum number of scoring rounds. Three to six suffice from the smoother's result."""
@@ -211,7 +211,7 @@ def _as_it_was(result: FilterResult, levels: Levels) -> Found:
 
 METHOD = Method(
     "prediction-error",
-    "innovations' likelihood: gusts and other process noise apart from measurement noise",
+    "likelihood of the innovations; separates process noise such as gusts from measurement noise",
     axis=for_axis(fit_by_prediction_error),
     coupled=fit_by_prediction_error,
     options=PEM_OPTIONS,

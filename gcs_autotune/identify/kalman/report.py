@@ -130,8 +130,8 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
         doubts.append(
             Doubt(
                 "still-moving",
-                f"{', '.join(restless)} still moved by more than {MOVING} standard errors in the last round",
-                "allow more passes, or give start values nearer to the craft",
+                f"{', '.join(restless)} still changed by more than {MOVING} standard errors in the last round",
+                "allow more passes, or supply start values closer to the craft",
             )
         )
     unseen = [n for n, s, w in zip(names, std, widest, strict=True) if s > UNSEEN * w]
@@ -140,7 +140,7 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
             Doubt(
                 "not-seen",
                 f"these runs hardly determine {', '.join(unseen)}: the printed value is mostly the start value",
-                "fly a manoeuvre that moves what they act on, or leave them out of the form",
+                "fly a manoeuvre that excites the motion they act on, or omit them from the form",
             )
         )
     M = model.inertia
@@ -148,7 +148,7 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
         doubts.append(
             Doubt(
                 "inertia-not-positive",
-                "the inertia matrix found is not positive definite, which no craft has",
+                "the fitted inertia matrix is not positive definite, which is physically impossible",
                 "fly steps of the inputs, so that accelerations determine the inertia; check the signs of the inputs",
             )
         )
@@ -168,7 +168,7 @@ def _consistency(task: Task, last: FilterResult) -> list[Doubt]:
                 Doubt(
                     "filter-inconsistent",
                     f"{name}: innovations are {np.sqrt(nis / n):.2f} times as large as the filter expects (NIS test)",
-                    "leave the noise levels to be estimated; if they were, the form lacks what moves the craft",
+                    "let the method estimate the noise levels; if it already did, add the missing term to the form",
                 )
             )
         colour = float(z[1:] @ z[:-1] / max(nis, 1e-300))
@@ -176,8 +176,8 @@ def _consistency(task: Task, last: FilterResult) -> list[Doubt]:
             doubts.append(
                 Doubt(
                     "innovations-coloured",
-                    f"{name}: neighbouring innovations are correlated by {colour:+.2f}: they hold motion, not noise",
-                    "the form lacks what moves the craft; or the sensor filters its signal",
+                    f"{name}: neighbouring innovations are correlated ({colour:+.2f}), so they contain more than noise",
+                    "add the missing term to the form; check whether the sensor filters its signal",
                 )
             )
     return doubts

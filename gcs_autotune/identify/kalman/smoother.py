@@ -98,8 +98,8 @@ def iterate(task: Task, rounds: int) -> Ended:
             ended = other
     if ended is None:
         raise NotInformative(
-            f"the smoother found no motion of '{task.bank.form.name}' near run '{task.case.names[0]}': "
-            "give start values (start=...)"
+            f"the smoother of '{task.bank.form.name}' diverged on run '{task.case.names[0]}'. Supply start values "
+            "(start=...)"
         )
     return ended
 
@@ -181,7 +181,7 @@ def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
 
 METHOD = Method(
     "smoother",
-    "iterated smoother: positions alone will do",
+    "iterated smoother; needs positions only",
     axis=for_axis(fit_by_smoother),
     coupled=fit_by_smoother,
     options=SMOOTHER_OPTIONS,

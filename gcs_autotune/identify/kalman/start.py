@@ -107,7 +107,7 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Record
     """
     walk = Form(
         name="walk",
-        title="velocities that walk at random",
+        title="velocities as random walks",
         dofs=form.dofs,
         free=(),
         known={"m": 1.0, "I_x": 1.0, "I_y": 1.0, "I_z": 1.0},

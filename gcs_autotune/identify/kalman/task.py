@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 OPTIONS = (
     ("state_noise", "process noise: standard deviation a velocity gains in 1 s [m/s, rad/s], one or by velocity"),
     ("measurement_noise", "standard deviation of every signal, by name [SI]; estimated when not given"),
-    ("start", "start value of some or all parameters, by name; the others come from a regression"),
-    ("spread", "how far a parameter may lie from its start, in units of its natural scale (1)"),
+    ("start", "start values of some or all parameters, by name (default: from a regression)"),
+    ("spread", "initial standard deviation of a parameter, in units of its natural scale (1)"),
 )
 """Options that all methods of this package accept."""
 
@@ -109,7 +109,7 @@ def task_of(case: Case) -> Task:
     given = {**form.start, **_numbers(case.options, "start")}
     unknown = set(given) - set(asked.parameters)
     if unknown:
-        raise UsageError(f"start names {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
+        raise UsageError(f"start contains {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
     if stamps is not None:
         given = {**given, "delay": stamps}
     start = begin(bank, given)
@@ -136,12 +136,12 @@ def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:
     try:
         return {str(k): float(v) for k, v in dict(given).items()}
     except (TypeError, ValueError) as error:
-        raise UsageError(f"option '{name}' wants numbers by name, such as {{'u': 0.1}}, not {given!r}") from error
+        raise UsageError(f"option '{name}' needs numbers by name, such as {{'u': 0.1}}, not {given!r}") from error
 
 
 def _drive(bank: FilterBank, given: Any) -> Array:
     velocities = [s for s in bank.states if s in "uvwpqr"]
     values = dict.fromkeys(velocities, float(given)) if isinstance(given, (int, float)) else dict(given)
     if set(values) - set(velocities) or any(float(v) < 0.0 for v in values.values()):
-        raise UsageError(f"state_noise wants numbers >= 0 for {', '.join(velocities)}, not {given!r}")
+        raise UsageError(f"state_noise needs numbers >= 0 for {', '.join(velocities)}, not {given!r}")
     return np.array([float(values.get(s, 0.0)) ** 2 for s in bank.states])

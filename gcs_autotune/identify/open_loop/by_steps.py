@@ -66,11 +66,13 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
         No reading tells the inertia, or too few levels for the drags asked for.
     """
     if not any(r.has_lag or r.has_knee for r in readings):
-        raise NotInformative("no step starts from a known velocity: its inertia cannot be read; record before the step")
+        raise NotInformative(
+            "no step starts from a known velocity, so the inertia cannot be measured. Start recording before the step"
+        )
     drags = 2 if structure == "affine" else 1
     levels = _levels(readings)
     if levels < drags:
-        raise NotInformative(f"{levels} level(s) of input do not determine {drags} drag terms: step to more levels")
+        raise NotInformative(f"{levels} level(s) of input do not determine {drags} drag terms. Step to more levels")
     fitted = (True, structure != "nonlinear", structure != "linear", levels > drags)
     theta = _steady_part(readings, fitted)
     theta[0] = _inertia(readings, theta)
@@ -246,13 +248,14 @@ def fit_by_steps(case: Case) -> AxisFit:
     readings = [r for r in everything if r.settled]
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
-            f"run '{case.names[0]}' holds no step that can be read: the input must stand still before it, and after it "
-            "for five time constants or more until the velocity has settled; method='output-error' takes any input"
+            f"run '{case.names[0]}' contains no usable step. The input must be constant before the step. After it, "
+            "the input must be constant for at least five time constants, until the velocity has settled. For "
+            "other inputs use method='output-error'"
         )
     models = _candidates(readings, case.structure)
     if not models:
         raise NotInformative(
-            f"the steps of run '{case.names[0]}' do not determine structure '{case.structure}': step to more levels"
+            f"the steps of run '{case.names[0]}' do not determine structure '{case.structure}'. Step to more levels"
         )
     model, undecided = _choose(models)
     steady = _from_rest_or_steady(readings, model)
@@ -338,7 +341,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "not-settled",
-                f"{short} of {len(everything)} step(s) had not settled when the input changed: left out",
+                f"{short} of {len(everything)} step(s) had not settled when the input changed and were left out",
                 "hold each step for at least five time constants",
             )
         )
@@ -346,16 +349,16 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "no-disturbance",
-                "one level of input does not separate drag from a constant force; none was assumed",
-                "step to both sides",
+                "one input level cannot separate drag from a constant force. No constant force was assumed",
+                "fly steps to both sides",
             )
         )
     if model.spare > 0 and model.scatter > 2.0:
         found.append(
             Doubt(
                 "steps-disagree",
-                f"the steps differ {model.scatter:.1f} times more than their noise; standard errors were raised for it",
-                "try the other structure; did load, battery or current change between the steps?",
+                f"the steps differ {model.scatter:.1f} times more than their noise. The standard errors were increased",
+                "try the other structure; check whether load, battery or current changed between the steps",
             )
         )
     return found
@@ -364,8 +367,8 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "these steps do not distinguish linear from quadratic damping; the simpler was chosen",
-        "step to clearly different levels",
+        "these steps cannot distinguish linear from quadratic damping. The simpler model was used",
+        "fly steps to clearly different levels",
     )
 
 

@@ -71,23 +71,24 @@ def fit_by_zigzag(case: Case) -> AxisFit:
     every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
     if not every:
         raise NotInformative(
-            f"run '{case.names[0]}' contains no zig-zag with two reversals and a heading sampled often "
-            "enough; use method='output-error' for other inputs"
+            f"run '{case.names[0]}' contains no zig-zag with two reversals and a heading sampled often enough. Use "
+            "method='output-error' for other inputs"
         )
     structure: Structure = case.structure or "linear"
     theta, covariance, error, free = solve_zigzag(every, structure)
     doubts = [*_doubts(every, structure, theta, covariance, free)]
     if not free[3]:
         doubts.append(
-            Doubt("no-bias", "too few half periods to fit a rudder bias; none was assumed", "fly more half periods")
+            Doubt("no-bias", "too few half periods to fit a rudder bias. No bias was assumed", "fly more half periods")
         )
     if theta[1] * theta[0] < 0.0 and structure == "linear":
         doubts.append(
             Doubt(
                 "unstable-craft",
-                "inertia and drag differ in sign: with the rudder amidships the craft does not keep its course; a "
-                "linear model of it runs away",
-                "structure='affine' adds the drag that stops it; fly a spiral to measure the loop",
+                "inertia and drag have opposite signs. The craft is course-unstable with the rudder amidships, so "
+                "its linear model diverges",
+                "use structure='affine', whose quadratic drag limits the turn rate; fly a spiral to measure the "
+                "instability loop",
             )
         )
     made = nomoto_of(theta, covariance, _number(case, "length"), _number(case, "speed"))
@@ -122,7 +123,7 @@ def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[A
     free = (*drags, count > sum(drags) + 1)
     if count <= sum(free):  # nothing left to tell how well they fit
         raise NotInformative(
-            f"{count} half-period equations do not determine structure '{structure}': fly more half periods"
+            f"{count} half-period equations do not determine structure '{structure}'. Fly more half periods"
         )
     theta, covariance, error, _ = solve_rows(every, free)
     return theta, covariance, error, free
@@ -142,14 +143,18 @@ def _doubts(
             found.append(
                 Doubt(
                     f"{kind}-drag",
-                    f"the half periods show {kind} drag too ({clear:.0f} standard errors); the fit holds "
-                    "for this rudder angle only",
-                    "structure='affine' fits both; method='output-error' decides",
+                    f"the half periods show {kind} drag too ({clear:.0f} standard errors). The fit is valid for "
+                    "this rudder angle only",
+                    "use structure='affine' to fit both, or method='output-error' to choose",
                 )
             )
     if count - sum(free) < 3:
         found.append(
-            Doubt("few-half-periods", f"{count} equations for {sum(free)} numbers: errors are guesses", "fly on")
+            Doubt(
+                "few-half-periods",
+                f"{count} equations for {sum(free)} parameters: standard errors are unreliable",
+                "fly on",
+            )
         )
     return found
 

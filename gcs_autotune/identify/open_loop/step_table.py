@@ -226,7 +226,9 @@ def unevenness_doubts(rows: Sequence[StepRow], structure: str) -> list[Doubt]:
     return [Doubt(f"uneven-{f.parameter}-{f.kind}", _sentence(f), _CURE) for f in found if structure != "affine"]
 
 
-_CURE = "one model of constant parameters holds on average only: identify the sides or the range you will use alone"
+_CURE = (
+    "a model with constant parameters holds on average only. Identify each side, or the range you will use, separately"
+)
 
 
 def _sentence(found: Unevenness) -> str:
@@ -235,7 +237,9 @@ def _sentence(found: Unevenness) -> str:
         "sign": f"{found.parameter} differs between positive and negative inputs by {effect}",
         "size+": f"{found.parameter} changes by {effect} from the smallest to the largest positive input",
         "size-": f"{found.parameter} changes by {effect} from the smallest to the largest negative input",
-        "small": f"{found.parameter} of the smallest third of the inputs lies {effect} off the others",
-        "small-scatter": f"{found.parameter} of the smallest third of the inputs scatters {effect} beyond the others",
+        "small": f"{found.parameter} for the smallest third of the inputs differs by {effect} from the others",
+        "small-scatter": (
+            f"{found.parameter} for the smallest third of the inputs scatters {effect} more than for the others"
+        ),
     }
     return f"{words[found.kind]} (chance {found.p:.1g})"

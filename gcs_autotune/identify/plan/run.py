@@ -139,7 +139,7 @@ def plan_doubts(
             Doubt(
                 "steps-without-runs",
                 f"no runs for {', '.join(skipped)}" + (f"; not identified: {', '.join(lost)}" if lost else ""),
-                "fly them, with the manoeuvre's name in the side file",
+                "fly these runs, with the manoeuvre's name in the side file",
             )
         )
     for row in rows:
@@ -151,21 +151,19 @@ def plan_doubts(
                 Doubt(
                     "steps-disagree",
                     f"{row.name} differs between steps by more than their errors ({told})",
-                    "a step's equations lack something it excites, or the craft changed between them (load, trim)",
+                    "look for a missing term in a step's equations, or a change of load or trim between the steps",
                 )
             )
     if joint is None or not joint.converged:
         found.append(
-            Doubt(
-                "joint-fit-failed", "the joint fit of all runs did not converge", "look at the steps one by one first"
-            )
+            Doubt("joint-fit-failed", "the joint fit of all runs did not converge", "check the fit of each step first")
         )
     elif joint.misfit > MISFIT:
         found.append(
             Doubt(
                 "joint-misfit",
                 f"all runs together fit {joint.misfit:.2f} times worse than each step alone",
-                "one set of parameters does not explain all steps: look at those that disagree",
+                "one set of parameters does not explain all steps: check the steps that disagree",
             )
         )
     found.extend(_together(parameters, covariance))
@@ -174,13 +172,15 @@ def plan_doubts(
         found.append(
             Doubt(
                 "validated-on-itself",
-                f"one run only for {', '.join(fitted_on)}: no held-out run to validate on",
+                f"only one run for {', '.join(fitted_on)}, so no held-out run for validation",
                 "repeat",
             )
         )
     if plan.final is not None and final is None:
         found.append(
-            Doubt("no-final-validation", f"no usable run {plan.final.chosen}", "record free driving and add it")
+            Doubt(
+                "no-final-validation", f"no usable run {plan.final.chosen}", "record a run of free driving and add it"
+            )
         )
     return tuple(found)
 
@@ -198,8 +198,8 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
     return [
         Doubt(
             "move-together",
-            f"{a} and {b} move together (correlation {r:.3f}): the runs fix a combination of both better than either",
-            "a manoeuvre that moves one without the other, or measure one of them ashore",
+            f"{a} and {b} are correlated ({r:.3f}). The runs determine a combination of both better than each one",
+            "fly a manoeuvre that excites one without the other, or measure one of them ashore",
         )
         for a, b, r in pairs
     ]

@@ -65,7 +65,8 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
         doubts.append(
             Doubt(
                 "no-instruments",
-                f"no instruments could be simulated ({error}): the estimate is that of least squares, with its bias",
+                f"no instruments could be simulated ({error}). The result is the least-squares estimate, which is "
+                "biased by noise",
                 "use output-error, or a form with fewer terms",
             )
         )
@@ -73,8 +74,8 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
         doubts.append(
             Doubt(
                 "not-converged",
-                f"instruments and estimate still change after {rounds} rounds",
-                "excite the craft more, or use output-error",
+                f"the instrumental-variable estimate did not converge in {rounds} rounds",
+                "fly larger or more varied inputs, or use output-error",
             )
         )
     doubts += collinearity_doubts(estimate)

@@ -204,7 +204,7 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
                 out[p] = 0.0
     if not _feasible(form, out, visited):
         raise UsageError(
-            f"physical: the known values of '{form.name}' leave no positive definite M and D(nu); free some of them"
+            f"physical: the known values of '{form.name}' allow no positive definite M and D(nu). Free some of them"
         )
     return out
 

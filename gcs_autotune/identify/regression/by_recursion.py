@@ -39,7 +39,7 @@ __all__ = ["METHOD", "OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recu
 
 Array = NDArray[np.float64]
 
-OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s]; nothing is forgotten when not given"))
+OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s] (default: no forgetting)"))
 """Options of ``fit`` read by this method."""
 
 LEARNT = 4
@@ -69,7 +69,7 @@ def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
     """
     forgetting = case.options.get("forgetting")
     if forgetting is not None and not float(forgetting) > 0.0:
-        raise UsageError(f"forgetting with a time constant of {forgetting} s makes no sense: give seconds, more than 0")
+        raise UsageError(f"forgetting with a time constant of {forgetting} s is not valid: use more than 0 s")
     recipe, motions, batch, _ = recipe_of(case, robust=case.robust)
     rows = recipe.rows(case.records, motions)
     estimate, history = recursive(batch, rows, math.inf if forgetting is None else float(forgetting))
@@ -170,8 +170,9 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
     return [
         Doubt(
             "drifting",
-            f"{', '.join(moved)} still moved by more than {DRIFT:.0f} standard errors in the last third of the runs",
-            "the craft or the water changed, or a term is missing: see the history, identify the parts separately",
+            f"{', '.join(moved)} still changed by more than {DRIFT:.0f} standard errors in the last third of the runs",
+            "check for a change of craft or conditions, or a missing term; inspect the history and identify the "
+            "parts separately",
         )
     ]
 

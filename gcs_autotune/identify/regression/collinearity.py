@@ -37,7 +37,7 @@ def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
             Doubt(
                 "not-excited",
                 f"nothing in these runs depends on {', '.join(n for n, d in zip(names, dead, strict=True) if d)}",
-                "fly a manoeuvre that moves these degrees of freedom, or leave the terms out",
+                "fly a manoeuvre that moves these degrees of freedom, or omit the terms",
             )
         )
     alive = np.flatnonzero(~dead)
@@ -58,8 +58,8 @@ def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
         doubts.append(
             Doubt(
                 "collinear",
-                f"the terms of {terms} move together in these runs (variance inflation {largest:.0f})",
-                "fly other speeds and rates of turn as well, or leave one of them out",
+                f"the terms of {terms} are collinear in these runs (variance inflation {largest:.0f})",
+                "fly other speeds and turn rates as well, or omit one of the terms",
             )
         )
     return doubts

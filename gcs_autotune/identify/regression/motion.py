@@ -101,8 +101,9 @@ def _grid(record: Segment) -> tuple[Array, float]:
     step = min(float(np.median(np.diff(s.t))) for s in signals)
     if not end - begin >= LEAST_POINTS * step:
         raise NotInformative(
-            f"the signals {', '.join(record.signals)} of run '{record.run}' overlap for {max(end - begin, 0.0):.3g} s "
-            "only: least squares needs them at the same time; fit fewer of them or use output-error"
+            f"the signals {', '.join(record.signals)} of run '{record.run}' overlap for "
+            f"{max(end - begin, 0.0):.3g} s only: least squares needs them at the same time. Fit fewer signals or "
+            "use output-error"
         )
     n = min(int((end - begin) / step + 1e-6) + 1, MOST_POINTS)
     return np.linspace(begin, end, n), (end - begin) / (n - 1)
@@ -118,7 +119,7 @@ def _angles_needed(record: Segment, form: Form) -> None:
     if missing:
         raise MissingChannel(
             f"least squares of '{form.name}' needs {', '.join(missing)} measured; run '{record.run}' has "
-            f"{', '.join(record.signals)}. Use output-error, which does not"
+            f"{', '.join(record.signals)}. Use output-error, which needs no velocities"
         )
 
 
@@ -226,6 +227,6 @@ def _rotation(eta: Array) -> Array:
 
 def _unseen(record: Segment, form: Form, velocity: str, position: str) -> MissingChannel:
     return MissingChannel(
-        f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to find it from; run "
-        f"'{record.run}' gives it {', '.join(record.signals)}. Name more signals (use), or use output-error"
+        f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to derive it from; run "
+        f"'{record.run}' has {', '.join(record.signals)}. Select more signals (--use), or use output-error"
     )

@@ -109,7 +109,7 @@ def _skew(model: CoupledModel, visited: Array) -> Check:
     told = (
         f"C is skew: coupling forces do no work (to {share:.1%})"
         if holds
-        else f"C is not skew: {share:.0%} of the coupling forces' power is left over"
+        else f"C is not skew: {share:.0%} of the coupling forces' power does not cancel"
     )
     return Check("C skew", holds, POWERLESS - share, told)
 
@@ -162,6 +162,6 @@ def physics_doubts(checks: Sequence[Check]) -> list[Doubt]:
         Doubt(
             "not-physical",
             "; ".join(wrong),
-            "longer runs with more excitation, fewer terms, or physical=True to hold M and D positive",
+            "use longer runs with more excitation, fewer terms, or physical=True to keep M and D positive",
         )
     ]

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 OPTIONS = (
     ("equation", "integral (over short windows, default) or derivative (with smoothed accelerations)"),
     ("derivative", "smoothing (regularised spline, default) or savitzky-golay"),
-    ("window", "length of the windows of equation=integral [s]; chosen when not given"),
+    ("window", "length of the windows of equation=integral [s] (default: automatic)"),
     ("bias", "True: a constant force in every equation"),
 )
 """Options of ``fit`` read here."""
@@ -134,7 +134,7 @@ def _windows(case: Case, motions: Sequence[GriddedMotion]) -> tuple[float, ...]:
     given = case.options.get("window")
     if given is not None:
         if not float(given) > 0.0:
-            raise UsageError(f"a window of {given} s makes no sense: give seconds, more than 0")
+            raise UsageError(f"a window of {given} s is not valid: use more than 0 s")
         return (float(given),)
     step = max(m.step for m in motions)
     shortest = min(float(m.t[-1] - m.t[0]) for m in motions)

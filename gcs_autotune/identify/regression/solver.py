@@ -62,8 +62,8 @@ class Equations:
         odd = [n for n in form.free if n in SPECIAL]
         if odd:
             raise UsageError(
-                f"least squares cannot find {', '.join(odd)} of '{form.name}': the equations are not linear in them; "
-                "make them known, or use output-error"
+                f"least squares cannot estimate {', '.join(odd)} of '{form.name}': the equations are not linear in "
+                "them. Make them known, or use output-error"
             )
         active = program_of(form).active
         base = inertia_matrix(form, np.zeros(len(form.parameters)))
@@ -111,8 +111,8 @@ def _check_scale(form: Form, E: Array) -> None:
     lost = [d for d, has, any_free in zip(form.dofs, scaled, uses.any(axis=1), strict=True) if any_free and not has]
     if lost:
         raise UsageError(
-            f"the equation of {' and '.join(lost)} in '{form.name}' has no force and no parameter that is known: only "
-            "the ratios of its parameters can be found; make one of them known, for example its inertia"
+            f"the equation of {' and '.join(lost)} in '{form.name}' has no known force and no known parameter, so "
+            "only ratios of its parameters can be estimated. Make one of them known, for example its inertia"
         )
 
 
@@ -168,7 +168,7 @@ def solve(
     n, k = equations.E.shape[:2]
     f = len(equations.free)
     if n * k < f + 1:
-        raise NotInformative(f"{n} rows do not determine {f} parameters of '{equations.form.name}': use longer runs")
+        raise NotInformative(f"{n} rows do not determine {f} parameters of '{equations.form.name}'. Use longer runs")
     best: tuple[float, Estimate] | None = None
     for start in starts:
         found = _from(equations, start, robust, barrier)
@@ -178,8 +178,8 @@ def solve(
                 best = (level, found)
     if best is None:
         raise NotInformative(
-            f"the accelerations of '{equations.form.name}' do not follow from its inputs: no inertia could be found. "
-            "Check that inputs and motion belong together"
+            f"the accelerations of '{equations.form.name}' do not follow from its inputs, so no inertia could be "
+            "estimated. Check that inputs and motion belong together"
         )
     estimate = best[1]
     return replace(estimate, covariance=_covariance(estimate))

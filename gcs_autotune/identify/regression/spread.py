@@ -100,7 +100,6 @@ def excess_doubt(estimate: Estimate) -> Doubt | None:
     told = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
     return Doubt(
         "beyond-noise",
-        f"the equations of motion miss by more than the noise of the signals explains ({told}): the standard errors "
-        "are too small",
-        "an unknown delay, a missing term, wind or current: give the delay, add terms, or fit output-error",
+        f"the errors of the equations of motion exceed the signal noise ({told}), so the standard errors are too small",
+        "check for an unknown delay, a missing term, wind or current; supply the delay, add terms, or use output-error",
     )

@@ -128,8 +128,8 @@ def _solve(
     needed = experiments_needed(n, m, gain_known=gain is not None)
     if len(omega) < needed:
         raise NotInformative(
-            f"{n} poles and {m} zeros need {needed} limit cycles or frequencies, {len(omega)} given: "
-            "fly further relay experiments with other C or x_a, or ask for a lower order"
+            f"{n} poles and {m} zeros need {needed} limit cycles or frequencies, {len(omega)} supplied. Fly "
+            "further relay experiments with other C or x_a, or request a lower order"
         )
     rows = np.array([_row(w, v, n, m, integrators, delay) for w, v in zip(omega, balance, strict=True)])
     powers = (1j * np.asarray(omega))[:, None] ** np.arange(n + 1)
@@ -142,8 +142,8 @@ def _solve(
         theta, rank = _least_squares(np.asarray(rows * size[:, None], dtype=np.complex128), known * size)
         if rank < unknown:
             raise NotInformative(
-                f"the {len(omega)} limit cycles are too alike to determine {n} poles and {m} zeros: "
-                "use relays of clearly different C or x_a, or ask for a lower order"
+                f"the {len(omega)} limit cycles are too alike to determine {n} poles and {m} zeros. Use relays of "
+                "clearly different C or x_a, or request a lower order"
             )
         size = weight / np.maximum(np.abs(powers @ [1.0, *theta[:n]]), np.finfo(float).tiny)
     b = theta[n:] if gain is None else [gain, *theta[n:]]
@@ -196,8 +196,8 @@ def loop_trial(trial: Trial) -> Trial:
     found = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
     if found is None:
         raise MissingChannel(
-            f"run '{trial.name}' has no closed loop in it: psi_ref[rad] (what the relay commands) and psi[rad] are "
-            f"needed, or z_ref[m] and z[m], or u_ref[m/s] and u[m/s]; it has {', '.join(trial.channels)}"
+            f"run '{trial.name}' contains no closed loop. It needs psi_ref[rad] (the relay command) and psi[rad], "
+            f"or z_ref[m] and z[m], or u_ref[m/s] and u[m/s]; it has {', '.join(trial.channels)}"
         )
     signal, dof = LOOPS[found]
     reference, names = trial[found], DOFS[dof]
@@ -239,8 +239,8 @@ def simplify(loop: TransferFunction) -> TransferFunction:
     p = float(real.min())
     if p >= 0.0 or a_3 == 0.0:
         raise NotInformative(
-            f"the identified heading loop has its real pole at {p:.3g} rad/s: it is unstable or of lower order; "
-            "repeat the two relay experiments with clearly different C or x_a and without saturating the rudder"
+            f"the identified heading loop has its real pole at {p:.3g} rad/s: it is unstable or of lower order. "
+            "Repeat the two relay experiments with clearly different C or x_a and without saturating the rudder"
         )
     omega_n_squared = -1.0 / (p * a_3)
     # s^3 + (a_2/a_3) s^2 + ... = (s - p)(s^2 + 2 zeta omega_n s + omega_n^2)

@@ -150,7 +150,9 @@ LACKS: Mapping[Lack, str] = {
     "not-sure": "Its gain on data left out may be luck.",
     "no-gain": "It does not lower the error of a prediction on data left out.",
     "brief": "Its time is shorter than the samples of these runs, where a sensor's filter looks the same.",
-    "no-model": "The disturbance is about as large as the commands, or the craft is quicker than a sample.",
+    "no-model": (
+        "The disturbance is about as large as the commands, or the craft's time constant is shorter than one sample."
+    ),
 }
 
 

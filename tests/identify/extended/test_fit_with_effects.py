@@ -107,10 +107,10 @@ def test_what_makes_no_sense_is_refused_in_words(tmp_path: Path) -> None:
     run = yaw_run(1, {})
     with pytest.raises(UnknownName, match="dead-zone"):
         fit(run, effects=["deadzone"])
-    with pytest.raises(UsageError, match="cannot sit at 'surge'"):
+    with pytest.raises(UsageError, match="cannot be placed at 'surge'"):
         fit(run, effects=["input-bias@surge"])
     with pytest.raises(UsageError, match="output-error"):
         fit(run, method="ekf", effects=["dead-zone"])
     (tmp_path / "bad.json").write_text('{"model": 3}', encoding="utf-8")
-    with pytest.raises(BadFile, match="holds no model"):
+    with pytest.raises(BadFile, match="contains no model"):
         load_model(tmp_path / "bad.json")

@@ -62,12 +62,12 @@ def test_a_band_that_misses_the_corner_is_named(record: Record) -> None:
     plant = (0.36, 0.12, 0.0, 0.0)
     fast = fit_axis(record(plant, sweep(2.0, 6.0, 60.0, 1.0), 60.0, noise=0.002), method="frequency")
     (doubt,) = [d for d in fast.doubts if d.slug == "narrow-band"]
-    assert "lies below" in doubt.cause
+    assert "rad/s is lower" in doubt.cause
     assert fast.model.alpha == pytest.approx(0.36, rel=0.05)
     agile = (0.036, 0.12, 0.0, 0.0)
     slow = fit_axis(record(agile, sweep(0.05, 1.0, 120.0), 120.0, noise=0.002), method="frequency")
     (doubt,) = [d for d in slow.doubts if d.slug == "narrow-band"]
-    assert "lies above" in doubt.cause
+    assert "rad/s is higher" in doubt.cause
     assert slow.model.beta == pytest.approx(0.12, rel=0.03)
 
 
