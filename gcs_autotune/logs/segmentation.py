@@ -96,7 +96,7 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
-        (ratio < QUIET, "nothing", "the response is below its noise"),
+        (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
         (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
     ]
