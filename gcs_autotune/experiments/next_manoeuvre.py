@@ -164,8 +164,8 @@ def plan_next(
     able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(allocation.columns)]
     if not able:
         raise UsageError(
-            f"no candidate manoeuvre can be flown with the inputs {', '.join(allocation.channels)} of these runs, which "
-            f"drive only {', '.join(allocation.columns)}"
+            f"no candidate manoeuvre can be flown with the inputs {', '.join(allocation.channels)} of these runs, "
+            f"which drive only {', '.join(allocation.columns)}"
         )
     now = check_identifiability(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]

@@ -79,7 +79,7 @@ def little_excitation(looks: list[DofExcitation]) -> Note | None:
     return (
         "little-excitation",
         f"this run contains little information ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
-        "record a relay, a zig-zag or steps to both sides, larger and longer",
+        "record a larger and longer relay, zig-zag or series of steps to both sides",
     )
 
 

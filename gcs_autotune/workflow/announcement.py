@@ -81,7 +81,7 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     longest = _minutes(max(most, itinerary.seconds) + beside)
     up_to = "" if longest == usual else f", up to {longest} if it does not settle"
     return (
-        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates of similar "
+        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}. These are estimates for similar "
         "craft, updated after the first stage of each kind"
     )
 
@@ -99,7 +99,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
         ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"use {draws}; the vehicle does not report its battery, so it is not monitored"
+        return f"use {draws}. The vehicle does not report its battery, so it is not monitored"
     return f"use {draws} ({', '.join(known)})"
 
 
