@@ -120,8 +120,8 @@ def told_in(text: str, used: tuple[float, float]) -> Told:
     metres = float(far[1]) if far else math.nan
     whole = re.search(rf"(?:and|needs) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
     longest = re.search(rf"vehicle's time, up to {_TIME}", text) or whole
-    usual = re.search(rf"usually (?:about .*? and )?(?=\d+ (?:min|s)\b){_TIME}", text)
-    near = re.search(r"usually about (\d+) m\b", text)
+    usual = re.search(rf"usually (?:need )?(?:(?:about|only) .*? and )?(?:about )?(?=\d+ (?:min|s)\b){_TIME}", text)
+    near = re.search(r"usually (?:need )?about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
     usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres
     return Told((most, metres), usually, used)

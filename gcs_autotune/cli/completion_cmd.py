@@ -15,7 +15,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=SHELLS, help="whose language")
+    parser.add_argument("shell", choices=SHELLS, help="shell to write the script for")
 
 
 def _run(args: argparse.Namespace) -> int:

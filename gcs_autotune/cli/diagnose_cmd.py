@@ -31,7 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="output of another simulator for the same commands: one file per run, in the same order",
     )
-    what = parser.add_argument_group("what to examine")
+    what = parser.add_argument_group("model and signals to examine")
     what.add_argument(
         "--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ..., or horizontal (default: all in the file)"
     )

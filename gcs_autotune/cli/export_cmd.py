@@ -20,7 +20,7 @@ TARGETS = ("ardupilot-json", "gazebo", "fossen", "matlab", "csv")
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (of identify --save, tune or diagnose)")
-    parser.add_argument("--to", required=True, choices=TARGETS, help="for whom")
+    parser.add_argument("--to", required=True, choices=TARGETS, help="program that reads the exported model")
     parser.add_argument(
         "--full-scale",
         metavar="X=F,N=F",

@@ -207,7 +207,7 @@ def _numbers(pairs: list[str]) -> dict[str, float]:
     found = {}
     for name, value in _options("--known", [pair.strip() for text in pairs for pair in text.split(",")]).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
-            raise UsageError(f"--known {name}={value}: not a number")
+            raise UsageError(f"--known {name}={value}: not a number. Write e.g. --known m=11")
         found[name] = float(value)
     return found
 
@@ -227,7 +227,7 @@ def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
     for pair in pairs:
         key, sign, value = pair.partition("=")
         if not sign or not key:
-            raise UsageError(f"{flag} {clipped(pair)}: write name=value")
+            raise UsageError(f"{flag} {clipped(pair)}: not name=value. Write the name, = and the value")
         if value.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
             raise UsageError(f"{flag} {clipped(pair)}: not a finite number")
         found[key] = _value(flag, pair, value)

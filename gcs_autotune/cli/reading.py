@@ -125,8 +125,8 @@ def full_scale(text: str) -> dict[str, float]:
             found[name] = math.nan
         if len(name) != 1 or name not in "XYZKMN" or not 0.0 < found[name] < math.inf:
             raise UsageError(
-                f"--full-scale {clipped(text)}: not a list of forces. Give the force at full output of each input, "
-                f"e.g. X=85,N=23"
+                f"--full-scale {clipped(text)}: not a list of forces. Give the force [N] or moment [N m] at full "
+                "output of each input, e.g. X=85,N=23"
             )
     return found
 

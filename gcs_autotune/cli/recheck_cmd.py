@@ -16,7 +16,7 @@ RELAY = ("set-point", "hysteresis", "second-set-point", "second-hysteresis")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=LOOPS, help="the loop")
+    parser.add_argument("axis", choices=LOOPS, help="loop to check")
     add_connection(parser, otherwise=DEFAULT_CONNECTION)
     add_output(parser)
     add_flight(parser, RELAY)

@@ -346,7 +346,7 @@ def _judge(
     if not forms or not runs:
         raise UsageError("a choice of structure needs at least one form and one run")
     if len({tuple(f.inputs) for f in forms}) > 1:
-        raise UsageError("the forms have different inputs and cannot be compared")
+        raise UsageError("the forms have different inputs and cannot be compared. Use forms with the same inputs")
     return _Judge(runs, method, delay, options, folds_of(runs, tuple(forms[0].inputs)))
 
 

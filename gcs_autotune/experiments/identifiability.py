@@ -82,7 +82,7 @@ def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
         return Doubt(
             SLUG,
             f"a common factor on {names} leaves the motion unchanged",
-            "no manoeuvre helps. Supply one of them (--known), from weighing the craft or a bollard pull, or normalise",
+            "no manoeuvre separates them. Weigh the craft or measure a bollard pull, and supply one value with --known",
         )
     if direction.exact and len(direction.members) == 1:
         return Doubt(SLUG, f"nothing in {_here(seen)} depends on {names}", _cure(direction.derivatives, seen))

@@ -164,14 +164,15 @@ def plan_next(
     able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(allocation.columns)]
     if not able:
         raise UsageError(
-            f"the inputs {', '.join(allocation.channels)} give {', '.join(allocation.columns)}; "
-            "no candidate manoeuvre uses these"
+            f"no candidate manoeuvre can be flown with the inputs {', '.join(allocation.channels)} of these runs, "
+            f"which drive only {', '.join(allocation.columns)}"
         )
     now = check_identifiability(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
     if not plans:
         raise NotInformative(
-            f"the model '{subject.form.name}' diverges in every manoeuvre. Fit it with physical signs first"
+            f"the model '{subject.form.name}' diverges in every candidate manoeuvre. Identify it again with "
+            "--option physical=true, which keeps inertia positive and drag damping"
         )
     hopeless = ~np.any([np.isfinite(p.std) for p in plans], axis=0)
     ranked = sorted(plans, key=lambda p: _key(p, now, hopeless, criterion))

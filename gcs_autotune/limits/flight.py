@@ -103,7 +103,7 @@ FLOWN = (
         "",
         2,
         3,
-        "a model needs two; a third separates a dead zone from a curve",
+        "a model needs two; a third separates a dead zone from a thrust curve",
         3,
         whole=True,
     ),
@@ -114,7 +114,7 @@ FLOWN = (
         0.0,
         1.0,
         _FULL,
-        unset="cruise for boats, 0 for ROVs",
+        unset="cruise throttle for boats, 0 for ROVs",
         mistakes=(PERCENT,),
     ),
     Limit(

@@ -86,7 +86,7 @@ DESK = (
         "s",
         0.1,
         86400.0,
-        "a part of a run",
+        "from one sample to a whole run",
         unset="whole runs first",
         mistakes=(MS,),
     ),

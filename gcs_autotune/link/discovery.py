@@ -123,7 +123,7 @@ def no_vehicle_error(
     if others:
         seen = f"only other stations sent messages (system ids {', '.join(map(str, others))})"
     elif bad_data:
-        seen = "bytes were received, but no MAVLink. Check the baud rate"
+        seen = "data was received, but it is not MAVLink. Check the baud rate"
     else:
         seen = "nothing was received. Check that the vehicle is on, and the port"
     return NoVehicle(f"no autopilot's heartbeat within {timeout:g} s on {description}: {seen}")

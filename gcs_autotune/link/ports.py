@@ -65,7 +65,7 @@ class Overheard:
             return f"MAVLink, but no autopilot: system ids {', '.join(map(str, self.others))}"
         if self.messages:
             return "MAVLink, but no heartbeat"
-        return "bytes, but no MAVLink; check the speed" if self.bad_bytes else "silent"
+        return "data that is not MAVLink. Check the baud rate" if self.bad_bytes else "silent"
 
 
 def serial_ports() -> tuple[PortSeen, ...]:

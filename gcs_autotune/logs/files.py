@@ -208,7 +208,7 @@ def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
         doubt = (
             f"makeshift-run-{run.name}",
             f"'{run.name}' {why}; its directory has no complete experiment",
-            "fly the experiment completely, then identify again",
+            "fly the whole experiment, then identify again",
         )
         dof = _flown_dof(run)
         yield replace(run, meta={**run.meta, "dof": dof and dof.name, "notes": [*run.meta.get("notes", ()), doubt]})

@@ -116,7 +116,7 @@ FORMATS: tuple[Format, ...] = (
         "a document of Word or PowerPoint",
         _zipped(lambda names: any(n.startswith(("word/", "ppt/")) for n in names)),
         (".docx", ".pptx"),
-        advice="give the data it was made of",
+        advice="give the data that it was made from",
     ),
     Format(
         "a spreadsheet of LibreOffice",
@@ -147,8 +147,14 @@ FORMATS: tuple[Format, ...] = (
     Format("a PDF", _begins(b"%PDF-"), advice="use the original data"),
     Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
     Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that it shows or links to"),
-    Format("a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track has no inputs: use the log"),
-    Format("NMEA sentences", _text(r"\$[A-Z]{2}[A-Z0-9]{3},"), advice="a receiver's output has no inputs: use the log"),
+    Format(
+        "a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track has no actuator inputs: use the log"
+    ),
+    Format(
+        "NMEA sentences",
+        _text(r"\$[A-Z]{2}[A-Z0-9]{3},"),
+        advice="a GPS receiver records no actuator inputs: use the log",
+    ),
     Format("a list of waypoints", _text(r"QGC WPL"), advice="use the log of the mission"),
     Format(
         "JSON",

@@ -79,7 +79,7 @@ def little_excitation(looks: list[DofExcitation]) -> Note | None:
     return (
         "little-excitation",
         f"this run contains little information ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
-        "record a relay, a zig-zag or steps to both sides, larger and longer",
+        "record a larger and longer relay, zig-zag or series of steps to both sides",
     )
 
 
@@ -96,7 +96,7 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
-        (ratio < QUIET, "nothing", "the response is below its noise"),
+        (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
         (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
     ]

@@ -166,7 +166,7 @@ def _check_outline(points: Sequence[Point], where: str) -> None:
     far = max(metres, key=lambda p: math.dist(metres[0], p))
     wide = max(abs(_turn(metres[0], far, p)) for p in metres)
     if doubled is not None or wide <= _THINNEST * math.dist(metres[0], far) ** 2:
-        why = "the corners are on one line" if doubled is None else f"corner {doubled} is given twice"
+        why = "the corners are on one line" if doubled is None else f"corner {doubled} occurs twice"
         raise UsageError(f"{where}: {why}. Give the corners in order, once each")
     crossing = _crossing(sides)
     if crossing is not None:

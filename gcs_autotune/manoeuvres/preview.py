@@ -233,7 +233,7 @@ class _Monitor:
         where = self._watch.room_ends(now)
         self.outcome = self._manoeuvre.where_room_ends(where) if where and self._manoeuvre.outcome is None else None
         if self.outcome is None and self._manoeuvre.force == "Z" and now.z < SURFACE <= self._depth:
-            self.refusal = f"the craft would surface from {self._depth:.1f} m. Start deeper, or push less"
+            self.refusal = f"the craft would surface from {self._depth:.1f} m. Start deeper, or use less output"
         return self.outcome is not None or bool(self.refusal)
 
 

@@ -118,7 +118,7 @@ def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> 
     unit = run[axis.stepped].unit
     figures = known(
         judged("oscillation", "oscillation at constant command", Reading(amplitude, NAN, unit)),
-        judged("period", "its period", Reading(period, NAN, "s")),
+        judged("period", "period of this oscillation", Reading(period, NAN, "s")),
     )
     shown = f"{math.degrees(amplitude):.0f} deg" if axis.angular else f"{amplitude:.2g} {unit}"
     verdict = (

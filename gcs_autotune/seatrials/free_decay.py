@@ -42,7 +42,7 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
     channel = run[signal].between(begun, run.end)
     t, a = _extremes(channel.t, channel.values - float(run.meta.get("rest", np.median(channel.values[-10:]))))
     if len(t) < FEWEST:
-        raise NotInformative(f"run '{run.name}' has only {len(t)} extremes; a free decay needs {FEWEST}")
+        raise NotInformative(f"run '{run.name}' has only {len(t)} extremes of {signal}. A free decay needs {FEWEST}")
     halves = np.diff(t)
     period = Reading(2.0 * float(halves.mean()), 2.0 * float(halves.std(ddof=1)) / math.sqrt(len(halves)), "s")
     size = 0.5 * (a[1:] + a[:-1])
@@ -57,9 +57,9 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
         notes.append(
             Doubt(
                 "quadratic-damping",
-                f"damping depends on amplitude ({100.0 * share:.0f} % of it at the largest): one ratio is not "
-                f"representative",
-                "compare decays of equal amplitude",
+                f"damping depends on amplitude, which adds {100.0 * share:.0f} % of it at the largest angle. A single "
+                "damping ratio does not describe this decay",
+                "compare only decays of equal amplitude",
             )
         )
     figures = known(

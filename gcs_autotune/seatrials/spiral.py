@@ -92,8 +92,8 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
         raise NotInformative(
-            f"run '{log.name}' contains no spiral: {len(up)} steady rudder angles on the way up and {len(down)} on the "
-            "way down; at least three each are needed"
+            f"run '{log.name}' contains no usable spiral: {len(up)} steady rudder angles with rising rudder and "
+            f"{len(down)} with falling rudder. At least three of each are needed"
         )
     sense = float(np.sign(np.polyfit([p.helm.value for p in points], [p.rate.value for p in points], 1)[0])) or 1.0
     residual, at_up, at_down = _loop(up, down, sense)
@@ -105,7 +105,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     if restless:
         doubts.append(
             Doubt(
-                "not-settled", f"{restless} rudder angle(s) were not held long enough", "hold until the rate is steady"
+                "not-settled",
+                f"{restless} rudder angle(s) were not held long enough",
+                "hold each angle until the turn rate is steady",
             )
         )
     smallest = min(abs(p.helm.value) for p in points)
@@ -115,7 +117,9 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         verdict = "undecided"
         doubts.append(
             Doubt(
-                "no-small-helm", "no rudder angle near amidships was held, so a loop may be missed", "use finer steps"
+                "no-small-helm",
+                "no rudder angle near amidships was held, so a loop may be missed",
+                "use smaller rudder steps near amidships",
             )
         )
     slope = math.nan if unstable else _central_slope(points)
@@ -209,9 +213,11 @@ def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
         )
     points.sort(key=lambda p: p.rate.value)
     if len(points) < 5 or not points[0].rate.value < 0.0 < points[-1].rate.value:
+        port = sum(p.rate.value < 0.0 for p in points)
+        starboard = sum(p.rate.value > 0.0 for p in points)
         raise NotInformative(
-            f"run '{log.name}' contains no reverse spiral: {len(points)} steady rates; five on both sides together are "
-            f"needed"
+            f"run '{log.name}' contains no usable reverse spiral: {len(points)} steady turn rates, {port} to port and "
+            f"{starboard} to starboard. At least five are needed, with some to each side"
         )
     rates, helms = np.array([p.rate.value for p in points]), np.array([p.helm.value for p in points])
     weights = 1.0 / np.maximum([p.helm.std for p in points], 1e-3 * float(np.ptp(helms)))
@@ -277,7 +283,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         if abs(s.before) > 0.3 * largest and abs(s.tau) < AMIDSHIPS * abs(s.before) and not s.steady_only
     ]
     if not pulls:
-        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder never goes amidships from a turn")
+        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder is never put amidships in a turn")
     starboard, port = _mean([p for p in pulls if p.nu_0.value > 0.0]), _mean([p for p in pulls if p.nu_0.value < 0.0])
     turning = float(np.mean([abs(p.nu_0.value) for p in pulls]))
     residual = Reading(0.5 * (starboard.value - port.value), 0.5 * math.hypot(starboard.std, port.std), "rad/s")
@@ -286,7 +292,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
     settled = all(p.settled for p in pulls)
     if not settled:
         doubts.append(
-            Doubt("not-settled", "the rate was still falling when the record ended", "wait until the rate is steady")
+            Doubt("not-settled", "the turn rate was still falling when the record ended", "record until it is steady")
         )
     verdict: Literal["stable", "unstable", "undecided"] = "undecided"
     if math.isfinite(residual.value):

@@ -287,7 +287,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
                 "uneven-executes",
                 f"the rudder was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
                 f"{math.degrees(changes.max()):.1f} deg",
-                "reverse at the same heading change each time, since overshoot angles depend on it",
+                "reverse at the same heading change each time. Overshoot angles depend on it",
             )
         )
     dt = float(np.median(np.diff(log.t)))
@@ -297,7 +297,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
             Doubt(
                 "slow-sampling",
                 f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times in a half period",
-                "request a higher message rate",
+                "record the heading at a higher rate",
             )
         )
     return found
@@ -328,7 +328,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     turning = nominal == "10/10"
     figures = known(
         judged("helm", "helm", Reading(helm, NAN, unit)),
-        judged("heading", "change of heading at the executes", z.heading),
+        judged("heading", "change of heading at which the rudder was reversed", z.heading),
         *overs,
         judged("initial-turning-time", "initial turning time", z.initial_turning_time),
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),

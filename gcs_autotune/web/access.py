@@ -139,7 +139,7 @@ class Access:
         wrong.append(now)
         while len(self._wrong) > _ADDRESSES:
             self._wrong.popitem(last=False)
-        return 403, "wrong token. The server shows a new one at every start"
+        return 403, "wrong token. The server shows a new one at every start: open the link that it shows"
 
 
 def _name_of(url: str) -> str:

@@ -233,7 +233,7 @@ def _answered(handler: Handler) -> Handler:
         except TimeoutError:
             return JSONResponse({"error": "the request was incomplete. Try again"}, 408)
         except (ValueError, KeyError, TypeError, ArithmeticError):
-            return JSONResponse({"error": "the request was not understood. Reload the page"}, 400)
+            return JSONResponse({"error": "the server cannot read this request. Reload the page"}, 400)
 
     return answering
 

@@ -53,7 +53,7 @@ class AccompanyingStep:
             proof = proof_of_turn_rate(context.settings, context.speed, known, beside=True)
             proof = within(context.settings.envelope.heading_excursion, proof, known)
         except PreconditionFailed as error:
-            context.log.say(f"no turn-rate step is flown: {error}")
+            context.log.say(f"turn-rate step omitted: {error}")
             return None
         before = _fly(context, StepCriteria(proof, known.noise_std, 0.0), "turn-rate-before", PRESENT)
         noise = min(known.noise_std, noise_in(before, "r"))
@@ -80,7 +80,10 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
         return proof
     size = share * s.size
     if not size > LEAST_NOISES * known.noise_std:
-        raise PreconditionFailed(f"--max-heading-excursion {math.degrees(limit):.0f} leaves no space for it")
+        raise PreconditionFailed(
+            f"the heading limit of {math.degrees(limit):.0f} deg is too small for it. "
+            "Use a larger --max-heading-excursion"
+        )
     return replace(proof, settings=replace(s, size=size, base=-0.5 * size))
 
 

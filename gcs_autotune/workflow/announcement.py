@@ -32,7 +32,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
             # short of turning around a boat may still fly an oscillation and a step, whatever its simulated stages take
             limit = envelope.distance_limit
             metres = max(metres, min(FAR_OUT * limit + (SWING_AHEAD + STEP_AHEAD) * speed, NEARLY * limit))
-        usually = f", usually about {usual:.0f} m" if usual < metres else ""
+        usually = f" (usually about {usual:.0f} m)" if usual < metres else ""
         turns = FAR_OUT * envelope.distance_limit
         between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
         between = ". It turns around before each stage" if not settings.ends_early else between
@@ -61,10 +61,10 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     if usual is None:
         told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
         return f"need {far}{deep}, and up to {longest}: {told}" + (f"; predicted from {source}" if source else "")
-    near = f"usually about {min(usual.needs, metres):.0f} m from the start{deep} and" if moves else f"{far}, usually"
+    near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
     most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
-    return f"need {near} {exactly(LATE * usual.seconds)}{by}. A poorly damped loop needs {most}up to {longest}"
+    return f"usually need {near} {exactly(LATE * usual.seconds)}{by}. A poorly damped loop needs {most}up to {longest}"
 
 
 def exactly(seconds: float) -> str:
@@ -81,7 +81,7 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     longest = _minutes(max(most, itinerary.seconds) + beside)
     up_to = "" if longest == usual else f", up to {longest} if it does not settle"
     return (
-        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}; estimates of similar "
+        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}. These are estimates for similar "
         "craft, updated after the first stage of each kind"
     )
 
@@ -99,7 +99,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
         ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"use {draws}; the vehicle does not report its battery, so it is not monitored"
+        return f"use {draws}. The vehicle does not report its battery, so it is not monitored"
     return f"use {draws} ({', '.join(known)})"
 
 

@@ -60,7 +60,9 @@ class DiagnosisSettings:
             return None
         left = tuple(s for s in (self.effects if self.effects is not None else EFFECTS) if s not in self.without)
         if not left:
-            raise UsageError("no effect is left to try. See `gcs-autotune diagnose --list-effects`")
+            raise UsageError(
+                "the options leave no effect to try. `gcs-autotune diagnose --list-effects` lists the effects"
+            )
         return left
 
 

@@ -84,7 +84,7 @@ def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[t
 def _journals() -> Iterator[Finding]:
     """Yield the runs of this machine that are open, before anything else: a vehicle may hold trial gains."""
     for run in open_runs():
-        cure = "wait for its end" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        cure = "wait until that run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 
@@ -116,7 +116,9 @@ def _date() -> Finding:
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
-        return Finding("clock", "wrong", f"{told}, earlier than the installation of this program", "set the clock")
+        return Finding(
+            "clock", "wrong", f"{told}, earlier than the installation of this program", "set this computer's clock"
+        )
     synced = _synchronised()
     return Finding(
         "clock", "fine", told + {None: "", True: ", set by the network", False: ", not set by a network"}[synced]

@@ -379,7 +379,7 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         loops = ", ".join(firmware.axes)
         raise WrongVehicle(f"this vehicle ({firmware.name}) has no {kind.axis} loop to test. It has: {loops}")
     if not kind.suits(firmware):
-        other = "thrust in both directions" if kind.stays else "way on"
+        other = "thrust in both directions" if kind.stays else "headway to steer"
         wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
         fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
         raise WrongVehicle(

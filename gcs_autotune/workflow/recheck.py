@@ -83,7 +83,7 @@ class Recheck:
     sizes of a second flight, 0 without one. ``sheet`` was read off the flight ``shown``; ``why`` there is none.
     """
 
-    words = "fly once more at half or twice these sizes, if they do not determine the damping of the loop"
+    words = "fly once more at half or twice these sizes if the first relays do not determine the damping of the loop"
 
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer

@@ -189,7 +189,8 @@ class _Restoring:
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
-                f"left unchanged, possibly set by another operator: {shown}. Run `gcs-autotune restore` without --yes "
+                f"left unchanged, since another operator may have set it: {shown}. "
+                "Run `gcs-autotune restore` without --yes "
                 "to decide each",
                 differences=undecided,
             )

@@ -354,7 +354,7 @@ class SelfPlanner:
         if not worth:
             hopeless = [n for n in until.wanted if not any(c.relative[n] < math.inf for c in seen.choices)]
             what = f" about {' and '.join(hopeless)}" if hopeless else ""
-            return None, f"not reached: no manoeuvre of the table adds information{what}"
+            return None, f"not reached: no available manoeuvre adds information{what}"
         troubles = []
         for choice in worth:
             offer = self._offers[choice.offer]

@@ -189,10 +189,12 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
     if not settings.known:
         return settings.structure
     if settings.begin is not None:
-        raise UsageError("the start model already has the known constants. Omit --known")
+        raise UsageError("the --start model already contains the known constants. Omit --known")
     form = form_of(settings.structure, settings.dof)
     if form is None:
-        raise UsageError("--known applies to coupled models. Use --dof horizontal, 6dof or a form's TOML file")
+        raise UsageError(
+            "--known applies only to coupled models. Add --dof horizontal, --dof 6dof or --structure FILE.toml"
+        )
     return form.knowing(settings.known)
 
 
@@ -201,7 +203,7 @@ def _methods(settings: StudySettings) -> list[str]:
     if settings.method != ALL:
         return [settings.method]
     if settings.effects or settings.begin is not None:
-        raise UsageError("effects and start values need the method output-error. Omit --method all")
+        raise UsageError("effects and start values work only with the method output-error. Omit --method all")
     coupled = form_of(settings.structure, settings.dof) is not None
     return [m.name for m in METHODS.values() if (m.coupled if coupled else m.axis) is not None]
 

@@ -222,6 +222,6 @@ def response_plots(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:
     if found is None:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])
-    caption = "Frequency response from input to rate, with coherence; the line is Nomoto's first order."
+    caption = "Frequency response from input to rate, with coherence. The line is the first-order Nomoto model."
     nomoto = {"Nomoto 1": Nomoto1.from_single_dof(found.model)}
     return ((caption, partial(frequency_plot, response, nomoto)),)

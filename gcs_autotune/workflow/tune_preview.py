@@ -128,7 +128,9 @@ def movements_of(context: TuneContext, now: Observation) -> str:
     dive = dive_for(axis.dof, context.craft.firmware, now)
     down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
     signs = d.excitation.check
-    kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
+    kind = (
+        "throttle steps" if d.excitation.by_throttle else f"relay oscillations about the present {d.excitation.title}"
+    )
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
     beside = ", steps in turn rate" if flies_accompanying_step(context) and context.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

@@ -402,7 +402,7 @@ def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsy
     path = tmp_path / "a.csv"
     path.write_text("t[s],psi[rad],N\n0,0,0\n1,0,0\n")
     assert main(["identify", str(path), "--full-scale", text]) == 2
-    assert "Give the force at full output" in capsys.readouterr().err
+    assert "Give the force [N] or moment [N m] at full output" in capsys.readouterr().err
 
 
 @pytest.mark.slow

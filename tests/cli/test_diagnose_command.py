@@ -158,7 +158,7 @@ def test_effects_left_out_are_not_tried():
     tried = DiagnosisSettings(without=("dead-zone", "outliers")).slugs()
     assert tried == tuple(slug for slug in EFFECTS if slug not in ("dead-zone", "outliers"))
     assert DiagnosisSettings().slugs() is None
-    with pytest.raises(UsageError, match="no effect is left"):
+    with pytest.raises(UsageError, match="no effect to try"):
         DiagnosisSettings(effects=("outliers",), without=("outliers",)).slugs()
 
 

@@ -74,7 +74,7 @@ def heartbeat(system: int, autopilot: int, armed: bool = False) -> bytes:
     [
         ([heartbeat(3, 3, armed=True)], "system 3 (SURFACE_BOAT), armed"),
         ([heartbeat(255, 8)], "MAVLink, but no autopilot: system ids 255"),
-        ([b"hello, world"], "bytes, but no MAVLink; check the speed"),
+        ([b"hello, world"], "data that is not MAVLink. Check the baud rate"),
         ([], "silent"),
     ],
 )

@@ -525,8 +525,8 @@ class Late(Router):
 @pytest.mark.parametrize(
     ("delay", "lateness", "words"),
     [
-        (1.3, None, "our own commands arrive late"),
-        (2.0, None, "our own commands arrive late"),
+        (1.3, None, "commands of this tool arrive late"),
+        (2.0, None, "commands of this tool arrive late"),
         (1.5, 0.1, "stalled for 1."),
     ],
 )

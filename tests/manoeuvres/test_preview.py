@@ -128,6 +128,6 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
 def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
     up = NominalPlant(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
     seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
-    assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or push less"
+    assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or use less output"
     assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""
     assert preview(held(Z=0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=0.1).trouble == ""

@@ -194,7 +194,7 @@ def kept() -> TuneStory:
         axis="heading",
         announced=(
             "arm the vehicle now (it is disarmed) and disarm it at the end",
-            "move: 30 deg steps in heading, and oscillations about the present heading",
+            "move: 30 deg steps in heading and relay oscillations about the present heading",
             "write up to ATC_RAT_YAW_P, ATC_RAT_YAW_I, ATC_RAT_YAW_D, ATC_ANG_YAW_P after asking again",
         ),
         rates={"ATTITUDE": (10.0, 9.98), "SERVO_OUTPUT_RAW": (10.0, 9.9), "VFR_HUD": (5.0, 3.2)},

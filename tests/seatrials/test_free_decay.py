@@ -51,7 +51,7 @@ def test_drag_by_the_square_shows_as_damping_that_grows_with_the_swing() -> None
 
 
 def test_nobody_pushing_ends_in_a_sentence_and_no_swing_in_another() -> None:
-    with pytest.raises(NotInformative, match="a free decay needs 4"):
+    with pytest.raises(NotInformative, match="A free decay needs 4"):
         ship_figures(Trial("still", {"phi": Channel("phi", "rad", np.arange(50.0), np.linspace(0.2, 0.0, 50))},
                            meta={"manoeuvre": "hand-release", "rest": 0.0}))  # fmt: skip
     kind = MANOEUVRES["hand-release"]

@@ -33,5 +33,5 @@ def test_its_turn_rates_are_reduced_to_stay_within_the_heading_limit() -> None:
     s = within(50.0 * DEG, proof, BOAT).settings
     assert 0.5 * s.size * max(s.settle, s.duration) == pytest.approx(40.0 * DEG)
     assert s.base == pytest.approx(-0.5 * s.size)
-    with pytest.raises(PreconditionFailed, match="--max-heading-excursion 1 leaves no space"):
+    with pytest.raises(PreconditionFailed, match="heading limit of 1 deg is too small"):
         within(1.0 * DEG, proof, BOAT)

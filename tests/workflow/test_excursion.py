@@ -106,7 +106,7 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     assert "up to 80 m from the start (the run ends there: --max-distance)" in whole_of(whole, Envelope(distance=80.0))
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert whole_of(loop, Envelope(), "a test") == (
-        "need usually about 40 m from the start and 1 min 10 s (predicted from a test). "
+        "usually need about 40 m from the start, and about 1 min 10 s (predicted from a test). "
         "A poorly damped loop needs up to 90 m and up to 2 min 20 s"
     )
     assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]

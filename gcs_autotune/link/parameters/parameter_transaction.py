@@ -76,7 +76,7 @@ class ParameterTransaction:
             if name in values and not self.written:
                 raise PreconditionFailed(
                     f"another ground station wrote {name} = {now:g} (it was {before:g}), so the "
-                    "experiments are not valid for it. Nothing was written. Start again"
+                    "experiments are no longer valid. Nothing was written. Start again"
                 )
         try:
             for name, value in values.items():

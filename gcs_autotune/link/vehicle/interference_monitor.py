@@ -353,7 +353,7 @@ class InterferenceMonitor:
         least = self._rc_monitor.memory if late is None else late
         still = "the link or the vehicle stalled for" if late is None else "the link's delay is"
         raise GuardTripped(
-            f"our own commands arrive late: RC channel {channel} shows {shown} us, an earlier value, instead of "
+            f"commands of this tool arrive late: RC channel {channel} shows {shown} us, an earlier value, instead of "
             f"{sent} us, and {still} {least:.1f} s or more. Use a faster link, or wait",
             guard="late",
             value=least,

@@ -233,7 +233,7 @@ def _remains(examined: _Examined) -> Iterator[Section]:
 
 def _not_distinguished(examined: _Examined) -> Iterator[Section]:
     groups = tuple(bullets(not_distinguished(examined.diagnosis)))
-    yield Section("cannot-tell", "What these runs do not distinguish", groups, facts=IN_RESULT)
+    yield Section("cannot-tell", "Causes that these runs do not distinguish", groups, facts=IN_RESULT)
 
 
 def _next(examined: _Examined) -> Iterator[Section]:

@@ -145,11 +145,11 @@ def _both(one: float, other: float, unit: str) -> tuple[str, str]:
 
 
 LACKS: Mapping[Lack, str] = {
-    "weak": "This is too weak for a cause to be identified; 10 would be enough.",
-    "not-on-each": "It does not gain on each part left out.",
-    "not-sure": "Its gain on data left out may be luck.",
-    "no-gain": "It does not lower the error of a prediction on data left out.",
-    "brief": "Its time is shorter than the samples of these runs, where a sensor's filter looks the same.",
+    "weak": "This is too weak to identify a cause. At least 10 is needed.",
+    "not-on-each": "It does not improve every held-out part.",
+    "not-sure": "Its improvement on held-out data may be chance.",
+    "no-gain": "It does not reduce the prediction error on held-out data.",
+    "brief": "Its time constant is shorter than the sampling interval. A sensor filter looks the same.",
     "no-model": (
         "The disturbance is about as large as the commands, or the craft's time constant is shorter than one sample."
     ),
@@ -176,7 +176,7 @@ def _evidence(hint: Hint) -> str:
     said = f"It improves the log-likelihood of these runs by {format_number(hint.gained, 2)}"
     if hint.unseen:
         parts = ", ".join(f"{v:+.1f}" for v in hint.unseen)
-        said += f", and by {sum(hint.unseen):+.1f} on data left out ({hint.held_out}: {parts})"
+        said += f", and by {sum(hint.unseen):+.1f} on held-out data ({hint.held_out}: {parts})"
     return f"{said}. Noise alone gives some candidate as much in {_odds(hint.chance)}. {LACKS[hint.lacks]}"
 
 
@@ -188,8 +188,8 @@ def _odds(chance: float) -> str:
 
 def _settles(hint: Hint) -> str:
     more = (
-        f"{format_seconds(hint.needed)} of the same manoeuvres instead of {format_seconds(hint.seconds)}, for evidence "
-        "grows with their length"
+        f"{format_seconds(hint.needed)} of the same manoeuvres instead of {format_seconds(hint.seconds)}, since "
+        "evidence grows with their length"
     )
     said = sentence(f"{more}; or {hint.separated_by}")
     if hint.alike:

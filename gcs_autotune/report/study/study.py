@@ -110,15 +110,16 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
     unit = f"{DOFS[c.dof].position_unit}/s"
     largest, smallest = (format_quantity(x, c.input_unit) for x in (c.largest, c.smallest))
     settles = [format_quantity(v, unit) for v in c.steady]
-    said = f"{c.dof}: at {largest}, the largest input, the steady state is {settles[0]}, with {other} {settles[1]}: a "
-    said += f"difference of {format_quantity(c.steady_apart, unit)}"
+    said = f"{c.dof}: at {largest}, the largest input, the steady state is {settles[0]}, with {other} {settles[1]}. "
+    said += f"The difference is {format_quantity(c.steady_apart, unit)}"
     if c.quantum > 0.0:
         step = format_quantity(c.quantum, unit)
         said += f", {'within' if c.same_steady else 'more than'} the sensor resolution of {step}"
-        said += "; their drag counts as equal" if c.same_steady else ""
+        said += ". Their drag counts as equal" if c.same_steady else ""
     rise = [format_number(t) for t in c.rise]
-    soon = f"{c.dof}: at {smallest}, the smallest input, the time to {100.0 * c.share:.0f} % is {rise[0]} s, "
-    soon += f"with {other} {rise[1]} s: {format_number(c.rise_apart)} s apart, {format_number(c.samples, 2)} samples"
+    soon = f"{c.dof}: at {smallest}, the smallest input, the rise time to {100.0 * c.share:.0f} % is {rise[0]} s, "
+    soon += f"with {other} {rise[1]} s. The difference is {format_number(c.rise_apart)} s "
+    soon += f"or {format_number(c.samples, 2)} samples"
     return f"{said}.", f"{soon}."
 
 
