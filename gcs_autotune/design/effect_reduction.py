@@ -80,7 +80,7 @@ def _concerns(own: EffectInstance, draft: Draft) -> bool:
 
 def _delay(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["delay"] += own["delay"]
-    return f"the delay of {own['delay']:.2f} s is part of the loop, which is slower because of it", ""
+    return f"the delay of {own['delay']:.2f} s is part of the loop and slows it", ""
 
 
 def _late(draft: Draft, own: EffectInstance) -> tuple[str, str]:
@@ -229,7 +229,7 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
 _ANYWHERE = frozenset({"measurement-delay", "quantisation", "mass-change", "time-scale"})
 """Effects that matter at any place."""
 
-_FILE = ("it is in the record, not in the craft; the design uses corrected numbers", "")
+_FILE = ("the fault is in the record, not in the craft; the design uses corrected numbers", "")
 
 _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "time-scale": _FILE,

@@ -113,7 +113,7 @@ def _diagnosed(
     """Do as :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
-        raise UsageError("no run to diagnose: name at least one run file")
+        raise UsageError("no run to diagnose. Supply at least one run file")
     slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
     early: list[Doubt] = []
     given = None if model is None else model_in_question(model)

@@ -51,12 +51,12 @@ def check_alive(runs: Sequence[Trial]) -> None:
     if inputs and not _vary(runs, inputs):
         still = "" if _vary(runs, motions) or not motions else f", nor does any motion ({', '.join(motions)})"
         raise NotInformative(
-            f"no input ({', '.join(inputs)}) ever changes{still}: without commands, errors of a simulation cannot be "
-            "distinguished from a wrong initial state; fly steps both ways, a zig-zag or a relay"
+            f"no input ({', '.join(inputs)}) ever changes{still}. Without commands, errors of a simulation cannot "
+            "be distinguished from a wrong initial state. Fly steps both ways, a zig-zag or a relay"
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
-            f"no motion: {', '.join(motions)} never change; check that the logger is connected to the sensors"
+            f"no motion: {', '.join(motions)} never change. Check that the logger is connected to the sensors"
         )
 
 
@@ -76,8 +76,8 @@ def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] |
     samples = max((sum(len(run[n]) for run in runs if n in run) for n in there), default=0)
     if samples < FEWEST:
         raise NotInformative(
-            f"{samples} samples are too few to distinguish causes: {FEWEST} are needed, 500 are better; fly longer or "
-            "log faster"
+            f"{samples} samples are too few to distinguish causes. At least {FEWEST} are needed, 500 are better. "
+            "Fly longer or log faster"
         )
     _check_commands(runs, form)
     _check_answer(runs, form, there)
@@ -92,8 +92,8 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
     levels = max(n for _, n in changes.values())
     if moves < 2 and levels < 3:
         raise NotInformative(
-            f"the inputs ({', '.join(names)}) change only once: after a single step every cause looks like a different "
-            "inertia or drag; fly steps of several sizes both ways, a zig-zag or a relay"
+            f"the inputs ({', '.join(names)}) change only once. After a single step every cause looks like a "
+            "different inertia or drag. Fly steps of several sizes both ways, a zig-zag or a relay"
         )
 
 
@@ -139,7 +139,7 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
     if samples and best < max(ANSWER, 10.0 / samples):
         raise NotInformative(
             f"the motion ({', '.join(signals)}) does not follow the inputs ({', '.join(form.inputs)}): they "
-            f"account for {100 * best:.0f} % of it; check that all columns are of one craft and one clock"
+            f"account for {100 * best:.0f} % of it. Check that all columns are of one craft and one clock"
         )
 
 

@@ -286,7 +286,7 @@ def next_of(missing: MissingForce | None) -> str | None:
     best = next((c for c in missing.curves.values() if c.varies), None)
     if best is None or best.share <= TOLD:
         return (
-            f"the same manoeuvre in calm water, or four times as long: a drifting force of {missing.size:.2g} "
+            f"repeat the manoeuvre in calm water, or four times as long: a drifting force of {missing.size:.2g} "
             f"{_of(missing)} masks smaller effects"
         )
     return TELLING.get(best.over, TELLING["command"])

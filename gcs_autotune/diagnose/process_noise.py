@@ -430,5 +430,5 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
         words = f"{len(blocks)} blocks of the run left out in turn"
     if held:
         folds.append((tuple(segments), tuple(held)))
-        words += ", and the runs kept apart"
+        words += ", and the held-out runs"
     return tuple(folds), words

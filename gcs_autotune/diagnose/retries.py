@@ -61,14 +61,15 @@ def search_in_pieces(state: SearchState) -> SearchState | None:
     if _is_another_craft(again):
         lost = Doubt(
             NO_MODEL,
-            f"no model of the craft fits, so no cause is reported: in pieces of {seconds:.3g} s the time constant of "
-            f"the plain fit moved by more than a factor of {ANOTHER_CRAFT:g}",
+            f"no model of the craft fits, so no cause is reported. In pieces of {seconds:.3g} s the time constant "
+            f"of the plain fit moved by more than a factor of {ANOTHER_CRAFT:g}",
             "check columns, units and clocks first; then record in calmer water, or with larger commands held longer",
         )
         return replace(state, doubts=(*state.doubts, lost), cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
-        f"over whole runs no cause improves prediction; the causes reported were found in pieces of {seconds:.3g} s",
+        "no cause improves prediction over whole runs. The causes reported were identified in pieces of "
+        f"{seconds:.3g} s",
         "treat them as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
@@ -86,8 +87,8 @@ def search_all_runs(state: SearchState) -> SearchState | None:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
-        "the runs to fit alone do not predict the held-out runs; the causes were found in all runs together",
-        "fit runs with the same sizes of command as those to be predicted; here the gain is of parts left out in turn",
+        "the fitted runs do not predict the held-out runs. The causes were identified in all runs together",
+        "fit runs with the same sizes of command as the held-out runs; the gain shown is for parts left out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
 

@@ -128,8 +128,8 @@ def model_noise_before_joining(state: SearchState) -> SearchState | None:
 def _no_base(search: NoiseSearch, above: float) -> Doubt:
     return Doubt(
         "above-command",
-        f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
-        "hard as the commands do: no cause can be identified under a disturbance of that size",
+        f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times "
+        "as hard as the commands do. No cause can be identified with a disturbance of that size",
         "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
     )
 

@@ -56,7 +56,7 @@ def test_a_run_without_a_jump_is_itself_and_one_that_jumps_on_one_channel_only_i
     empty = Trial("run", {})
     assert parts_of(empty) == [empty]
     odd = Trial("run", {"psi": channel("psi", *range(9)), "r": channel("r", 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0)})
-    with pytest.raises(BadFile, match=r"jumps back after t = 3\.000 s \(channel r\), but not on every channel alike"):
+    with pytest.raises(BadFile, match=r"jumps back after t = 3\.000 s \(channel r\), but not equally on every channel"):
         parts_of(odd)
 
 
