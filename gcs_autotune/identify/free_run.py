@@ -292,7 +292,7 @@ def _best_start(
 def _simulated(
     simulator: Simulator, theta: Array, x_0: Array, record: Segment
 ) -> dict[str, tuple[Array, Array]] | None:
-    """Return every signal of *record* at its own stamps with sensitivities; None when the motion runs away."""
+    """Return every signal of *record* at its own stamps with sensitivities; None if the motion diverges."""
     stamps = record.stamps
     found = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
     if found is None:

@@ -228,7 +228,7 @@ def check_axes(trial: Trial) -> None:
 
 
 def _inputs_alone(trial: Trial) -> list[Doubt]:
-    """Judge inputs by their size: a rudder cannot go beyond half a turn, nor a share of full output far beyond 1."""
+    """Check inputs by their size: a rudder angle is below half a turn, a normalised output about 1 at most."""
     found: list[Doubt] = []
     for name in ("delta", *(dof.force for dof in DOFS.values())):
         if name not in trial or len(trial[name]) == 0:

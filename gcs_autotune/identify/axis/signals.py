@@ -256,7 +256,7 @@ def _root(covariance: Array) -> Array:
 
 
 def _scatter(error: Array, table: Array) -> float:
-    """Return the standard deviation of what *table* (n, p) cannot explain at all."""
+    """Return the standard deviation of what *table* (n, p) cannot explain."""
     residual = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
     return float(np.sqrt(residual @ residual / max(len(residual) - table.shape[1], 1)))
 

@@ -49,10 +49,10 @@ def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
 
 
 def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
-    """Fit to the end as any other model: coarse sensors as rounding, outliers weighed when asked.
+    """Fit to the end as any other model: coarse sensors as rounding, outliers weighted if required.
 
-    Where a disturbance is learnt from what is left over (outliers, a jump of the compass) it stays as it was learnt,
-    and the noise with it.
+    A disturbance that was learnt from the residuals (outliers, a jump of the compass) stays unchanged, and so does the
+    noise.
 
     Raises
     ------

@@ -106,7 +106,7 @@ def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
 
 
 def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -> NomotoFit:
-    """Return the fit at the relative model error that makes chi-squared what it should be."""
+    """Return the fit at the relative model error at which chi-squared has its expected value."""
 
     def at(error: float, start: Array | None = None) -> tuple[Array, float]:
         theta = _search(response, order, delay, error, start, free=free)
