@@ -137,13 +137,13 @@ LAST_TRIALS = 60
 def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) -> Fitted:
     """Return *fitted* with every effect of *specs* added and all parameters fitted together.
 
-    With two or more of them each is given a second chance from all its starts once the others are there, because
-    the first to come may have taken what belongs to the later ones.
+    With two or more effects each is fitted again from all its starts once the others are present. The first one may
+    have absorbed part of the later ones.
 
     Raises
     ------
     UsageError
-        An effect these runs cannot show. NotInformative: the motion runs away with it from every start.
+        An effect these runs cannot show. NotInformative: the motion diverges with it from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

@@ -136,7 +136,7 @@ def _check_reach(model: Nomoto2, lowest: float) -> None:
 
 
 REACH = 30.0
-"""Longest time of the second order, times the lowest frequency. Chosen: beyond, the gain at rest is a guess."""
+"""Longest time of the second order, times the lowest frequency. Beyond it the static gain is a guess."""
 
 BISECTIONS = 10
 """Halvings of the model error's logarithm: leaves it uncertain by 1 %."""

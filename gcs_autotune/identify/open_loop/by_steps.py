@@ -134,7 +134,7 @@ def _dynamics(r: StepReading, theta: Array) -> float | None:
 
 
 POINTS, TOP = 240, 20.0
-"""Chosen: steps in which a response is integrated, and how many times its fastest it may be before it runs away."""
+"""Number of steps in which a response is integrated, and the multiple of its fastest velocity at which it diverges."""
 
 
 def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float, float, float]]:
