@@ -130,7 +130,7 @@ def _portmanteaus(fitted: Fitted, lags_aboard: Mapping[str, float]) -> Iterator[
 
 
 def _memory(fitted: Fitted, name: str, known: float) -> int:
-    """Return how many lags of a signal's noise are correlated by what makes the signal late: a filter does both."""
+    """Return how many lags of a signal's noise are correlated by a filter that also makes the signal late."""
     late = known + sum(e.values["delay"] for e in fitted.effects if e.slug == LATE and name in columns_of(e.place))
     steps = [float(np.median(np.diff(r.t))) for r in fitted.rests if r.signal == name and len(r.t) > 1]
     return min(int(RESPONSE * late / min(steps)), MOST_MEMORY) if late and steps else 0
@@ -246,7 +246,7 @@ def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
 
 
 def _directions(group: Array, Q: Array) -> Array:
-    """Return an orthonormal basis (n, k) of what *group* (n, j) can do that the columns of *Q* cannot."""
+    """Return an orthonormal basis (n, k) of the part of *group* (n, j) that the columns of *Q* do not span."""
     free = group - Q @ (Q.T @ group)
     before, after = np.linalg.norm(group, axis=0), np.linalg.norm(free, axis=0)
     free = free[:, (after > 1e-3 * before) & (after > 0.0)]

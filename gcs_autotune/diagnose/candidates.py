@@ -144,7 +144,7 @@ def _best_of(
 
 
 class _TangentSpace:
-    """A fit, and the space its own numbers can move the prediction in."""
+    """A fit, and the space in which its own numbers can move the prediction."""
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
@@ -189,10 +189,10 @@ class _TangentSpace:
         return float(total)
 
     def promise(self, entry: Effect, own: EffectInstance) -> EffectCandidate | None:
-        """Return what adding *own* promises; None when the motion runs away with it.
+        """Return the expected gain from adding *own*; None if the motion diverges with it.
 
-        At the size it comes with; and, where an effect grows with its numbers, at the size that suits the residual
-        best if it grew in proportion: from its full size, and from a trace of it (the score test).
+        The effect is tried at its own size. If it grows with its numbers, it is also tried at the size that fits the
+        residual best. That size is extrapolated from the full size and from a small amount (the score test).
         """
         if entry.is_disturbance:
             return self._learnt(own)
@@ -222,7 +222,7 @@ class _TangentSpace:
         return EffectCandidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
 
     def _scaled(self, entry: Effect, own: EffectInstance, changed: Array, most: float) -> tuple[float, Array]:
-        """Return by how much *own* would have to grow to suit the residual, and what would then be left."""
+        """Return the factor at which *own* fits the residual best, and the residual then."""
         moved = self._rest(self.residual - changed)
         power = float(moved @ moved)
         if power <= 0.0:
@@ -283,7 +283,7 @@ def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
 
 
 def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: float) -> EffectInstance:
-    """Return an effect so many times as large."""
+    """Return an effect scaled by a factor."""
     zero = {n: entry.neutral.get(n, 0.0) for n in growing}
     return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
 
@@ -360,7 +360,7 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
 
 
 def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
-    """Return the best fit with the moment *name* of an effect some of the craft's time constants earlier or later."""
+    """Return the best fit with the moment *name* shifted by some of the craft's time constants, earlier or later."""
     now = best.own(own)
     others = []
     for k in range(1, MOMENTS + 1):

@@ -338,7 +338,7 @@ def _grid(pairs: Sequence[Pair], at: tuple[float, float, float], reach: float) -
 
 
 def _unlike(x: Array, y: Array) -> Array:
-    """Return what a straight line in *x* (n,) leaves of *y* (n,)."""
+    """Return the residual of *y* (n,) after a straight line in *x* (n,)."""
     x, y = x - x.mean(), y - y.mean()
     left: Array = y - x * (float(x @ y) / max(float(x @ x), 1e-300))
     return left

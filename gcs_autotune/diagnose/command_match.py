@@ -142,7 +142,7 @@ def _reach(trial: Trial) -> tuple[float, float]:
 
 
 def _natural(simulation: Trial, run: Trial, pair: Pair) -> list[Guess]:
-    """Return how two files usually lie beside each other: by their stamps, or their beginnings, or both ends."""
+    """Return the usual alignments of two files: equal stamps, equal beginnings, or equal beginnings and ends."""
     (s0, s1), (r0, r1) = _reach(simulation), _reach(run)
     guesses: list[Guess] = []
     overlap = min(s1, r1) - max(s0, r0) > SHARED * min(s1 - s0, r1 - r0)
@@ -263,10 +263,10 @@ def _best_lag(x: Array, busy_x: Array, y: Array, busy_y: Array) -> tuple[float, 
 
 
 def _is_believed(line: Line, pair: Pair, *, is_usual: bool) -> bool:
-    """Whether so many changes so close to one line are no chance, and the commands between them are the same.
+    """Whether a match is unlikely to be chance, and the commands between the changes are equal.
 
-    Changes that repeat evenly lie on some line in any case. They are believed where both clocks run alike, or both
-    files hold as many: then nothing but the commands of the run is likely to have driven the simulation.
+    Periodic changes lie on some line in any case. They are accepted if both clocks run at one rate, or both files
+    contain the same number. The run's commands have then almost certainly driven the simulation.
     """
     paired, there = _coverage(line, pair)
     if paired < FEWEST or paired < PAIRED * there:
@@ -432,7 +432,7 @@ def _own(pair: Pair, line: Line, steady: bool) -> Line:
 
 
 def _beyond_rows(line: Line) -> float:
-    """Return the square [s^2 of the simulation] of how far changes lie off a line, less what rows account for."""
+    """Return the squared deviation [s^2 of the simulation] of changes from a line, less that of the row interval."""
     return max(float(np.mean(line.left**2)) - line.expected**2, 0.0)
 
 
@@ -451,7 +451,7 @@ def _disagrees(own: Line, other: Line, pair: Pair) -> bool:
 
 
 def _ordered(theirs: Mapping[str, Command], ours: Mapping[str, Command], line: Line) -> list[MatchedCommand]:
-    """Return which channel of the run each of the simulation's holds: that of its name unless others fit far better."""
+    """Return the run's channel for each of the simulation's: the one of the same name, unless others fit far better."""
     rows, columns = list(theirs), list(ours)
     found = {(s, o): compared_commands(theirs[s], ours[o], line) for s in rows for o in columns}
     nats = {k: agreement(c) for k, c in found.items()}

@@ -85,7 +85,7 @@ def check_clock(run: Trial) -> None:
 
 
 def _confirmed(run: Trial) -> bool:
-    """Whether some position changes about as its rate says, on this clock."""
+    """Whether some position changes at about its measured rate, on this clock."""
     for dof in DOFS.values():
         if dof.name in ("surge", "sway") or dof.position not in run or dof.velocity not in run:
             continue

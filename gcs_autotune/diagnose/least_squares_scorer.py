@@ -267,7 +267,7 @@ def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted]
 
 
 def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
-    """Return the sum of squares, over *levels*, of what is left from *late* [s] after the start of each run on."""
+    """Return the sum of squares, over *levels*, of the residuals from *late* [s] after the start of each run."""
     total = 0.0
     for rest in fitted.rests:
         known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)

@@ -129,7 +129,7 @@ def _places(x: Array) -> tuple[Array, Array]:
 
 
 def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
-    """Return the mean missing force over *name*, and which share of it the other runs (or halves) foretell so."""
+    """Return the mean missing force over *name*, and the fraction of it that the other runs (or halves) predict."""
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
     alone = len(pieces) == 1
     if alone:
@@ -262,7 +262,7 @@ def _of(missing: MissingForce) -> str:
 
 
 def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
-    """Return in words why a candidate that fits the given runs is not named."""
+    """Return, in words, why a candidate that fits the given runs is not reported."""
     candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
     fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:

@@ -134,9 +134,10 @@ class WithProcessNoise:
         return ends
 
     def _or_hinted(self, tried: EffectInstance, best: NoisyFit) -> NoisyFit:
-        """Return the fit of a candidate, or the valley beside it that the hint lies in, where that predicts far better.
+        """Return the fit of a candidate, or the local minimum near the hint if that predicts far better.
 
-        Of a craft that was taken for a quicker one a candidate may stay in the valley where the plain model was.
+        If the time constant of the craft came out too small, a candidate may stay in the local minimum of the plain
+        model.
         """
         hint, problem, present = self.hint, self.problem, self.present
         if hint is None or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
@@ -197,8 +198,10 @@ class WithProcessNoise:
         return replace(found, lacks=lacks)
 
     def _sound(self, found: Score) -> Score:
-        """Return *found* with its error some seconds ahead, over that of the present model, and why it is not to be
-        accepted although it pays, if so: no model of the craft stands with it, or it predicts no better so far ahead.
+        """Return *found* with its error some seconds ahead, relative to the present model, and why it is rejected, if
+        it is.
+
+        It is rejected if the fit is not a model of the craft, or if it predicts no better at that horizon.
         """
         if found.lacks is not None:
             return found

@@ -67,9 +67,9 @@ def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
 
 
 def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
-    """Return a model whose file holds every number as known with these free: in question they are all the same.
+    """Return a model whose file fixes every number with all of them free, because all are in question.
 
-    Of rigid body and added mass only the sum acts: the former stays known where there is any of the latter.
+    Only the sum of rigid-body and added mass acts. The former stays fixed if there is any of the latter.
     """
     form = model.base.form
     if form.free:
@@ -83,7 +83,7 @@ def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighing:
-    """Numbers under judgement: what the model says (``old``), beside the causes of a search that has ended."""
+    """Numbers in question: the model's values (``old``), with the causes of a finished search."""
 
     state: SearchState
     given: ModelInQuestion
@@ -113,10 +113,10 @@ class _Weighing:
         return alone, alone.fit(theta, effects, begin.initial, shift=begin.shift)
 
     def contradicted(self) -> tuple[Problem, Fitted, dict[Key, float]]:
-        """Return the fit in which only numbers that the runs do not bear are the runs' own.
+        """Return the fit in which only the numbers that the runs contradict have the runs' values.
 
-        And by how much minus twice the log-likelihood rises when one of these is given back, the others fitted to it:
-        where a number is told by curvature alone Wald's statistic may be anything.
+        Also return by how much minus twice the log-likelihood rises when one of these is reset and the others are
+        refitted. For a number determined only by curvature, Wald's statistic is not reliable.
         """
         problem, fit = self.state.problem, self.state.fitted
         free = list(self.values(fit))
@@ -237,10 +237,10 @@ def _with_own_numbers(weighing: _Weighing, problem: Problem, fit: Fitted) -> Hel
 
 
 def _less_of_all(before: HeldOut, after: HeldOut) -> bool:
-    """Whether the 95 % interval of the ratio of errors lies below one for every signal.
+    """Whether the 95 % interval of the error ratio lies below one for every signal.
 
-    Where causes fit the runs more closely than they foretell them, no likelihood at the fit's own noise levels can
-    tell that much larger errors became smaller ones; blocks drawn with replacement can.
+    If causes fit the runs better than they predict them, the likelihood at the fit's noise levels cannot show a
+    reduction of much larger errors. Blocks drawn with replacement can.
     """
     ratios = [g.ci95[1] for g in gains_of(before, after, "")]
     return bool(ratios) and all(r < 1.0 - MATERIAL for r in ratios)
@@ -282,8 +282,8 @@ def _number(
 def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
     """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects.
 
-    A number is wrong that is off both with the causes found and with these set aside: what a cause accounts for is the
-    cause's.
+    A number is wrong if it differs both with and without the causes found. A difference that a cause explains belongs
+    to the cause.
     """
     state, given = weighing.state, weighing.given
     if given.theirs is None:

@@ -39,7 +39,7 @@ CURVED = frozenset({"dead-zone", "saturation", "quadratic-actuator", "asymmetric
 
 SETTLED = 1.0 - math.exp(-1.0)
 _START = 0.3
-"""Delay to begin from, in shares of the craft's time constant."""
+"""Starting delay relative to the craft's time constant."""
 
 Key = tuple[str, str]
 
@@ -148,7 +148,7 @@ class _Numbers:
     sizes: Mapping[str, float]
 
     def force(self, name: str) -> float:
-        """Return a derivative with what the effects add."""
+        """Return a derivative including the contribution of the effects."""
         total = self.base.get(name, 0.0)
         for e in self.effects:
             if EFFECTS[e.slug].acts_on <= {"motion"}:

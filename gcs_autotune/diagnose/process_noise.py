@@ -250,15 +250,16 @@ def search_with_process_noise(
 
 
 def _reconsidered(search: NoiseSearch) -> NoiseSearch:
-    """Return the search with what the drifting force gains beside its causes, and without those that are idle."""
+    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
     search = _without_idle(search)
     return replace(search, still=_over_constants(search.problem, search.fit))
 
 
 def _without_idle(search: NoiseSearch) -> NoiseSearch:
-    """Return the search without the names that explain nothing any more beside the one found last.
+    """Return the search without the causes that explain nothing once the last one is present.
 
-    A stock sub's thrust that falls with speed was its quadratic drag, found after it: 0.149 +- 0.2 was left of it.
+    Example: on a stock sub, thrust that falls with speed was replaced by quadratic drag, found after it; 0.149 +- 0.2
+    remained.
     """
     for cause in search.accepted[:-1]:
         rest = search.fit.without(cause.effect)
@@ -352,7 +353,7 @@ def _over_constants(problem: NoisyProblem, fit: NoisyFit) -> float:
 
 
 def _beside(problem: NoisyProblem, fit: NoisyFit, own: EffectInstance) -> NoisyFit | None:
-    """Return *fit* again with a constant force beside its noise, which is smaller and forgotten sooner without it."""
+    """Return *fit* again with a constant force. Its process noise starts smaller and with a shorter time constant."""
     shorter = replace(fit.noise, size=SHRUNK * fit.noise.size, memory=SHRUNK * fit.noise.memory)
     tries = [problem.fit(fit.theta, (*fit.effects, own), noise) for noise in (fit.noise, shorter)]
     return max((f for f in tries if f is not None), key=lambda f: f.total, default=None)
@@ -370,10 +371,10 @@ def _constants(problem: NoisyProblem, fit: NoisyFit) -> list[EffectInstance]:
 
 
 def _with_constant(search: NoiseSearch, slugs: Sequence[str]) -> NoiseSearch:
-    """Return the search with a constant force named, where it is supported beside process noise; else unchanged.
+    """Return the search with a constant force as a cause, if it is supported with process noise; else unchanged.
 
-    A constant and a drifting force are nested laws, and a drifting force remembers a constant as well as it can. So the
-    constant is tried before any other cause, and as the only try.
+    A constant and a drifting force are nested laws, and a drifting force can approximate a constant. The constant is
+    therefore tried before any other cause, and as a single trial.
     """
     problem = search.problem
     offered = [e for e in _constants(problem, search.plain) if e.slug in slugs]

@@ -320,9 +320,9 @@ def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:
 
 
 def _gain_at(problem: NoisyProblem, pace: float) -> float:
-    """Return the gain per inertia with which a craft of that *pace* [s] best follows the commands from rest.
+    """Return the gain per inertia with which a craft of time constant *pace* [s] best follows the commands from rest.
 
-    From one sample to the next, for what a drifting force did before adds up in the position itself.
+    The comparison is from one sample to the next, because earlier drifting forces accumulate in the position.
     """
     told, drawn = 0.0, 0.0
     for segment in problem.segments:

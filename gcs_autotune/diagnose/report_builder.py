@@ -155,7 +155,7 @@ def _without_useless(state: SearchState) -> SearchState:
 
 
 def _reversed(state: SearchState) -> list[Doubt]:
-    """Return a doubt where commands act opposite to their names: thruster labels exchanged, say."""
+    """Return a doubt if commands act opposite to their names, for example with exchanged thruster labels."""
     final, weather = state.fitted, state.with_noise
     form, model = final.model.base.form, final.model.base
     values = {n: model[n] for n in form.parameters}
@@ -268,7 +268,7 @@ def unfinished_report(
 
 
 def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> Doubt:
-    """Return the doubt that says at what a search was stopped, what was tried and what is left."""
+    """Return the doubt that states where a search was stopped, what was tried and what is left."""
     later = [s.removeprefix(NOT_BEGUN) for s in dict.fromkeys(state.cut) if s.startswith(NOT_BEGUN)]
     tried = list(dict.fromkeys(r.cause for r in ranking))
     at = "" if effort.stopped.startswith(NOT_BEGUN) else f" during: {effort.stopped}"
@@ -322,7 +322,7 @@ def _ranked(search: Search) -> tuple[Ranked, ...]:
 def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[Doubt]:
     """Return a doubt for every cause of *order* that would explain the runs as well at another place.
 
-    A heading in degrees or a turn rate divided by 57.3: between two columns, runs tell only that they disagree.
+    Example: a heading in degrees, or a turn rate divided by 57.3. The runs show only that the two columns disagree.
     """
     found = []
     for step in state.steps:

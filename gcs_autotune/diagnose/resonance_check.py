@@ -173,9 +173,9 @@ def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> 
 
 
 def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: float) -> Fitted | None:
-    """Fit the craft with a spring of this frequency and damping rung by *channel*; None when the motion runs away.
+    """Fit the craft with a spring of this frequency and damping, excited by *channel*; None if the motion diverges.
 
-    How it swings when a segment begins is nobody's command's doing, and fitted too.
+    The spring's state at the start of a segment does not depend on commands and is fitted too.
     """
     swings = [_swings(s.passage, channel, omega, zeta) for s in problem.segments]
     own = [AT, SPEED, *(f"{word} at the start of segment {i}" for i in range(len(swings)) for word in (AT, SPEED))]
@@ -195,7 +195,7 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
 
 
 def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[Passage, list[Array], list[Array]]:
-    """Return a passage told often enough, and on its stamps place and speed of the spring as rung and of one let go."""
+    """Return a passage with enough samples, and the position and speed of the spring, both excited and free."""
     passage = _finer(dense(passage), 0.5 / omega)
     command = passage.commands[channel]
     at, speed = rung(omega, zeta, passage.t_in, command)
@@ -207,7 +207,7 @@ def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[
 
 
 def _finer(passage: Passage, longest: float) -> Passage:
-    """Return the passage with its inputs told at least every *longest* [s]."""
+    """Return the passage with an input at least every *longest* [s]."""
     steps = np.diff(passage.t_in)
     counts = np.maximum(np.ceil(steps / longest).astype(int), 1)
     starts = np.repeat(passage.t_in[:-1], counts)
@@ -257,7 +257,7 @@ def _springs(omega: float, p: Array) -> list[Bend]:
 
 
 def _left(plain: Fitted, columns: Array) -> float:
-    """Return minus twice the log-likelihood with *columns* (n, k) besides all that was fitted, up to a constant."""
+    """Return minus twice the log-likelihood with *columns* (n, k) added to the fit, up to a constant."""
     signal = np.concatenate([np.full(int(np.isfinite(r.judged).sum()), r.signal) for r in plain.rests])
     error, X = plain.residual, np.column_stack([plain.jacobian, columns])
     size = np.linalg.norm(X, axis=0)

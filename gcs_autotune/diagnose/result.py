@@ -81,8 +81,8 @@ class Value:
 class ErrorReduction:
     """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
 
-    ``held_out`` says in words which runs or blocks were held out; ``each``: run -> error before and after on it, where
-    whole runs were held out.
+    ``held_out`` describes the held-out runs or blocks. ``each``: run -> error before and after, if whole runs were held
+    out.
     """
 
     metric: str
@@ -232,15 +232,15 @@ class Signature:
 
     findings: tuple[str, ...] = ()
     whiteness_p: float = math.nan
-    """Probability that white noise looks at least this coloured, over all signals and tests."""
+    """P-value of the whiteness test over all signals and tests."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Portrait:
-    """Residuals of one model, for pictures: free-run traces, and per signal the residual against what tells.
+    """Plot data of one model's residuals: free-run traces, and per signal the residual against related quantities.
 
     ``against``: name (``"time"``, ``"psi"``, ``"r"``, ``"N"`` ...) -> (x (n,), residual (n,), unit of x) of the signal
-    ``signal``; ``spectrum``: frequency [Hz] and power; ``correlation``: lag [s], autocorrelation; ``cross``: input or
+    ``signal``. ``spectrum``: frequency [Hz] and power. ``correlation``: lag [s], autocorrelation. ``cross``: input or
     state -> (lag [s], cross-correlation). ``one_step``: time and one-step residual. ``limit``: 95 % bound of a white
     residual's correlations.
     """

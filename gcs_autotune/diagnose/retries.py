@@ -94,7 +94,7 @@ def search_all_runs(state: SearchState) -> SearchState | None:
 
 
 def _is_another_craft(state: SearchState) -> bool:
-    """Whether the base is not the craft any more that it was when first fitted: a name beside it means nothing."""
+    """Whether the base differs so much from its first fit that a cause added to it is meaningless."""
     model, first = state.base.model.base, state.problem.data_summary.time_constant
     now = []
     for i, dof in enumerate(model.form.dofs):
@@ -112,9 +112,10 @@ def _is_lost(state: SearchState) -> bool:
 
 
 def _contradicted(state: SearchState) -> bool:
-    """Whether nothing was found in the runs to fit, and yet the runs kept apart are predicted far worse than those.
+    """Whether the fitted runs show no cause, while the separate runs are predicted far worse.
 
-    Nothing: they show nothing, or what they show is explained, in all or in part, by causes that foretell nothing.
+    The fitted runs show no cause if their residuals are noise, or if only causes explain them that do not predict other
+    runs.
     """
     if state.fitted.effects or not state.base_unseen.complete:
         return False
@@ -127,22 +128,22 @@ def _contradicted(state: SearchState) -> bool:
 def _refuted(step: SearchStep[Fitted]) -> bool:
     """Return whether some candidate clearly improves the fit of the fitted runs but no prediction of held-out runs.
 
-    Runs of one size of command each know nothing of what the next size does: only together they tell the law.
+    Runs with one size of command each do not predict the next size. Only together they identify the law.
     """
     paying = [j for j in step.judged if j.evidence > 0.0 and j.gained > j.needed]
     return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
 
 
 def _surely_gains(state: SearchState) -> bool:
-    """Whether all that was found surely lowers the error of some signal left out.
+    """Whether all causes together significantly lower the held-out error of some signal.
 
-    Each cause did when it came, over what was there before; what its rivals took the place of counts no more.
+    Each cause did so when it was accepted. Gains of causes that were replaced later do not count.
     """
     return any(g.ci95[1] < 1.0 for g in gains_of(state.base_unseen, state.present_unseen, state.parts.words))
 
 
 def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
-    """Whether what was found lowers the error over *whole* runs too, all signals together."""
+    """Whether the causes also lower the error over *whole* runs, all signals together."""
     before, after = (_error(state, fitted, whole) for fitted in (state.base, state.fitted))
     if after is None:
         return False

@@ -73,7 +73,7 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
 
 
 def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ...], float] | None:
-    """Return what runs say of their days at *fit*, and their log-likelihood were there none."""
+    """Return the likelihood of each run's offsets at *fit*, and the log-likelihood without them."""
     says = problem.says(fit)
     bare = problem.fit(
         fit.theta, fit.effects, replace(fit.noise, day_force=0.0, day_thrust=0.0), only_log_likelihood=True

@@ -303,5 +303,5 @@ def error_ratio(before: HeldOut, after: HeldOut) -> float:
 
 
 def _learnt(fitted: Fitted) -> int:
-    """Return how many numbers were learnt from what was left over."""
+    """Return how many numbers were learnt from the residuals."""
     return sum(len(e.values) for e in fitted.effects if EFFECTS[e.slug].is_disturbance)

@@ -169,8 +169,9 @@ def _couples(causes: Sequence[EffectInstance], dof: str) -> bool:
 
 
 def _outdone(search: NoiseSearch, state: SearchState) -> bool:
-    """Whether the causes of the search before explain the runs better under process noise too; what couples motions
-    stands, for one motion alone cannot judge it.
+    """Whether the causes of the earlier search explain the runs better, also with process noise.
+
+    Causes that couple motions are kept, because a single motion cannot test them.
     """
     if _couples(state.causes, search.dof):
         return True

@@ -211,6 +211,6 @@ def _without(problem: Problem, found: Fitted, own: tuple[str, str]) -> Fitted | 
 
 
 def _missed(problem: Problem, found: Fitted) -> dict[str, float]:
-    """Return what a model misses of every signal beyond its noise, in shares of the motion."""
+    """Return a model's error of every signal beyond noise, relative to the motion."""
     noise = {n: problem.data_summary.level.get(n, 0.0) for n in found.levels}
     return {n: math.sqrt(max(s**2 - noise[n] ** 2, 0.0)) / problem.motion[n] for n, s in found.levels.items()}

@@ -174,7 +174,7 @@ def _by_motion(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid:
 
 
 def _shifted_to(laid: _Laid, runs: Sequence[Trial]) -> tuple[list[Trial], list[Number], list[Doubt]]:
-    """Return simulations on the runs' clocks, the offsets that were wrong, and what is doubtful about the clocks."""
+    """Return simulations on the runs' clocks, the corrected offsets, and the doubts about the clocks."""
     placed: list[Trial] = []
     offsets: list[tuple[str, float, float]] = []
     doubts: list[Doubt] = []
@@ -210,7 +210,7 @@ def _on(simulation: Trial, clock: Clock) -> Trial:
 
 
 def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[Doubt]:
-    """Return what the commands of both files leave open about the clock."""
+    """Return the doubts about the clock that the commands of both files do not resolve."""
     doubts = []
     if match.kind == "constant" and holds_commands:
         cause = (
@@ -579,7 +579,7 @@ def _reclocked(trial: Trial, scale: float) -> Trial:
 
 
 def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, tuple[float, float]]:
-    """Return per signal what a simulation's must be divided by, where that is no gain a craft may have."""
+    """Return the factor per signal by which a simulation's must be divided, if no craft can have that gain."""
     found: dict[str, tuple[float, float]] = {}
     for name in MOTIONS:
         pairs = _pairs(simulations, runs, [name])

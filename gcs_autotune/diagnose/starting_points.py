@@ -222,7 +222,7 @@ def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted |
 
 
 def _where_told(fit: Fitted, present: Fitted) -> Array:
-    """Return the base's numbers of *fit* where it tells them, those of *present* elsewhere."""
+    """Return the base's numbers of *fit* where it determines them, those of *present* elsewhere."""
     theta = present.theta.copy()
     std = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for k, name in enumerate(fit.free):

@@ -141,7 +141,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
 def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
     """Return the present model fitted from where a winner ended, if that is better: the gain was not the winner's.
 
-    A cause that gives a fit the way out of a valley must not be credited with what it found outside.
+    A cause that only helps a fit to leave a local minimum must not get the credit for the better minimum.
     """
     present = state.fitted
     again = state.problem.fit(fitted.theta, present.effects, fitted.initial, shift=fitted.shift)
@@ -185,11 +185,11 @@ class _Path:
 def _look_ahead(
     state: SearchState, step: SearchStep[Fitted], stage: str, farthest: int
 ) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
-    """Return steps, all accepted, that pay together; None when no path does. *step*: the one where nothing paid.
+    """Return accepted steps that help together; None if no path does. *step*: the one in which no cause helped.
 
-    Where two things are wrong, mending one may foretell no better (a position drifts all the same), so that no step
-    pays by itself. The likeliest causes are each followed by the best next one, by likelihood alone; the best of these
-    pairs, if it does not pay either, by a third (up to *farthest*).
+    If two things are wrong, correcting one may not improve the prediction, because a position drifts all the same. The
+    likeliest causes are each combined with the best next one, by likelihood alone. If the best pair does not help
+    either, a third is added (up to *farthest*).
     """
     paths: list[_Path] = []
     likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
@@ -338,7 +338,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
 
 
 def _is_all(dof: str, problem: Problem) -> bool:
-    """Whether one motion is all that was measured: names found in it alone say nothing of what couples it to others."""
+    """Whether only one motion was measured, so that causes found in it contain no information on coupling."""
     own = DOFS[dof]
     return set(problem.data_summary.signals) <= {own.velocity, own.position}
 

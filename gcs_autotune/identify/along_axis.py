@@ -48,7 +48,7 @@ REPEATS: number of messages in a row with one value. STEADY: fraction of its cha
 def _measured_anew(channel: Channel) -> Channel:
     """Return *channel* without the messages that repeat the last measurement of a slower sensor.
 
-    A repeated value is no measurement at its own stamp: it is late by up to a period of the sensor.
+    A repeated value is late by up to a period of the sensor.
     """
     changes = np.flatnonzero(np.diff(channel.values) != 0.0) + 1
     if len(changes) < REPEATS:

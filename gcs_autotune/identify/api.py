@@ -107,7 +107,7 @@ def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence
 
 
 def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:
-    """Refuse what a fit with effects cannot do."""
+    """Reject arguments that a fit with effects does not support."""
     if method != "output-error":
         raise UsageError(f"effects and start values need method output-error, not '{method}'")
     if options:
@@ -303,14 +303,14 @@ ModelT = TypeVar("ModelT", bound=Model)
 
 
 def _with_doubts(fit: Fit[ModelT], doubts: Sequence[Doubt]) -> Fit[ModelT]:
-    """Add what is doubtful about the runs themselves, each once."""
+    """Add the doubts about the runs themselves, each once."""
     known = {(d.slug, d.cause) for d in fit.doubts}
     new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
     return replace(fit, doubts=(*new.values(), *fit.doubts)) if new else fit
 
 
 def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[Doubt]:
-    """Return a doubt for what these runs, or the question, ask of *method* and it cannot take."""
+    """Return a doubt for what the runs or the arguments require and *method* does not support."""
     found = []
     dating = max(s.dating for s in segments)
     if dating > 0.0 and "stamps" not in method.bears:

@@ -343,9 +343,9 @@ def _best_from(
     effects: Sequence[EffectInstance],
     trials: int = 30,
 ) -> Fitted | None:
-    """Return the best fit from these parameters, initial states and shifts; None when all run away.
+    """Return the best fit from these parameters, initial states and shifts; None if all diverge.
 
-    Where there is no time for one fit it is the best of them as they are: whoever gave the time has something to tell.
+    If there is no time for a single fit, the best start is returned as it is, so that there is a result to report.
     """
     begun, fits = [], []
     with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost

@@ -46,7 +46,7 @@ class DelayVerdict:
 
 
 def weigh_delay(fits: Callable[[float], tuple[Solution | None, Solution | None]]) -> DelayVerdict:
-    """Weigh a delay; *fits* returns both fits, without and with one, to the samples after so many seconds."""
+    """Decide on a delay; *fits* returns both fits, without and with one, to the samples after a given time [s]."""
     margin = FIRST_MARGIN
     while True:
         plain, lagged = fits(margin)

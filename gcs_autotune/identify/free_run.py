@@ -105,7 +105,7 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
     UsageError
         The model is of a kind that cannot be simulated on a run.
     NotInformative
-        The model runs away on a run's input; and as the preparation of the runs.
+        The model diverges on a run's input; and as the preparation of the runs.
     """
     if not isinstance(model, (SingleDof, CoupledModel, ExtendedModel)):
         raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
@@ -129,7 +129,7 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     Raises
     ------
     NotInformative
-        When the model runs away on this input; and as :func:`gcs_autotune.identify.preparation.prepare`.
+        When the model diverges on this input; and as :func:`gcs_autotune.identify.preparation.prepare`.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])
@@ -197,7 +197,7 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
     Raises
     ------
     NotInformative
-        The model runs away on this run's inputs.
+        The model diverges on this run's inputs.
     """
     if isinstance(model, SingleDof):
         return _axis(model, segment.only(tuple(names) or first_names([segment])))
@@ -292,7 +292,7 @@ def _best_start(
 def _simulated(
     simulator: Simulator, theta: Array, x_0: Array, record: Segment
 ) -> dict[str, tuple[Array, Array]] | None:
-    """Return every signal of *record* at its own stamps with sensitivities; None when the motion runs away."""
+    """Return every signal of *record* at its own stamps with sensitivities; None if the motion diverges."""
     stamps = record.stamps
     found = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
     if found is None:

@@ -76,7 +76,7 @@ class FittedModel:
         Raises
         ------
         NotInformative
-            The model runs away.
+            The model diverges.
         """
         own = self.records[record]
         stamps = own.stamps
@@ -91,14 +91,14 @@ class FittedModel:
 def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedModel:
     """Return *fit* on *trials*, its initial states fitted to them.
 
-    Noise is what the fit found, and where it says nothing the rms of what the free run leaves.
+    The noise is that of the fit or, if the fit has none, the rms residual of the free run.
 
     Raises
     ------
     UsageError
         The fit's model is of a kind that cannot be simulated, or nothing in it was fitted.
     NotInformative
-        The model runs away on a run; and as :func:`prepare_form`.
+        The model diverges on a run; and as :func:`prepare_form`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     model = fit.model

@@ -79,7 +79,7 @@ TRIALS, ROUGH = 25, 1e-4
 """Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
 
 FEW = 2
-"""Trials that tell whether a form suits the pieces at all."""
+"""Number of trials that show whether a form suits the pieces at all."""
 
 LIGHTEST = 0.02
 """Smallest inertia of a start, relative to the one whose acceleration takes all known forces."""

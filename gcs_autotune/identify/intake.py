@@ -153,8 +153,10 @@ doubt."""
 WINDOW = 1.0
 """Comparison window [s]: twice the span over which a heading's own rate is calculated."""
 STRETCHES, ALONG_TRACK = 20, 0.25
-"""Chosen: a track is compared over so many stretches, and speeds are the track's where so explained they leave at most
-this share of what they leave as the craft's, and of the track itself."""
+"""Number of stretches over which a track is compared, and a limit for speeds that are the track's.
+
+Explained as the track's, their residual must be at most this fraction of that as the craft's, and of the track itself.
+"""
 TURNED = 0.3
 """Turn [rad] that a comparison needs; on a straight course exchanged columns also look like those of the track."""
 TURN = 3.5
@@ -230,7 +232,7 @@ def check_axes(trial: Trial) -> None:
 
 
 def _inputs_alone(trial: Trial) -> list[Doubt]:
-    """Judge inputs by their size: a rudder cannot go beyond half a turn, nor a share of full output far beyond 1."""
+    """Check inputs by their size: a rudder angle is below half a turn, a normalised output about 1 at most."""
     found: list[Doubt] = []
     for name in ("delta", *(dof.force for dof in DOFS.values())):
         if name not in trial or len(trial[name]) == 0:

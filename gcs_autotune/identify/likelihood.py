@@ -160,7 +160,7 @@ class Objective(FreeNumbers):
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
     def residuals(self, x: Array) -> tuple[Residual, ...] | None:
-        """Return the residuals with Jacobians; None when a simulation runs away. The last places are remembered."""
+        """Return the residuals with Jacobians; None when a simulation diverges. The last places are remembered."""
         key = x.tobytes()
         if key not in self._recent:
             while len(self._recent) >= REMEMBERED:
@@ -169,7 +169,7 @@ class Objective(FreeNumbers):
         return self._recent[key]
 
     def predicted(self, x: Array, *, sensitivities: bool) -> tuple[Residual, ...] | None:
-        """Return the residuals at *x*, with Jacobians if asked; None when a simulation runs away."""
+        """Return the residuals at *x*, with Jacobians if asked; None when a simulation diverges."""
         theta, effects, initial, shift = self.unpack(x)
         found = []
         for i, segment in enumerate(self.problem.segments):
@@ -190,7 +190,7 @@ class Objective(FreeNumbers):
         return self.levels.get(name, known)
 
     def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
-        """Return cost, gradient and curvature at *x* with this *noise* per signal; None when a simulation runs away."""
+        """Return cost, gradient and curvature at *x* with this *noise* per signal; None when a simulation diverges."""
         found = self.residuals(x)
         if found is None:
             return None

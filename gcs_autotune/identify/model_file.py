@@ -44,8 +44,8 @@ class ModelFile:
     """A model, and what is known of where it came from.
 
     ``model`` always as one with effects; ``axis`` the model of one degree of freedom it was written as, if any.
-    ``inputs`` unit per input; ``noise`` standard deviation per signal; ``names`` and ``covariance`` (p, p) of what was
-    fitted, empty where the file does not say.
+    ``inputs`` unit per input; ``noise`` standard deviation per signal; ``names`` and ``covariance`` (p, p) of the
+    fitted numbers, empty if the file has none.
     """
 
     name: str

@@ -32,8 +32,10 @@ DRIVEN = 0.1
 """Range of a normalised output (10th to 90th percentile) from which it counts as driving something."""
 
 WINDOW, TURN = 2.0, 0.4
-"""Chosen [s], [rad]: a track without velocities is differenced over so long, or over so much change of heading: the
-chord is then 0.7 % shorter than the track."""
+"""Difference interval for a track without velocities, in time [s] or change of heading [rad].
+
+The chord is then 0.7 % shorter than the track.
+"""
 
 
 def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, list[str]]:
@@ -54,7 +56,7 @@ def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, 
 
 
 def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection[str]) -> str:
-    """Return what ``--dof`` must be to look at *besides* together with *dofs*; empty where the records forbid it."""
+    """Return the value of ``--dof`` that includes *besides* together with *dofs*; empty if the records forbid it."""
     wanted = {*dofs, *besides}
     horizontal = wanted <= set(FORMS["horizontal"].dofs) and "sway" in wanted
     option = "horizontal" if horizontal else ",".join(name for name in DOFS if name in wanted)

@@ -278,9 +278,10 @@ def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: M
 
 
 def _gathers_way(velocity: Channel) -> bool:
-    """Whether a velocity goes from one steady value to another: that tells of the craft under constant inputs too.
+    """Whether a velocity changes from one steady value to another, which identifies the craft under constant inputs
+    too.
 
-    A velocity that never settles under "constant" inputs is answering to something else: a stuck log, wind, waves.
+    A velocity that never settles under "constant" inputs responds to something else: a stuck log, wind, waves.
     """
     values = velocity.values
     noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
@@ -411,10 +412,10 @@ def _dating_of(trial: Trial, drive: Channel) -> float:
     """Return how far [s] a jump of *drive* may lie from its stamp: 0 when stamps are exact, else (midway between two
     messages) half their distance.
 
-    The last moment without it is as far before the stamp as the first message with it comes after; that moment is the
-    message before, or, where the autopilot's ``loop_period`` is known, one loop later. An autopilot changes
-    its outputs at its own loop only and a relay switches in step with the telemetry, so the error is the same at
-    every jump: it does not average out.
+    The stamp lies midway between the last moment without the jump and the first message with it. That moment is the
+    message before, or one loop later if the autopilot's ``loop_period`` is known. An autopilot changes its outputs at
+    its own loop only, and a relay switches in step with the telemetry. The error is therefore the same at every jump
+    and does not average out.
     """
     if trial.meta.get("outputs_dated") != "midway":
         return 0.0

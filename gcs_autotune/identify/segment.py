@@ -24,7 +24,7 @@ __all__ = ["MIN_SAMPLES", "Segment", "Signal", "within_horizon", "without_signal
 Array = NDArray[np.float64]
 
 MIN_SAMPLES = 20
-"""Fewest output samples of a segment worth fitting. Chosen: three per parameter to be told apart."""
+"""Minimum number of output samples of a segment: three per parameter to distinguish."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -74,7 +74,7 @@ class _Point:
 
     @property
     def misfit(self) -> float:
-        """Mean square of what the model leaves over: nearly a parabola in the share, far more so than its logarithm."""
+        """Mean square of the residual: nearly a parabola in ``q``, more so than its logarithm."""
         return self.fit.residual_rms**2
 
     @property
@@ -179,7 +179,7 @@ def _profile(at: Callable[[float], _Point]) -> list[_Point]:
 
 
 def _neighbours(away: float, std: float) -> bool:
-    """Whether a point so far *away* does for one that is wanted at a distance *std*, on the same side."""
+    """Whether a point at the distance *away* may replace one required at the distance *std*, on the same side."""
     return NEAR < away / std < FAR
 
 
@@ -204,7 +204,7 @@ def _top(points: Sequence[_Point]) -> float | None:
 
 
 def _spread(points: Sequence[_Point], best: _Point) -> float:
-    """Return the standard error of the share from the valley's curvature; infinite when it has none."""
+    """Return the standard error of ``q`` from the curvature of the profile; infinite without curvature."""
     curve = _parabola(points)
     if curve is None:
         return math.inf
@@ -212,7 +212,7 @@ def _spread(points: Sequence[_Point], best: _Point) -> float:
 
 
 def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: float) -> Array:
-    """Return by how much the five change (5,) when the share does by its standard error."""
+    """Return the change of the five parameters (5,) when ``q`` changes by its standard error."""
     reach = min(std, UNKNOWN)
     if not reach > 0.0:
         return np.zeros(5)
@@ -228,7 +228,7 @@ def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: fl
 
 
 def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisFit:
-    """Return *fit* with the curve: its share among the parameters, its error in all of them."""
+    """Return *fit* with the curve: ``q`` among the parameters, its error in all of them."""
     reach = np.append(slope, min(std, UNKNOWN))
     covariance = np.outer(reach, reach)
     covariance[:5, :5] += fit.covariance

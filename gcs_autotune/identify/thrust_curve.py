@@ -46,23 +46,23 @@ QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 _UNEXPLAINED = 0.8
-"""The curve must bring what is left unexplained below this share of what it was..."""
+"""The curve must reduce the unexplained part below this fraction of its former value..."""
 _WORTH_A_LOOK = 4.0
-"""Chosen [percent]: what a straight actuator leaves unexplained that nobody need look into."""
+"""Unexplained part [percent] with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
-"""Chosen: a step whose output went so far beyond the oscillations (ratio) can tell that thrust levels off."""
+"""Ratio of a step's output to the oscillations, from which the step can show that thrust saturates."""
 _SIZES = 3
-"""Sizes of oscillation that tell a dead band from a curve."""
+"""Number of oscillation sizes that distinguish a dead band from a curve."""
 _STDS = 5.0
 """...and be this many standard errors from a straight line. Both chosen: a curve that matters passes both by far."""
 _WIDEST = 0.6
-"""Chosen: a neutral band is not looked for beyond this share of the smallest oscillation."""
+"""Widest neutral band tried, relative to the smallest oscillation."""
 _LEVELS = 60
 """Bands looked at, at most."""
 _CLOSER = 2
-"""So many of them, those that foretell the step best, are fitted with everything else."""
+"""Number of them, those that predict the step best, that are fitted with everything else."""
 _HALF = 0.5
-"""Output [fraction of full] of which a bend is told in words."""
+"""Output [fraction of full] at which a curve is described in words."""
 _SHARES = (0.1, 1.5)
 """What the share of n|n| can be."""
 
@@ -126,10 +126,10 @@ def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
 def _with_neutral_band(
     runs: Sequence[Trial], plain: AxisFit, curve: Fit[Model], bent: Fit[Model], step: Trial
 ) -> Fit[Model] | None:
-    """Return a model of *runs* and *step* whose actuator stands still in a band and acts in full beyond, if it pays.
+    """Return a model of *runs* and *step* whose actuator is at rest in a band and acts fully beyond, if that helps.
 
-    How wide the band is no gradient tells, for it acts by whole steps of the recorded output. So the step is simulated
-    with every width in question by *curve*, the model of the oscillations, none of which comes to rest within the band.
+    The width has no gradient, because it acts in whole steps of the recorded output. The step is therefore simulated
+    with every possible width by *curve*, the model of the oscillations. None of these comes to rest within the band.
     """
     smallest = min(float(np.max(np.abs(run[plain.model.axis.force].values))) for run in runs)
     bands = _bands(step, plain.model.axis.force, smallest)
@@ -200,8 +200,9 @@ def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
 
 
 def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: Sequence[str], has: str) -> Fit[Model]:
-    """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *simple*, which
-    *has* one effect.
+    """Return a model of all *runs* with the effects of *more* that they clearly need, the best first.
+
+    Otherwise return *simple*, which *has* one effect.
     """
     slugs: tuple[str, ...] = (has,)
     best, more = simple, list(more)
@@ -276,10 +277,10 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
 
 
 def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
-    """Return an output [fraction of full] and the share of the force there that goes with the square of the command.
+    """Return an output [fraction of full] and the fraction of the force there that is quadratic in the command.
 
-    The fitted share is that at the largest output of the runs it was fitted to. Told of one output, half of full, the
-    same thruster has the same share whatever was flown.
+    The fitted fraction applies to the largest output of its runs. At a fixed output, half of full, the same thruster
+    always has the same fraction.
     """
     share, reference = effect_number(found, QUADRATIC).value, _reference(found)
     square = share * max(_HALF - _lost(found), 0.0) / reference
@@ -287,7 +288,7 @@ def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
 
 
 def _lost(found: Fit[Model]) -> float:
-    """Return what a dead zone takes off commands beyond it; 0 without one."""
+    """Return the loss of commands beyond a dead zone; 0 without one."""
     assert isinstance(found.model, ExtendedModel)
     zones = (own for own in found.model.effects if own.slug == DEAD_ZONE)
     return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)

@@ -123,7 +123,7 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Expl
 def _signals(
     case: Case, start: Explicit, bounds: Bounds
 ) -> tuple[tuple[str, ...], dict[str, str], Explicit, Sequence[Segment]]:
-    """Return the names to fit, what was left out and why, a better start, and records better dated."""
+    """Return the signals to fit, those left out with reasons, a better start, and records with corrected stamps."""
     records = case.records
     if case.use is not None:
         return wanted_names(records, case.use), {}, start, records
@@ -323,7 +323,7 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
 
 
 def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
-    """Compare what each run says alone with what the others say, all with the drag structure chosen."""
+    """Compare the estimate of each run with that of the others, all with the chosen drag structure."""
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
     craft = [chosen.solution.form.parameters.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 

@@ -173,7 +173,7 @@ class _Compared:
 
 
 def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsistency | None:
-    """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
+    """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that diverges."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
     fitted = np.vstack([p.J for p in parts]) @ _root(_raised_covariance(solution))
@@ -256,7 +256,7 @@ def _root(covariance: Array) -> Array:
 
 
 def _scatter(error: Array, table: Array) -> float:
-    """Return the standard deviation of what *table* (n, p) cannot explain at all."""
+    """Return the standard deviation of what *table* (n, p) cannot explain."""
     residual = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
     return float(np.sqrt(residual @ residual / max(len(residual) - table.shape[1], 1)))
 

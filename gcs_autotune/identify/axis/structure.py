@@ -129,9 +129,9 @@ class _Fitter:
         )
 
     def must_fit(self, structure: Structure, begin: Explicit) -> Solution:
-        """Fit with the delay as it stands in *begin*; both drags start from the better of one drag alone.
+        """Fit with the delay of *begin*; both drags start from the better of the single drags.
 
-        A fit of both drags started anywhere else may wander off into a pair of opposite signs.
+        From other starts a fit of both drags may diverge to a pair of opposite signs.
         """
         found: Solution | None = None
         if structure == "affine":

@@ -193,7 +193,7 @@ def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
 
 
 def _descended(cost: _Cost, start: Array, box: Box) -> Array:
-    """Descend with weights that follow the misfit: each signal by what it leaves at the start, then at the end."""
+    """Descend with weights that follow the misfit: by each signal's residual at the start, then at the end."""
     x = start
     for _ in range(3):
         residuals = cost.objective.residuals(x)

@@ -112,7 +112,7 @@ def outcome(
 
 
 def _doubts(chosen: Delayed, limits: Limits) -> list[Doubt]:
-    """Return what is doubtful about the chosen fit."""
+    """Return the doubts about the chosen fit."""
     solution, records = chosen.local.solution, chosen.local.records
     std = np.sqrt(np.maximum(np.diag(solution.raised_covariance), 0.0)).tolist()
     values = dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True))

@@ -49,10 +49,10 @@ def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
 
 
 def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
-    """Fit to the end as any other model: coarse sensors as rounding, outliers weighed when asked.
+    """Fit to the end as any other model: coarse sensors as rounding, outliers weighted if required.
 
-    Where a disturbance is learnt from what is left over (outliers, a jump of the compass) it stays as it was learnt,
-    and the noise with it.
+    A disturbance that was learnt from the residuals (outliers, a jump of the compass) stays unchanged, and so does the
+    noise.
 
     Raises
     ------
@@ -140,13 +140,13 @@ LAST_TRIALS = 60
 def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) -> Fitted:
     """Return *fitted* with every effect of *specs* added and all parameters fitted together.
 
-    With two or more of them each is given a second chance from all its starts once the others are there, because
-    the first to come may have taken what belongs to the later ones.
+    With two or more effects each is fitted again from all its starts once the others are present. The first one may
+    have absorbed part of the later ones.
 
     Raises
     ------
     UsageError
-        An effect these runs cannot show. NotInformative: the motion runs away with it from every start.
+        An effect these runs cannot show. NotInformative: the motion diverges with it from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

@@ -106,7 +106,7 @@ def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
 
 
 def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -> NomotoFit:
-    """Return the fit at the relative model error that makes chi-squared what it should be."""
+    """Return the fit at the relative model error at which chi-squared has its expected value."""
 
     def at(error: float, start: Array | None = None) -> tuple[Array, float]:
         theta = _search(response, order, delay, error, start, free=free)
@@ -136,7 +136,7 @@ def _check_reach(model: Nomoto2, lowest: float) -> None:
 
 
 REACH = 30.0
-"""Longest time of the second order, times the lowest frequency. Chosen: beyond, the gain at rest is a guess."""
+"""Longest time of the second order, times the lowest frequency. Beyond it the static gain is a guess."""
 
 BISECTIONS = 10
 """Halvings of the model error's logarithm: leaves it uncertain by 1 %."""

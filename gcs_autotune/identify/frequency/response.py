@@ -38,8 +38,7 @@ class FrequencyResponse:
 
     ``omega`` [rad/s] ascending; ``value`` complex gain [velocity unit per input unit]; ``std`` standard deviation of
     its real and of its imaginary part; ``coherence`` squared, 0 to 1; ``averages`` independent ones behind each point;
-    ``input_power`` relative to the strongest point;
-    ``source`` tells how it was measured.
+    ``input_power`` relative to the strongest point; ``source``: how it was measured.
     """
 
     omega: Array

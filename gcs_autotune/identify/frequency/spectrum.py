@@ -53,7 +53,7 @@ ROUNDS = 3
 """Number of times the model is fitted and subtracted; the third changes a gain by less than its error."""
 
 STRONG = 1e-4
-"""Least input power, relative to the strongest point, of points the model is fitted to."""
+"""Least input power, relative to the strongest point, of the points that the model is fitted to."""
 
 
 BLOCKS = 4
@@ -106,7 +106,8 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
 def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tuple[float, float]:
     """Return the constant force of linear motion and its standard error.
 
-    It balances the means of inertia, drag and input over any stretch; :data:`BLOCKS` of each record tell the scatter.
+    It balances the means of inertia, drag and input over any stretch. The scatter comes from :data:`BLOCKS` of each
+    record.
     """
     forces = []
     for run in (sampled(record) for record in records):

@@ -147,7 +147,7 @@ def _next(task: Task, result: FilterResult, covariance: Array, smoothed: Smoothe
 
 
 def _alone(after: Array, before: Array) -> Array:
-    """Return what the data alone say: the covariance *after* a pass without the information of that *before* it."""
+    """Return the covariance from the data alone: *after* a pass, without the information of that *before* it."""
     unit = np.sqrt(np.diag(before))
     w, V = np.linalg.eigh(after / np.outer(unit, unit))
     root = V * np.sqrt(np.maximum(w, 1e-300))

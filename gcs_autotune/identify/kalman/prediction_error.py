@@ -87,7 +87,7 @@ class _Likelihood:
         return Levels(noise, together[m:], np.zeros(0))
 
     def at(self, point: _Point, *, full: bool = False) -> FilterResult | None:
-        """Return the filter's pass at *point*, what is known of a shift of stamps in its log likelihood."""
+        """Return the filter's pass at *point*; its log-likelihood includes the prior of a shift of stamps."""
         result = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
         if result is None or self.task.stamps is None:
             return result
@@ -187,7 +187,7 @@ def _moved(point: _Point, p: int, i: int, by: float) -> _Point:
 def _line(
     likelihood: _Likelihood, point: _Point, here: FilterResult, step: Array
 ) -> tuple[FilterResult | None, _Point, float]:
-    """Return the first point along *step*, halved if need be, that is more likely; None when there is none."""
+    """Return the first point along *step*, halved if necessary, that is more likely; None if there is none."""
     p, length = len(point.parameters), 1.0
     for _ in range(12):
         trial = _Point(point.parameters + length * step[:p], point.logs + length * step[p:])

@@ -136,14 +136,14 @@ def _dynamics(r: StepReading, theta: Array) -> float | None:
 
 
 POINTS, TOP = 240, 20.0
-"""Chosen: steps in which a response is integrated, and how many times its fastest it may be before it runs away."""
+"""Number of steps in which a response is integrated, and the multiple of its fastest velocity at which it diverges."""
 
 
 def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float, float, float]]:
-    """Return (k_ss, lag) that are read off the model's responses over the seconds they were read off the record's.
+    """Return (k_ss, lag) of the model's responses, read over the same seconds as the record's.
 
-    And, third, by how much the velocity at the end of them still differs from that k_ss. NaN where a reading does not
-    say which these were, or where it started from is not known.
+    The third value is the remaining difference of the velocity from that k_ss at the end. NaN if a reading does not
+    contain the seconds, or if its initial velocity is unknown.
     """
     alpha, beta, quadratic, delta = (float(value) for value in theta)
     known = [

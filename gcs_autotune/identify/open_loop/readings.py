@@ -166,7 +166,7 @@ def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tu
 
 
 def _band(t: Array, values: Array, end: float, span: float) -> float:
-    """Return how far a held input may wander: little when it is a command, else by its noise."""
+    """Return how far a held input may vary: little for a command, else by its noise."""
     held = np.diff(np.append(t, max(end, float(t[-1]))))
     tick = float(np.percentile(held[held > 0.0], 5)) if (held > 0.0).any() else 0.0
     if float(held[held > 8.0 * tick].sum()) > STILL * float(held.sum()) or len(values) < 20:

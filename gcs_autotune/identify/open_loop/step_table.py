@@ -1,12 +1,13 @@
 """Miskovic2010, table 4.1: a model of one degree of freedom from two numbers read off a step; do all steps agree?
 
-``tau`` is the input after the step, ``Delta`` included; all signs as recorded. ``k_ss`` is the steady velocity
-((4.28), (4.39)), ``eps_v`` the velocity error (4.40): what the settled position line shows at the instant of the
-step. The same closed forms are the special cases of two integrals along the response, :func:`lag` and
-:func:`time_to`, which hold for any structure and any velocity before the step.
+``tau`` is the input after the step, ``Delta`` included; all signs as recorded. ``k_ss`` is the steady velocity ((4.28),
+(4.39)), ``eps_v`` the velocity error (4.40): what the settled position line shows at the instant of the step. The same
+closed forms are the special cases of two integrals along the response, :func:`lag` and :func:`time_to`, which hold for
+any structure and any velocity before the step.
 
-A model of constant parameters gives the same numbers whatever the size and sign of the input. Where they differ,
-:func:`unevenness` says how: by sign, by size, or in their scatter. Each test is made at 5 %: a hint, no proof.
+A model with constant parameters gives the same numbers for any size and sign of the input. If they differ,
+:func:`unevenness` reports how: by sign, by size, or in their scatter. Each test is at 5 %, which is a hint and not a
+proof.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Chance of each test to speak up without reason."""
+"""Probability of a false alarm of each test."""
 
 FEWEST = 4
 """Steps a side below which nothing is tested."""

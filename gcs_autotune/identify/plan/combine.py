@@ -182,7 +182,7 @@ def _slow_laws(place: _Place, x: Array) -> dict[str, NoiseModel]:
 
 
 def _correlated_length(error: Array) -> float:
-    """Return how many samples of *error* say as much as one of white noise would, 1 when it is white."""
+    """Return how many samples of *error* are equivalent to one of white noise, 1 if it is white."""
     if whiteness(error) > SIGNIFICANCE:
         return 1.0
     reach = min(2 * int(np.sqrt(len(error))), len(error) - 1)

@@ -47,7 +47,7 @@ __all__ = ["PLANS", "Final", "Plan", "PlanStep", "load_plan", "plan_from"]
 
 
 class _Motion(Struct, forbid_unknown_fields=True, frozen=True):
-    """What a step and the final model say alike."""
+    """Common part of a step and the final model."""
 
     dofs: list[Dof]
     manoeuvre: str | list[Name] = ""

@@ -297,7 +297,7 @@ def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
 
 
 def _estimate(step: PlanStep, found: Fit[Model]) -> StepEstimate | None:
-    """Return what a fit says of the parameters other steps may use; those at a bound or unseen say nothing."""
+    """Return a fit's estimate of the parameters that other steps may use, without those at a bound or unobservable."""
     order = list(found.parameters)
     names = tuple(
         n

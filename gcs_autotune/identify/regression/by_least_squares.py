@@ -1,11 +1,10 @@
 """The method ``least-squares``: linear regression of the equations of motion, for any form.
 
-Asked to be physical, M and D(nu) stay positive definite by a logarithmic barrier. Both are linear in the parameters,
-so the sets where they are positive definite are convex and ``-log det`` is their self-concordant barrier
-(Nesterov1994). With its weight lowered step by step the minimum goes to that of the constrained problem; see
-docs/decisions/0005. By itself ``-log det`` rewards growth without end where the runs say nothing; with the trace
-against the step before it is the divergence ``tr(A_0^-1 A) - log det A`` (James1961), convex too and smallest at
-``A = A_0``.
+Asked to be physical, M and D(nu) stay positive definite by a logarithmic barrier. Both are linear in the parameters, so
+the sets where they are positive definite are convex and ``-log det`` is their self-concordant barrier (Nesterov1994).
+With its weight lowered step by step the minimum goes to that of the constrained problem; see docs/decisions/0005. By
+itself ``-log det`` rewards unlimited growth where the runs contain no information. With the trace against the step
+before it is the divergence ``tr(A_0^-1 A) - log det A`` (James1961), convex too and smallest at ``A = A_0``.
 """
 
 from __future__ import annotations
@@ -88,12 +87,12 @@ def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
 
 
 def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
-    """Return *fit*; for a choice between structures a model that cannot be simulated is none.
+    """Return *fit*; if structures are compared, a model that cannot be simulated is excluded.
 
     Raises
     ------
     NotInformative
-        The model found runs away on its own runs.
+        The model diverges on its own runs.
     """
     for doubt in fit.doubts:
         if doubt.slug == RUNS_AWAY:

@@ -43,7 +43,7 @@ def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> li
     Raises
     ------
     NotInformative
-        The model runs away.
+        The model diverges.
     """
     model, clean = model_of(recipe.form, theta), []
     for record in records:

@@ -43,7 +43,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Solutions of the weighted equations. Chosen: the weights settle in five to eight."""
+"""Number of solutions of the weighted equations; the weights settle in five to eight."""
 
 
 def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
