@@ -129,12 +129,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     right = sum(not o["failures"] for o in done)
     at_once = sum(o["as_found_at_once"] for o in done)
     figures = [
-        count("vehicles left as before or as proved", right, len(done), least=1.0),
+        count("vehicles with old or proven parameters at the end", right, len(done), least=1.0),
         count("right at once", at_once, len(done)),
         count("tunes that wrote gains", sum(o["writes"] > 0 for o in done), len(done)),
     ]
     if asked.station:
-        headline("faulted_tunes-station", "whole tunes beside another station that gives orders", figures)
+        headline("faulted_tunes-station", "whole tunes while another station gives orders", figures)
     else:
         headline("faulted_tunes", "whole tunes with random faults, then restore", figures)
     return 1 if any(o["failures"] for o in done) else 0

@@ -59,7 +59,7 @@ def main() -> None:
         exact = loop_process(harmonic_response([loop_trial(r) for r in runs], "yaw", (1, 3)), 3, 1, gain=1.0)
         print(f"{name:>26} {worst(heading_loop(*loop_cycles(runs)), truth):20.1f} {worst(exact, truth):10.2f}")
     figures = [
-        Figure("describing function, worst parameter error of any process", max(rough_errors), "%"),
+        Figure("describing function, worst parameter error of all processes", max(rough_errors), "%"),
         Figure("measured harmonics, worst parameter error", max(exact_errors), "%"),
     ]
     headline("first_harmonic", "error of the describing function", figures)

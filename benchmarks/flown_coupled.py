@@ -86,7 +86,7 @@ def main() -> None:
         for name in PRODUCTS:
             coriolis[name].append((free.parameters[name].value, free.parameters[name].std))
     all_six = count("runs with all terms within 3 standard errors and 3 %", within, args.seeds, least=1.0)
-    headline("flown_coupled", "S-manoeuvres flown over MAVLink, read back as a coupled model", [all_six])
+    headline("flown_coupled", "S-manoeuvres flown over MAVLink, identified as a coupled model", [all_six])
     for name, found_errors in errors.items():
         z, rel = np.abs(np.array(found_errors)).T
         print(f"{name:7s} worst {z.max():5.2f} standard errors, {rel.max():6.2%}; rms {np.sqrt(np.mean(rel**2)):6.2%}")

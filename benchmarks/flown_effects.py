@@ -171,7 +171,7 @@ def main() -> None:
         count("hidden effects found in a group", named + alike, hidden),
         count("records without a false cause", clean, hidden + silent),
     ]
-    headline("flown_effects", "effects hidden behind the wire, flown and diagnosed", figures)
+    headline("flown_effects", "effects hidden in a simulated vehicle, flown and diagnosed", figures)
 
 
 if __name__ == "__main__":

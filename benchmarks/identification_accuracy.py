@@ -90,7 +90,9 @@ def main() -> None:
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 50
     print("bias/limit: |mean error| over 2.5 standard errors of the mean, must stay below 1")
     print("rms/bound: over the Cramer-Rao bound, must stay below 1.3")
-    worst = [Figure(f"{boat}, rms error over its bound, worst", max(assess(boat, seeds)), most=1.3) for boat in BOATS]
+    worst = [
+        Figure(f"{boat}, rms error / Cramér-Rao bound, worst", max(assess(boat, seeds)), most=1.3) for boat in BOATS
+    ]
     measures = "one axis: bias, scatter against the Cramér-Rao bound, coverage"
     headline("identification_accuracy", measures, sorted(worst, key=lambda figure: -figure.value))
     time_it()

@@ -60,7 +60,7 @@ def main(seeds: int) -> None:
         Figure("scatter over prediction, least", min(ratios)),
         Figure("scatter over prediction, greatest", max(ratios)),
     ]
-    headline("next_manoeuvre", "standard errors predicted for the next manoeuvre against scatter", figures)
+    headline("next_manoeuvre", "predicted standard errors of the next manoeuvre, compared with scatter", figures)
 
 
 if __name__ == "__main__":

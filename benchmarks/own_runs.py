@@ -406,7 +406,7 @@ def main() -> int:
     judged = [o for o in outcomes if not o.refused]
     right, claims = sum(not o.miss for o in judged), sum(bool(o.claims) for o in judged)
     seconds = [o.seconds for o in judged] or [0.0]
-    what = "model files with exactly the changed number wrong" if args.numbers else "own runs diagnosed right"
+    what = "model files with exactly the changed number wrong" if args.numbers else "own runs with the right diagnosis"
     figures = [
         count(what, right, len(judged), least=GOAL),
         Figure("lower 95 % bound of that rate", lower_bound(right, len(judged))),
@@ -415,7 +415,7 @@ def main() -> int:
         Figure("processor time of a diagnosis, most", max(seconds), "s"),
         count("refused: by the vehicle, or by the diagnosis", len(outcomes) - len(judged), len(outcomes)),
     ]
-    headline(f"own_runs{'-numbers' * args.numbers}", "our own runs diagnosed, against the vehicle file", figures)
+    headline(f"own_runs{'-numbers' * args.numbers}", "our own runs diagnosed, compared with the vehicle file", figures)
     return 0 if judged and right >= GOAL * len(judged) and not claims else 1
 
 

@@ -464,7 +464,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 flush=True,
             )
     _show_table(tuned, _cases(args.cases))
-    headline("reach", "whole tunes beside the best gains that a search finds", _figures(tuned))
+    headline("reach", "whole tunes compared with the best gains of a search", _figures(tuned))
 
 
 def _figures(tuned: Sequence[Tuned]) -> list[Figure]:

@@ -1,10 +1,10 @@
 """Headline figures of the benchmarks: one JSON file each, and the table of ``benchmarks/README.md`` made from them.
 
 A benchmark calls :func:`headline` at its end. That prints its figures. With ``BENCHMARKS_RECORD=1`` in the environment
-it also writes ``benchmarks/results/NAME.json`` and renews the table::
+it also writes ``benchmarks/results/NAME.json`` and updates the table::
 
     BENCHMARKS_RECORD=1 python3 -m benchmarks.first_harmonic     # measure and keep
-    python3 -m benchmarks.results                                # renew the table
+    python3 -m benchmarks.results                                # update the table
     python3 -m benchmarks.results reach                          # print all figures of one benchmark
 """
 
@@ -63,12 +63,12 @@ class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
     @property
     def shown(self) -> str:
-        """The number with its unit, such as ``0.24 s`` or ``19 of 20``."""
+        """The number to three digits with its unit, such as ``0.24 s``, or the count, such as ``19 of 20``."""
         if self.value is None:
             return "not finite"
         if self.of is not None:
             return f"{self.value:g} of {self.of}"
-        return f"{self.value:.6g} {self.unit}".rstrip()
+        return f"{float(f'{self.value:.3g}'):g} {self.unit}".rstrip()
 
     @property
     def goal(self) -> str:
@@ -200,7 +200,7 @@ def _machine() -> str:
 
 
 def main(names: Sequence[str]) -> int:
-    """Print the figures of the benchmarks named, or renew the table without a name."""
+    """Print the figures of the benchmarks named, or update the table without a name."""
     if not names:
         PAGE.write_text(page(), encoding="utf-8")
         return 0

@@ -143,7 +143,7 @@ def main() -> None:
         Figure("share of the plan's time, median", float(np.median(ratios)), most=0.6),
         Figure("share of the plan's time, worst", max(ratios)),
     ]
-    headline("self_planned_trials", "fly --until beside a fixed plan", figures)
+    headline("self_planned_trials", "fly --until compared with a fixed plan", figures)
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def main() -> None:
         kept += [baud] if was_kept else []
         print(row, flush=True)
     slowest = Figure(
-        f"{args.vehicle} {args.axis}, slowest rate of those tried at which it is kept", min(kept, default=0), "baud"
+        f"{args.vehicle} {args.axis}, slowest rate tried at which the tune is kept", min(kept, default=0), "baud"
     )
     measures = "a whole tune through a pseudo-terminal with a limited rate"
     headline("serial_radio", measures, [slowest, count("rates at which it is kept", len(kept), len(args.baud))])

@@ -124,7 +124,7 @@ def main() -> None:
         kept.append(Figure(f"{args.craft}, {name}, worst", 100.0 * worst, "%", most=goal_of))
         missed = sum(s > 1.0 for s in shares[name]) if name in shares else sum(not abs(e) <= 0.03 for e in found)
         print(f"{name:22s} rms {rms:7.2%}  worst {worst:7.2%}  beyond the goal {missed} of {args.seeds}")
-    headline("zig_zag_accuracy", "zig-zags flown over MAVLink against the hidden truth", kept)
+    headline("zig_zag_accuracy", "zig-zags flown over MAVLink, compared with the true parameters", kept)
 
 
 if __name__ == "__main__":

@@ -19,13 +19,15 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _LEAN: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
 
 entry: Callable[[_Function], _Function] = njit(**{**_LEAN, "cache": True})
-"""Compile a function that Python calls, and keep it on disk."""
+"""Compile a function that Python calls, and cache it on disk."""
 entry_without_lock: Callable[[_Function], _Function] = njit(**{**_LEAN, "cache": True, "nogil": True})
-"""The same, for a long one: other threads of Python go on meanwhile."""
+"""Compile as :data:`entry`, without the lock of the interpreter. Other Python threads run during a long call."""
 called: Callable[[_Function], _Function] = njit(**{**_LEAN, "cache": True, "no_cpython_wrapper": True})
-"""Compile a function that only compiled ones call: an entry for Python would be half of what there is to compile."""
+"""Compile a function that only compiled functions call. The omitted Python wrapper is half of the compiled code."""
 inlined: Callable[[_Function], _Function] = njit(**{**_LEAN, "forceinline": True, "no_cpython_wrapper": True})
-"""The same, copied into its callers once compiled, and stored with them: for what is short and called at every step."""
+"""Compile as :data:`called`, and copy the compiled code into its callers. For short functions called at every step."""
 pasted: Callable[[_Function], _Function] = njit(**{**_LEAN, "inline": "always"})
-"""The same, copied before types are known, and never compiled for itself: for what has one caller. Where a function is
-long or has several callers, finding the types anew takes longer than that."""
+"""Copy a function into its caller before types are inferred. For a short function with one caller.
+
+With a long function or several callers, repeated type inference takes longer than a separate compilation.
+"""

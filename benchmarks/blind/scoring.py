@@ -101,10 +101,15 @@ def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]
         found["weather"] = (
             "a hidden effect with process noise, whole diagnoses",
             [
-                count("effects worth ten nats found", sum(o.right for o in visible), len(visible), least=0.85),
+                count("effects with a gain of ten nats found", sum(o.right for o in visible), len(visible), least=0.85),
                 count("effects in noise up to 40 % found", sum(o.right for o in mild), len(mild), least=0.5),
                 count("wrong causes", wrong, len(hidden), most=0.03),
-                count("clean craft without a cause", sum(not o.causes for o in calm), len(calm), least=0.97),
+                count(
+                    "craft without a hidden effect, no false finding",
+                    sum(not o.causes for o in calm),
+                    len(calm),
+                    least=0.97,
+                ),
             ],
         )
     return found

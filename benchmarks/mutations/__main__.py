@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     outcomes = Counter(map(word, found))
     true = outcomes["noticed"] + outcomes["not noticed"]
     noticed = Figure("faults noticed", outcomes["noticed"], of=true, least=GOAL)
-    headline("mutations", "small faults that the tests notice", [noticed])
+    headline("mutations", "small faults in the code that the tests detect", [noticed])
     return 0 if outcomes["noticed"] >= GOAL * true else 1
 
 

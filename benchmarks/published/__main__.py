@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not chosen.only:
         figures = [count("published numbers within their goal", within, total, least=1.0)]
         figures += [Figure(f"{s.title}, worst", abs(s.worst.difference), "%") for s in found]
-        headline("published", "published numbers beside ours", figures)
+        headline("published", "published numbers compared with ours", figures)
     return 1 if missed else 0
 
 

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if os.environ.get(RECORD):
             keep({name: answer})
     if set(chosen.case) == set(CASES):
-        headline("real_diagnosis", "what a plain simulation lacks of real craft, on held-out runs", figures)
+        headline("real_diagnosis", "effects of real craft that a plain simulation lacks, on held-out runs", figures)
     if not chosen.no_tables and DATA.is_dir():
         published = json.loads((DATA / "published_tables.json").read_text(encoding="utf-8"))
         for table in tables_of(published):

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{method:14}{_line(answer, found.held)}", flush=True)
             if not isinstance(answer, str):
                 figures.append(Figure(f"{craft}, {method}, mean fit", _mean(answer, found.held), "%"))
-    headline("real_runs", "free runs of real craft, held out, beside SciPy and five packages", figures)
+    headline("real_runs", "simulation of held-out runs of real craft, compared with SciPy and five packages", figures)
     return 0
 
 

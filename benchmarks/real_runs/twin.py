@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Figure(f"{name}, best of {asked.seeds} seeds of the true form", max(first), "%"),
         Figure(f"{name}, worst of {asked.seeds} seeds of the true form", min(first), "%"),
     ]
-    headline("real_runs.twin", "how well a course-unstable craft can be predicted at all", figures)
+    headline("real_runs.twin", "limit of prediction for a course-unstable craft", figures)
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ def main() -> int:
                         file.write("\n".join(lines) + "\n")
                 ahead.append(_show(name, job.axis, entries))
     met = count("vessels and axes on which the goal is met", sum(ahead), len(ahead), least=1.0)
-    headline("rivals", "heading and depth steps on ArduPilot's firmware under every rival's gains", [met])
+    headline("rivals", "heading and depth steps on ArduPilot's firmware with the gains of each rule", [met])
     return 0 if all(ahead) else 1
 
 

@@ -12,7 +12,10 @@ __all__ = ["to_csv"]
 
 
 def to_csv(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the parameters as ``name,value,unit,std`` rows; an unknown error is left empty. Nothing is left out."""
+    """Return the parameters as ``name,value,unit,std`` rows, and an empty list of omissions.
+
+    An unknown standard error is an empty cell.
+    """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(("name", "value", "unit", "std"))

@@ -104,12 +104,14 @@ def _notes(log: Recording, cut: Cut) -> list[Note]:
 
 
 def fresh_folder(folder: Path) -> Path:
-    """Make *folder*, which must not hold runs already.
+    """Create *folder*, which must not contain runs.
 
     Raises
     ------
     UsageError
-        It holds CSV files: other runs would be mixed with these. BadFile: it cannot be made.
+        The folder contains CSV files, which would be mixed with the new runs.
+    BadFile
+        The folder cannot be created.
     """
     if folder.is_dir() and any(folder.glob("*.csv")):
         raise UsageError(f"{folder} already contains runs. Use another folder with --out")

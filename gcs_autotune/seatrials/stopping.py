@@ -23,15 +23,15 @@ __all__ = ["stopping_sheet"]
 Array = NDArray[np.float64]
 
 ENDED, HALF = 0.1, 0.5
-"""Fractions of the approach speed at which the craft counts as stopped, and at which the half-way figures are taken."""
+"""Fractions of the approach speed at which the craft counts as stopped, and for the half-speed figures."""
 NO_THRUST = 0.05
-"""Thrust that counts as zero, relative to that of the approach. Chosen."""
+"""Thrust that counts as zero, as a fraction of the thrust of the approach. Our choice."""
 FULL_ASTERN = 0.1
-"""Fraction of the samples of a stop with thrust astern of the reported one, since thrust builds up slowly. Chosen."""
+"""Quantile of the thrust during a stop that is reported as thrust astern. Thrust builds up slowly. Our choice."""
 BEFORE = 3.0
-"""Longest part of the approach [s] that its speed is read from."""
+"""Longest part of the approach [s] used for its speed."""
 WIDTH = 2.0
-"""Seconds of positions, or of speeds, that one number is read from."""
+"""Length of the window [s] of positions or speeds for one figure."""
 NAN = math.nan
 
 

@@ -14,17 +14,17 @@ from gcs_autotune.workflow.experiments import noise_in
 __all__ = ["jitter_in", "noise_behind", "noise_while_held"]
 
 _WINDOW = 2.0
-"""Chosen: seconds in which a craft under control moves as a polynomial, and a sensor's noise does not."""
+"""Length of a window [s]: a controlled craft then moves as a polynomial, but sensor noise does not. Our choice."""
 _LEAST_SAMPLES = 6
 _TREND = 2
 """Order of the polynomial that counts as motion."""
 
 
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
-    """Return the standard deviation of the noise that a flown *step* is measured through (SI).
+    """Return the standard deviation of the measurement noise of a flown *step* (SI).
 
-    Of a velocity (*moving*) the fit's when it was fitted to that, else read off the step; of a position the lesser of
-    the fit's and what the craft did while it was held.
+    A velocity (*moving*) has the noise of the fit if the fit includes this signal, otherwise that of the step. A
+    position has the smaller of two values: the noise of the fit, and the noise while the craft was held.
     """
     signal = str(step.meta["signal"])
     if moving:
@@ -33,12 +33,14 @@ def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> 
 
 
 def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
-    """Return the standard deviation [rad or m] of the stepped signal about its own motion, by the median of windows.
+    """Return the standard deviation [rad or m] of the stepped signal about its motion, as the median of windows.
 
-    What a model leaves unexplained is no noise: a poor model must not make a poor step look good. A polynomial is taken
-    off each window; the few with the steps themselves, or a kick out of a dead band, do not move the median. One short
-    hold would do, were it not for its own error: 20 % of the noise it finds is 20 % of the error over time of a good
-    step. At least what rounding to *resolution* [rad or m] makes; infinite when the record is too coarse in time.
+    A polynomial is subtracted from each window. The few windows with the steps, or with a jump out of a dead band, do
+    not change the median. The residual of a model is not used, because a poor model would make a poor step look good.
+    A single short hold is not used, because its noise estimate is 20 % off, and so is then the ITAE of a good step.
+
+    The result is at least the noise of rounding to *resolution* [rad or m]. It is infinite if the record has too few
+    samples per window.
     """
     signal = str(step.meta["signal"])
     begun = next((mark.t for mark in step.marks if mark.kind == "target"), math.inf)

@@ -58,7 +58,7 @@ def note_run(journal: Path) -> None:
 
 
 def forget_run(journal: Path) -> None:
-    """Note that *journal* is settled."""
+    """Remove the note of *journal*, because its run is settled."""
     with suppress(OSError):
         _note_of(journal).unlink(missing_ok=True)
 
@@ -72,7 +72,7 @@ def _journals() -> Iterator[Path]:
 
 
 def open_runs() -> list[OpenRun]:
-    """Return every run of this machine whose journal is open; a journal that is gone or settled is forgotten."""
+    """Return every run of this machine with an open journal, and remove the notes of missing and settled journals."""
     found: dict[Path, OpenRun] = {}
     for path in _journals():
         try:
@@ -89,7 +89,7 @@ def open_runs() -> list[OpenRun]:
 
 
 def refuse_open_runs(craft: MavlinkCraft) -> None:
-    """Refuse a vehicle on which another run of this machine is open.
+    """Reject a vehicle on which another run of this machine is open.
 
     Raises
     ------

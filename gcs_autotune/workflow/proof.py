@@ -54,29 +54,33 @@ FILTERED = ("surge",)
 SHARE_OF_TOP = 0.4
 """The speed step goes from 60 % of the working speed up to it."""
 LEAST_NOISES = 8.0
-"""A step smaller than so many standard deviations of the measured noise proves nothing."""
+"""Smallest useful step, in standard deviations of the measured noise."""
 SPEED_BAND, RATE_BAND = 0.2, 0.25
-"""How near the held value counts as steady before the step, as a share of it: a velocity is noisy."""
+"""Deviation from the held velocity that counts as steady before the step, as a fraction of it. Velocities are noisy."""
 NEAR = 0.9
-"""A step that ends below this share of the speed kept in the experiments has its cruise pair where it ends."""
+"""A step that ends below this fraction of the speed in the experiments sets its cruise pair to its final speed."""
 SAME_SPEED = 0.02
-"""A present cruise speed within this share of the measured one is left alone."""
+"""Relative difference to the measured cruise speed up to which the present one is not changed."""
 LEAST_SETTLE = 6.0
-"""A boat has so long [s] to reach the turn rate at which its step begins."""
+"""Shortest time [s] that a boat gets to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""A speed step lasts so many time constants of the craft, within these bounds [s]."""
+"""Duration of a speed step in time constants of the craft, and its limits [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
-"""The same where half a step may end early: both steps are compared over the time that both recorded, and a boat with
-useful gains is at its target by then."""
+"""Duration [time constants] and its minimum [s] of a half step that may end early.
+
+A boat with useful gains is at its target by then. The two steps are compared over the time that both recorded.
+"""
 HOLD = 10.0
-"""Chosen: a craft that can stay where it is is held so long [s] before its step, for its integral to come to rest."""
+"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Our choice."""
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
-"""Chosen: a half of a proof is over once the craft has stood at its target for so long [s], under way and at rest.
-What creeps on behind a thruster's dead band does so for longer."""
+"""Time on target [s] that ends a half step, under way and at rest. Our choice.
+
+A craft that drifts slowly because its thrusters have a dead band drifts for longer than this.
+"""
 LEAST = 3.0
-"""Chosen: each of these waits lasts so long [s], even where craft and output are plainly at rest."""
+"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Our choice."""
 OF_TIME_BESIDE = 3.0
-"""Time constants of the craft that a turn-rate step lasts which only accompanies a heading tune."""
+"""Duration of the additional turn-rate step of a heading tune, in time constants of the craft."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,14 +56,14 @@ def note_setting_out(
 
 
 def same_options(error: BaseException) -> str:
-    """Return in words with which options to go on after *error*: a limit that tripped would trip again."""
+    """Return a text on the options to continue with after *error*. A limit that ended the run must be changed."""
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
     return f"with another --{option}, otherwise the same options" if option else "with the same options"
 
 
 def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
-    """Return how to go on after a run ended early by *error*, with what was *finished* of it; empty if nothing was."""
+    """Return how to continue after *error* from the *finished* trials of a run; empty if none can be used again."""
     kept = [name for name in USED_AGAIN if name in finished]
     if not kept:
         return ""

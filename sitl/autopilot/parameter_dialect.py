@@ -1,7 +1,7 @@
-"""Parameter names and units of other firmware generations: the autopilot as seen over MAVLink.
+"""Parameter names and units of other firmware generations, as sent over MAVLink.
 
-Inside, the autopilot has the names of mid-2025 (MAV_* already new, all else old). Sources: ArduPilot's "Parameter Name
-Changes" 4.6 to 4.7, and a Sub of December 2025, which has some of the new names and not yet others.
+Internally the autopilot uses the names of mid-2025: new names for MAV_*, old names for all others. Sources:
+ArduPilot's "Parameter Name Changes" 4.6 to 4.7, and an ArduSub of December 2025, which has some of the new names.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _FLOAT, _INT16, _INT32 = 9, 4, 6
 
 
 class UnknownGeneration(ValueError):
-    """There is no firmware generation of that name."""
+    """Unknown name of a firmware generation."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """Inside name -> name on the wire, its MAV_PARAM_TYPE, and value there and back."""
+    """Name over MAVLink of a parameter, its MAV_PARAM_TYPE, and the conversions of its value to MAVLink and back."""
 
     name: str
     kind: int

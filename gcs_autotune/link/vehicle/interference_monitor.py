@@ -1,11 +1,14 @@
-"""Detect interference by others while we control the vehicle: find the cause, and release the vehicle at once.
+"""Detect interference by others during a run, find its cause, and release the vehicle at once.
 
-A change of mode or armed state that we did not order ends what is flown, and nothing here undoes it. An
-acknowledgement goes only to the station that ordered, so that no other station is heard proves nothing. What did not
-come from another operator must be shown: a restart by the vehicle's clock; a late copy of our own order by a second
-answer to it; a failsafe by its text, by the time without overrides that its parameters demand, and by what it does.
+A change of mode or armed state that the tool did not order ends the manoeuvre, and is not undone. It counts as an
+order of another operator unless there is evidence of another cause. A missing acknowledgement is no evidence, because
+the vehicle sends it only to the station that gave the order. Evidence is:
 
-Another ground station that asks for its own stream rates changes ours: that is noticed, asked for again, and said.
+* of a restart: the vehicle's clock,
+* of a late copy of our own order: a second acknowledgement,
+* of a failsafe: its text, its action, and the time without overrides that its parameters require.
+
+Another ground station may change our stream rates. The tool detects this, requests its rates again and reports it.
 """
 
 from __future__ import annotations
