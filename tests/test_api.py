@@ -116,7 +116,7 @@ def test_inputs_that_do_not_fit_the_model_are_refused(found):
         api.simulate(found, newtons)
     with pytest.raises(MissingChannel, match="no channel 'N'"):
         api.simulate(found, Trial("empty", {}))
-    with pytest.raises(UsageError, match="driven by N"):
+    with pytest.raises(UsageError, match="needs the input N"):
         api.simulate(found, {"X": ([0.0], [1.0])})
     with pytest.raises(UsageError, match="as many ascending stamps"):
         api.simulate(found, {"N": ([0.0, 1.0], [1.0])})

@@ -328,7 +328,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     turning = nominal == "10/10"
     figures = known(
         judged("helm", "helm", Reading(helm, NAN, unit)),
-        judged("heading", "change of heading at which the rudder was reversed", z.heading),
+        judged("heading", "heading change at rudder reversal", z.heading),
         *overs,
         judged("initial-turning-time", "initial turning time", z.initial_turning_time),
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),

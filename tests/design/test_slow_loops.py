@@ -177,7 +177,7 @@ def test_noise_on_the_output_works_off_inside_a_dead_band_what_the_mean_alone_do
 def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
     bent = Actuator(square=0.4, reference=0.8)
     assert bent.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.5 / 0.8)
-    for actuator in (replace(bent, dead_zone=0.1), replace(bent, play=0.2)):
+    for actuator in (replace(bent, dead_zone=0.1), replace(bent, backlash=0.2)):
         u = np.array([0.5, 0.5 + 1e-6])
         assert actuator.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.4 / 0.8)
         assert actuator.slopes()[-1] == pytest.approx(float(np.diff(actuator.static(u))[0]) / 1e-6, rel=1e-3)

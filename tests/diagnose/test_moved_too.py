@@ -42,7 +42,7 @@ def test_a_boat_that_slides_moves_in_sway_too(measured):
     assert "sway" in moved_besides([run], {"yaw"})
     (doubt,) = moved_too([run], ("yaw",))
     assert doubt.slug == MOVED_TOO
-    assert doubt.cause.startswith("only yaw was looked at") and "sway moved too" in doubt.cause
+    assert doubt.cause.startswith("only yaw was examined") and "sway moved too" in doubt.cause
     assert "--dof horizontal" in doubt.cure
     assert moved_too([run], ("surge", "sway", "yaw")) == []
 
@@ -57,7 +57,7 @@ def test_what_moved_and_nothing_recorded_drives_is_named_with_what_to_record():
     without = replace(run, channels={n: c for n, c in run.channels.items() if n != "X"})
     (doubt,) = moved_too([without], ("yaw",))
     assert "sway moved too" in doubt.cause
-    assert doubt.cure == "record what drives them (X)"
+    assert doubt.cure == "record their inputs (X)"
 
 
 def test_noise_on_a_speed_is_no_motion():

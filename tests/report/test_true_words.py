@@ -229,7 +229,7 @@ def test_a_delay_is_told_to_what_is_known_of_it_and_what_speaks_for_it_has_a_nam
     doubt = delay_fitted(solution, 7.6)
     assert doubt is not None
     assert "a delay of 0.16 s" in doubt.cause
-    assert "BIC" in doubt.cause and "lower by 8" in doubt.cause and "evidence" not in doubt.cause
+    assert "BIC" in doubt.cause and "lowers BIC" in doubt.cause and "evidence" not in doubt.cause
 
 
 @pytest.mark.parametrize("gain", [140.0, float("inf")])

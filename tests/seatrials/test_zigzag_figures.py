@@ -217,7 +217,7 @@ def test_the_measured_tanker_gives_positive_figures_whatever_the_sign_of_its_rud
 
 
 def test_as_many_numbers_as_half_periods_are_refused(tanker):
-    with pytest.raises(NotInformative, match="fly more"):
+    with pytest.raises(NotInformative, match="Fly more"):
         fit_axis(tanker("Z_10_10_S"), method="zig-zag", structure="affine")
 
 
