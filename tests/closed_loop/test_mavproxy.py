@@ -120,7 +120,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
         prompt.type("autotune stop")
         prompt.wait_for("nothing is running")
         prompt.type("autotune heading --yes --step-duration 8 --out run")
-        prompt.wait_for("relay")
+        prompt.wait_for(": completed")
         prompt.type("autotune stop")
         prompt.wait_for("Stopping: restoring mode")
         prompt.wait_for("autotune: tune heading: ")
@@ -134,7 +134,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
 def test_mavproxys_own_end_in_mid_run_cleans_up_first(tmp_path):
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
         prompt.type("autotune heading --yes --step-duration 8 --out run")
-        prompt.wait_for("relay")
+        prompt.wait_for(": completed")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["ending"] == "aborted"
     last = (tmp_path / "run" / "journal.jsonl").read_text().splitlines()[-1]
     assert json.loads(last)["event"] == "closed"

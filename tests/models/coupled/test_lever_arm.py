@@ -83,5 +83,5 @@ def test_a_place_that_nobody_measured_is_fitted() -> None:
 
 
 def test_a_method_that_cannot_move_the_sensor_refuses_and_names_those_that_can() -> None:
-    with pytest.raises(UsageError, match=r"x_P and y_P are left out.*output-error, global"):
+    with pytest.raises(UsageError, match=r"cannot use x_P and y_P.*output-error, global"):
         fit(towed("u", "v", "r", "psi"), FORM.fixing(ARM), "ekf", delay=0.0)
