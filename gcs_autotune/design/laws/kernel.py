@@ -29,7 +29,7 @@ __all__ = [
     "shaped_throttle",
 ]
 
-# ``min`` and ``max`` are not used here: each is compiled anew for every kind of number it is given.
+# ``min`` and ``max`` are not used here: each is compiled again for every kind of number it is given.
 
 MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""

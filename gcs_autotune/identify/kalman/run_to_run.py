@@ -78,7 +78,7 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
         error = e[k] + a0 * mean[0] + a1 * mean[1]
         mean[0] -= p0 * error / variance
         mean[1] -= p1 * error / variance
-        # P <- P - P A' A P / S, written as the sum of two positive parts: P / S' is small where a run tells much.
+        # P <- P - P A' A P / S, written as the sum of two positive parts: P / S' is small where a run is informative.
         cov[0, 0] -= p0 * p0 / variance
         cov[1, 1] -= p1 * p1 / variance
         cov[0, 1] -= p0 * p1 / variance
