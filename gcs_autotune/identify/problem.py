@@ -6,9 +6,9 @@ models with different effects can be compared. Initial states are fitted per seg
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
 from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import StampedProblem, StampPrior
+from gcs_autotune.identify.free_numbers import StampedProblem
 from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Limits, Objective, sums_of
+from gcs_autotune.identify.likelihood import Objective, sums_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
-from gcs_autotune.models import Form
 
 __all__ = ["Problem"]
 
@@ -51,22 +50,16 @@ LESSONS = 3
 class Problem(StampedProblem):
     """Segments and a form, ready to fit with any effects; parameters as of :class:`.StampedProblem`."""
 
-    def __init__(
-        self,
-        form: Form,
-        segments: Sequence[Segment],
-        data_summary: DataSummary | None,
-        limits: Limits,
-        free: Sequence[str] | None = None,
-        held: Collection[tuple[str, str, str]] = (),
-        stamps: StampPrior | None = None,
-    ) -> None:
-        super().__init__(form, segments, data_summary, limits, free, held, stamps)
-        self.motion = (
-            {} if data_summary is None else {n: min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
-        )
+    @cached_property
+    def motion(self) -> Mapping[str, float]:
         """Spread of every signal, up to what counts of it."""
-        self.floors = {n: FLOOR * s for n, s in self.motion.items()}
+        spread = {} if self.summary is None else self.summary.spread
+        return {name: min(s, _way(name, self.data_summary)) for name, s in spread.items()}
+
+    @cached_property
+    def floors(self) -> Mapping[str, float]:
+        """Least noise level of every signal."""
+        return {name: FLOOR * s for name, s in self.motion.items()}
 
     def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other segments (or with other base parameters free)."""
