@@ -116,7 +116,7 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
     words = {note.label: note.text for note in hint_notes(told, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
     assert "by 6, and by +5.7 on held-out data (each of 3 runs left out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
-    assert "1 of 25 such searches" in words["Evidence"] and "10 would be enough" in words["Evidence"]
+    assert "1 of 25 such searches" in words["Evidence"] and "At least 10 is needed" in words["Evidence"]
     assert words["What settles it"].startswith("13 min 20 s of the same manoeuvres instead of 8 min 00 s")
     page = Page(page_of(told, "boat", WHEN)).text
     for said in words.values():
