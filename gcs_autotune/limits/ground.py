@@ -86,7 +86,7 @@ DESK = (
         "s",
         0.1,
         86400.0,
-        "from one sample to a whole run",
+        "the horizon is a part of a run",
         unset="whole runs first",
         mistakes=(MS,),
     ),

@@ -142,7 +142,7 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
         cause = f"{cause} {told}, which indicates a dead zone, waves or noise"
         return Doubt("not-linear", cause, "use larger --set-point and --second-set-point")
     return Doubt(
-        "not-linear", f"{cause}, for either relay: the loop has another structure", "compare with a flown step"
+        "not-linear", f"{cause}, for either relay. The loop has another structure", "compare with a flown step"
     )
 
 

@@ -26,7 +26,9 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) 
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)
     if items is None:
-        observer.say("the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so it is not monitored here")
+        observer.say(
+            "the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so this tool cannot monitor it"
+        )
     if not items and given is None:
         return None
     now, fix = craft.observe(), craft.telemetry.fix

@@ -359,7 +359,7 @@ class SelfPlanner:
         for choice in worth:
             offer = self._offers[choice.offer]
             if choice.seconds > self._left:
-                troubles.append(f"{offer.title} takes longer than the remaining time (--total-time)")
+                troubles.append(f"{offer.title} takes longer than the time that --total-time leaves")
                 continue
             run = run_of(replace(offer.settings, name=f"{number}-{offer.settings.kind.name}"))
             guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now

@@ -261,10 +261,10 @@ class KnownDesign:
             return "no gains meet the specification with the present model"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return f"the gains are known: the model's uncertainty changes their error by {now.gains.spread:.0%}"
+            return f"the gains are known. The model's uncertainty changes their ITAE by only {now.gains.spread:.0%}"
         if now.another_size:
             self.another_size = True
-            return "the model explains this oscillation but not the step: small and large commands act differently"
+            return "the model explains this oscillation but not the step, so small and large commands act differently"
         return ""
 
     def weigh(self, whole: Assessment) -> None:

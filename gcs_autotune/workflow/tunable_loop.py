@@ -154,7 +154,7 @@ def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Jou
             loan.keep()
             for remark in result.remarks:
                 observer.say(remark)
-            observer.end("kept", "the new gains are better and stay")
+            observer.end("kept", "the new gains are better and stay on the vehicle")
     if not better:
         observer.end("restored", "the new gains are not better; the old ones were restored, verified by reading back")
 

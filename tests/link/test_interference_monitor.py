@@ -387,7 +387,7 @@ def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(f
     assert not any("in control" in note for note in flying.session.notes)
     boat.send(control_status(0))
     fly(flying)
-    assert any("nobody is in control of it now" in note for note in flying.session.notes)
+    assert any("no station is in control of it now" in note for note in flying.session.notes)
     boat.send(control_status(252, flags=3))
     fly(flying)
     assert any("releases control on request" in note for note in flying.session.notes)

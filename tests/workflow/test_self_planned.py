@@ -165,7 +165,7 @@ def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: t
 def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     result = trial(harness, "N_r 0.001%", minutes=2.0)
-    assert "takes longer than the remaining time" in result.steps[-1].ended
+    assert "takes longer than the time that --total-time leaves" in result.steps[-1].ended
     assert result.steps[-1].ended.startswith("not reached")
     assert sum(s.seconds for s in result.steps) < 2.0 * 60.0 + LONGEST
     harness.assert_restored()

@@ -169,7 +169,7 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
     rule = ruled(Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN, KNOWN))
     number, why = ended_after(rule)
     assert number == 5 and rule.known
-    assert why == "the gains are known: the model's uncertainty changes their error by 3%"
+    assert why == "the gains are known. The model's uncertainty changes their ITAE by only 3%"
 
 
 def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:

@@ -152,7 +152,7 @@ class OtherStations:
                 f"and may reject our commands; {how}. Release control there, or let that station fly"
             )
         elif before is not None:
-            who = "we are" if told.station else "nobody is"
+            who = "this tool is" if told.station else "no station is"
             self._session.notes.append(f"the vehicle reports that {who} in control of it now (CONTROL_STATUS)")
 
     def _on_asked_for_control(self, message: Message) -> None:
