@@ -242,7 +242,7 @@ def _sure_of(missing: MissingForce) -> str:
     if not math.isfinite(high):
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
-    words = f" (95 %: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
+    words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
     return words + "; these runs do not distinguish it from a constant force" * (late > missing.longest)
 
 
