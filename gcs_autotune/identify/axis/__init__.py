@@ -1,4 +1,4 @@
-"""One degree of freedom, exactly: the model ``SingleDof`` fitted to whole records by maximum likelihood.
+"""Identify one degree of freedom: fit the model ``SingleDof`` to whole records by maximum likelihood.
 
 ==================  ===========================================================================
 form                the axis as a form, its dampings, its numbers by name
