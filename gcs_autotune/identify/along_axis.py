@@ -107,6 +107,7 @@ def projected_track(
 
     Return *position* unchanged for other degrees of freedom, or if the heading or the other coordinate was not
     recorded. ``x`` and ``y`` are then taken as ahead and starboard, as in a towing tank.
+
     needed : whether the position is the only signal of this motion. If it is not, None is returned for a track that is
         not straight.
 
