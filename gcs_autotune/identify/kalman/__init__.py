@@ -11,7 +11,7 @@ smoother          ``smoother``: all states and parameters at once, iterated
 noisy_problem     one degree of freedom with process noise (``noisy_objective``: its likelihood; ``thinning``)
 waves             compiled: waves as two states, a narrow-band force and an oscillation of the measured signal
 linear_pass       compiled: exact transitions for an equation that is linear in its velocity
-prediction_error  ``prediction-error``: maximum likelihood of the innovations over parameters and both noises
+prediction_error  ``prediction-error``: maximum likelihood of the innovations over parameters and both kinds of noise
 report, doubts    the ``Fit`` of every method
 ================  ===========================================================================
 """
