@@ -91,7 +91,7 @@ class NoisyFit(ModelFit):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:
-    """Derivatives (q, samples) of all innovations, and of the logarithms of their variances, by the unknowns of a fit."""
+    """Derivatives (q, samples) of all innovations and of their log variances, by the unknowns of a fit."""
 
     J: Array
     D: Array

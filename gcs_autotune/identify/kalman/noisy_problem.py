@@ -48,7 +48,7 @@ ENOUGH = 2e-2
 
 
 class NoisyProblem(NoiseFilter):
-    """A form of one degree of freedom and segments with its position, to be fitted with any effects and process noise."""
+    """A form of one degree of freedom and segments with its position, to be fitted with process noise."""
 
     def on(self, segments: Sequence[Segment]) -> NoisyProblem:
         """Return the same problem on other segments."""
