@@ -166,7 +166,7 @@ QUIET = 0.08
 
 @dataclass(frozen=True, slots=True)
 class Execute:
-    """A helm order: given at ``t`` [s] and completed at ``done`` [s], from ``before`` to ``level`` [unit of the input]."""
+    """A helm order, given at ``t`` and completed at ``done`` [s], from ``before`` to ``level`` [unit of input]."""
 
     t: float
     done: float

@@ -151,7 +151,10 @@ def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
 
 
 def row_of(reading: StepReading) -> StepRow | None:
-    """Return the row of table 4.1 for one reading; None if the step did not start from rest, or the craft did not move."""
+    """Return the row of table 4.1 for one reading.
+
+    Return None if the step did not start from rest, or the craft did not move.
+    """
     k = reading.k_ss.value
     rest = abs(reading.nu_0.value) < max(0.02 * abs(k), 3.0 * reading.nu_0.std)
     if abs(k) < 3.0 * reading.k_ss.std or k == 0.0 or reading.tau == 0.0 or reading.steady_only or not rest:
