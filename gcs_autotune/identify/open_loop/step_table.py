@@ -121,7 +121,7 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Probability of a false alarm of each test. Chosen as the usual 5 %."""
+"""Probability of a false alarm of each test."""
 
 FEWEST = 4
 """Smallest number of steps per sign of the input for which the tests are run."""

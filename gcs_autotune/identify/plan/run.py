@@ -106,8 +106,7 @@ class PlanResult:
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree. Chosen low,
-because an alarm questions the whole plan."""
+"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree."""
 
 TOGETHER = 0.98
 """Correlation above which two parameters are reported as correlated."""
