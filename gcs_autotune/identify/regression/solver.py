@@ -98,7 +98,7 @@ class Equations:
 
 
 def _check_scale(form: Form, E: Array) -> None:
-    """Raise UsageError for equations without any known term, because only ratios of their parameters can be estimated."""
+    """Raise UsageError for equations without a known term, which determine only ratios of their parameters."""
     f = len(form.free)
     theta = np.array([form.known.get(n, 0.0) for n in form.parameters] + [1.0])
     scaled = np.any((E @ theta) != 0.0, axis=0)
