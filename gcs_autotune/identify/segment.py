@@ -192,7 +192,10 @@ class Segment:
         return found
 
     def within(self, horizon: float) -> tuple[Segment, ...]:
-        """Return segments no longer than *horizon* [s], unless they would be too short to fit. The inputs are not cut."""
+        """Return segments no longer than *horizon* [s].
+
+        They are longer if shorter ones could not be fitted. The inputs are not cut.
+        """
         if not math.isfinite(horizon):
             return (self,)
         wanted = math.ceil((float(self.stamps[-1]) - self.start) / horizon)
