@@ -1,6 +1,12 @@
 """Describe one degree of freedom as a form: its damping and its parameter names.
 
 Three equivalent sets of numbers describe one axis:
+
+===========  =======================================================================================
+explicit     ``(b, a, c, d, delay)`` of :class:`Explicit`, used in fits, which are nearly linear in them
+physical     ``(alpha, beta, beta_quadratic, delta, delay)`` of :class:`SingleDof`, used in results
+derivatives  ``(N_rdot, N_r, N_rr, N_0, delay)`` of :func:`axis_form` (yaw), used in coupled forms
+===========  =======================================================================================
 """
 
 from __future__ import annotations

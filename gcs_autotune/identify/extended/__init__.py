@@ -2,7 +2,6 @@
 
 =================  ================================================================
 effect_spec        effects that a user requests by name
-forward_selection  adds effects one by one, each from every start and place
-by_output_error    the joint fit of all parameters
+by_output_error    adds effects one by one, each from every start and place, then fits all together
 =================  ================================================================
 """
